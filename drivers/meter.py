@@ -1,0 +1,66 @@
+"""The meter protocol: what every luminance meter offers, and its errors."""
+
+from __future__ import annotations
+
+from typing import Protocol, Self
+
+from ..errors import DeviceError
+from ..reading import MeterIdentity, Reading
+
+
+class MeterError(DeviceError):
+    """A luminance meter is absent, silent, or answered with something else than a reading."""
+
+
+class MeterNotFoundError(MeterError):
+    """The serial port does not exist or cannot be opened."""
+
+
+class MeterTimeoutError(MeterError):
+    """The meter did not answer in time, or broke off in the middle of an answer."""
+
+
+class MeterProtocolError(MeterError):
+    """The meter sent something its protocol does not know."""
+
+
+class MeterReportedError(MeterError):
+    """The meter answered with one of its error codes.
+
+    Parameters
+    ----------
+    code : str
+        The code as sent, for example ``ER10``.
+    message : str
+        What it means and what to do.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class Meter(Protocol):
+    """What every luminance meter offers: real, simulated, or replayed.
+
+    A meter is a context manager; its constructor does no I/O, `open` does.
+    """
+
+    def open(self) -> Self:
+        """Connect; raises MeterNotFoundError or MeterTimeoutError."""
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+
+    def __enter__(self) -> Self:
+        """Open."""
+
+    def __exit__(self, *exc: object) -> None:
+        """Close."""
+
+    @property
+    def identity(self) -> MeterIdentity:
+        """Model, serial number and calibration date."""
+
+    def measure(self) -> Reading:
+        """Take one reading."""

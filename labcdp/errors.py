@@ -1,0 +1,25 @@
+"""The error tree: every message says what was wrong, with which value, and what to do."""
+
+
+class LabcdpError(Exception):
+    """Base of every error labcdp raises on purpose; the command line prints it as one line."""
+
+
+class InputError(LabcdpError, ValueError):
+    """A value, array, region or file the caller gave cannot be used."""
+
+
+class ConfigurationError(InputError):
+    """A configuration file has an unknown key, or a value of the wrong type, unit or range."""
+
+
+class SessionError(LabcdpError):
+    """A recorded session is missing a file, was altered, or is in use."""
+
+
+class CalibrationError(LabcdpError):
+    """The readings or frames do not support a calibration, or a calibration does not fit a frame."""
+
+
+class DeviceError(LabcdpError):
+    """A camera or meter is absent, busy, silent or answered with an error."""

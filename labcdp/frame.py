@@ -1,0 +1,161 @@
+"""Frame: an image in digital numbers together with what is needed to understand it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+
+#: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
+COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
+
+
+@dataclass(frozen=True)
+class CameraIdentity:
+    """Who took a frame.
+
+    Parameters
+    ----------
+    vendor, model, serial : str
+        As the camera reports them (GenICam ``DeviceVendorName``, ``DeviceModelName``, ``DeviceID``).
+    simulated : bool
+        True if the device is labcdp's simulated camera, however real the protocol.
+    """
+
+    vendor: str
+    model: str
+    serial: str
+    simulated: bool = False
+
+    def __str__(self) -> str:
+        """Return vendor, model and serial number on one line."""
+        return f"{self.vendor} {self.model} ({self.serial}{', simulated' if self.simulated else ''})"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An immutable image in DN, whoever made it: camera, recorded session, file or simulation.
+
+    Parameters
+    ----------
+    dn : ndarray of uint8 or uint16, shape (height, width)
+        Digital numbers; made read-only on construction (copied only if somebody else could write to it).
+    exposure_s : float
+        Exposure time in seconds, as the device applied it.
+    gain_db : float
+        Analogue gain in dB (20 log10 of the amplitude ratio).
+    bit_depth : int
+        Bits of the DN scale, 1 to 16.
+    saturation_dn : float
+        DN from which a pixel counts as saturated; at most ``2**bit_depth - 1``.
+    black_level_dn : float
+        Nominal DN of darkness set in the camera (EMVA 1288 offset); the measured one comes from dark frames.
+    pixel_format : str
+        GenICam PFNC name the data came in, for example ``Mono12Packed``.
+    colour_filter : str or None
+        ``RG``, ``GB``, ``GR`` or ``BG`` for a Bayer sensor, None for monochrome.
+    temperature_c : float or None
+        Device temperature in degrees Celsius, if known.
+    timestamp : datetime
+        Host time of arrival, with time zone.
+    camera_timestamp_ns : int
+        The camera's own clock, nanoseconds.
+    frame_id : int
+        The camera's frame counter.
+    camera : CameraIdentity
+        Who took it.
+
+    Raises
+    ------
+    InputError
+        If the array is not 2-D unsigned integer, or a value is out of its range.
+    """
+
+    dn: NDArray[np.unsignedinteger[Any]]
+    exposure_s: float
+    gain_db: float
+    bit_depth: int
+    saturation_dn: float
+    black_level_dn: float
+    pixel_format: str
+    colour_filter: str | None
+    temperature_c: float | None
+    timestamp: datetime
+    camera_timestamp_ns: int
+    frame_id: int
+    camera: CameraIdentity
+
+    def __post_init__(self) -> None:
+        dn = np.asarray(self.dn)
+        if dn.ndim != 2 or dn.size == 0 or dn.dtype not in (np.uint8, np.uint16):
+            raise InputError(
+                f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}"
+            )
+        if not 1 <= self.bit_depth <= 16:
+            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
+        if not (np.isfinite(self.exposure_s) and self.exposure_s > 0):
+            raise InputError(f"exposure_s is {self.exposure_s}: give a positive number of seconds")
+        if not np.isfinite(self.gain_db):
+            raise InputError(f"gain_db is {self.gain_db}: give a finite number of decibels")
+        largest_dn = 2**self.bit_depth - 1
+        if not 0 < self.saturation_dn <= largest_dn:
+            raise InputError(
+                f"saturation_dn is {self.saturation_dn}: give a value above 0, up to {largest_dn}"
+            )
+        if self.colour_filter is not None and self.colour_filter not in COLOUR_FILTERS:
+            raise InputError(f"colour_filter is {self.colour_filter!r}: give one of {COLOUR_FILTERS} or None")
+        if self.timestamp.tzinfo is None:
+            raise InputError("timestamp has no time zone: give an aware datetime")
+        if dn.flags.writeable or (dn.base is not None and _writeable(dn.base)):
+            dn = dn.copy()
+            dn.flags.writeable = False
+        object.__setattr__(self, "dn", dn)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.dn.shape[0], self.dn.shape[1]
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Mask of pixels at or above `saturation_dn`, shape (height, width)."""
+        return self.dn >= self.saturation_dn
+
+    def metadata(self) -> dict[str, Any]:
+        """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
+        values = {
+            name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("dn", "camera")
+        }
+        return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
+
+    @classmethod
+    def from_metadata(cls, dn: NDArray[np.unsignedinteger[Any]], metadata: dict[str, Any]) -> Frame:
+        """Join pixels with what `metadata` returned for them.
+
+        Raises
+        ------
+        InputError
+            If a field is missing, unknown or has an unusable value.
+        """
+        try:
+            values = dict(metadata)
+            values["timestamp"] = datetime.fromisoformat(values["timestamp"])
+            values["camera"] = CameraIdentity(**values["camera"])
+            return cls(dn=dn, **values)
+        except InputError:
+            raise
+        except (TypeError, ValueError, KeyError) as error:
+            raise InputError(f"frame metadata cannot be read: {error}") from error
+
+    def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
+        """Return the same frame with other pixels."""
+        return replace(self, dn=dn)
+
+
+def _writeable(base: object) -> bool:
+    return isinstance(base, np.ndarray) and bool(base.flags.writeable)

@@ -93,9 +93,7 @@ class Frame:
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
         if dn.ndim != 2 or dn.size == 0 or dn.dtype not in (np.uint8, np.uint16):
-            raise InputError(
-                f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}"
-            )
+            raise InputError(f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}")
         if not 1 <= self.bit_depth <= 16:
             raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
         if not (np.isfinite(self.exposure_s) and self.exposure_s > 0):
@@ -104,9 +102,7 @@ class Frame:
             raise InputError(f"gain_db is {self.gain_db}: give a finite number of decibels")
         largest_dn = 2**self.bit_depth - 1
         if not 0 < self.saturation_dn <= largest_dn:
-            raise InputError(
-                f"saturation_dn is {self.saturation_dn}: give a value above 0, up to {largest_dn}"
-            )
+            raise InputError(f"saturation_dn is {self.saturation_dn}: give a value above 0, up to {largest_dn}")
         if self.colour_filter is not None and self.colour_filter not in COLOUR_FILTERS:
             raise InputError(f"colour_filter is {self.colour_filter!r}: give one of {COLOUR_FILTERS} or None")
         if self.timestamp.tzinfo is None:
@@ -128,9 +124,7 @@ class Frame:
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
-        values = {
-            name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("dn", "camera")
-        }
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("dn", "camera")}
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod

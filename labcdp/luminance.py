@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from .errors import CalibrationError, InputError
 from .frame import Frame
 
+#: Standard deviations of its noise a pixel may lie beyond the calibrated range.
+_RANGE_MARGIN = 3.0
+
 
 class Invalid(IntFlag):
     """Why a pixel of a luminance map is not valid; 0 means it is."""
@@ -151,6 +154,8 @@ class LinearConversion:
     def to_luminance(self, frame: Frame) -> LuminanceMap:
         """Convert a frame to luminance.
 
+        A pixel counts as outside the calibrated range if it is so by more than three standard deviations of its noise.
+
         Raises
         ------
         CalibrationError
@@ -167,13 +172,16 @@ class LinearConversion:
                 "sensor: use a monochrome pixel format"
             )
         net = frame.dn - self.dark_dn(frame.exposure_s)
-        luminance = net / self.dn_per_cd_m2(frame)
+        slope = self.dn_per_cd_m2(frame)
+        luminance = net / slope
         noise_dn = np.sqrt(self.k_dn_per_e * np.maximum(net, 0) + self.dark_noise_dn**2)
         with np.errstate(divide="ignore", invalid="ignore"):
             random_rel = np.where(net > 0, noise_dn / net, np.inf)
         low, high = self.range_cd_m2
         invalid = np.where(frame.saturated, Invalid.SATURATED, 0).astype(np.uint8)
         invalid |= np.where(net < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
-        outside = (luminance < low) | (luminance > high)
+        # Noise alone must not push half the pixels of the darkest and of the brightest calibrated patch out.
+        margin = _RANGE_MARGIN * noise_dn / slope
+        outside = (luminance < low - margin) | (luminance > high + margin)
         invalid |= np.where(outside, Invalid.OUTSIDE_CALIBRATED, 0).astype(np.uint8)
         return LuminanceMap(luminance, random_rel, self.responsivity_common_rel, invalid)

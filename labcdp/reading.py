@@ -102,8 +102,7 @@ class Reading:
         """
         if self.unit == "%":
             raise InputError(
-                f"the reading {self.raw!r} is a ratio in %, not a luminance: set the meter to ABS and "
-                "measure again"
+                f"the reading {self.raw!r} is a ratio in %, not a luminance: set the meter to ABS and measure again"
             )
         return CD_M2_PER_FL if self.unit == "fL" else 1.0
 
@@ -120,9 +119,7 @@ class Reading:
     @property
     def standard_uncertainty_random_cd_m2(self) -> float:
         """Standard uncertainty of the part that differs between readings, in cd/m^2."""
-        return self.cd_m2_per_unit * hypot(
-            self.digits_half_width / sqrt(3), self.repeatability_rel * self.value
-        )
+        return self.cd_m2_per_unit * hypot(self.digits_half_width / sqrt(3), self.repeatability_rel * self.value)
 
     def to_dict(self) -> dict[str, Any]:
         """All fields as values JSON can hold; the inverse is `from_dict`."""

@@ -1,1 +1,5 @@
-"""Room."""
+"""The command line: one module for each group of commands."""
+
+from .app import main
+
+__all__ = ["main"]

@@ -1,1 +1,37 @@
-"""Room."""
+"""Sessions: one measurement in a folder a person can read, safe against kills and checked when read."""
+
+from .configuration import (
+    CameraConfiguration,
+    ContrastConfiguration,
+    GuessConfiguration,
+    LensConfiguration,
+    MeterConfiguration,
+    Patch,
+    PlanConfiguration,
+    SessionConfiguration,
+    SourceConfiguration,
+    TargetConfiguration,
+)
+from .files import StoredFile
+from .records import EventRecord, FrameRecord, ReadingRecord, Record, Role
+from .store import Session
+
+__all__ = [
+    "CameraConfiguration",
+    "ContrastConfiguration",
+    "EventRecord",
+    "FrameRecord",
+    "GuessConfiguration",
+    "LensConfiguration",
+    "MeterConfiguration",
+    "Patch",
+    "PlanConfiguration",
+    "ReadingRecord",
+    "Record",
+    "Role",
+    "Session",
+    "SessionConfiguration",
+    "SourceConfiguration",
+    "StoredFile",
+    "TargetConfiguration",
+]

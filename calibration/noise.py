@@ -1,0 +1,84 @@
+"""Temporal noise of the camera by photon transfer over the patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .dark import DarkModel
+from .observations import PatchObservation
+from .signal_limits import MAX_CLIPPED_SHARE
+
+#: Share of the saturation up to which photon transfer is a straight line (EMVA 1288: 0 to 70 %).
+PHOTON_TRANSFER_SHARE = 0.7
+
+
+@dataclass(frozen=True)
+class TemporalNoise:
+    """Variance of one pixel over time: s^2 = K (DN - d) + dark_noise^2 (EMVA 1288).
+
+    Parameters
+    ----------
+    k_dn_per_e : float
+        Overall system gain K; 0 if the noise does not grow with the signal.
+    dark_noise_dn : float
+        Standard deviation in darkness, rounding included.
+    """
+
+    k_dn_per_e: float
+    dark_noise_dn: float
+
+    def variance_dn2(self, net_dn: float) -> float:
+        """Variance of one pixel at a signal above dark, in DN^2."""
+        return self.k_dn_per_e * max(net_dn, 0.0) + self.dark_noise_dn**2
+
+
+def fit_noise(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple[TemporalNoise, list[str]]:
+    """Fit the overall system gain K by photon transfer.
+
+    var - var_dark = K (mean - mean_dark), a straight line through the dark point (EMVA 1288 Release 4.0 Linear),
+    over the patches up to 70 % of saturation. Each point is weighted with the variance of a variance, 2 s^4 / dof,
+    from the fitted line itself.
+
+    Parameters
+    ----------
+    observations : sequence of PatchObservation
+        All patches and exposures.
+    dark : DarkModel
+        Mean and noise in darkness.
+
+    Returns
+    -------
+    TemporalNoise
+        K and the dark noise.
+    list of str
+        Warnings.
+    """
+    points = []
+    for o in observations:
+        dark_dn = dark.mean_dn(o.exposure_s)
+        net_dn = o.net_dn_at_pixel(dark_dn)
+        unclipped = max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
+        if unclipped and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
+            points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1)))
+    if not points:
+        return TemporalNoise(0.0, dark.noise_dn), [
+            f"no patch lies between dark and {PHOTON_TRANSFER_SHARE:.0%} of saturation, so K is unknown and the noise "
+            "of bright pixels is understated: take a shorter exposure too"
+        ]
+    net, variance, freedom = np.array(points).T
+    excess = variance - dark.noise_dn**2
+    k = float(excess.sum() / net.sum())
+    for _ in range(5):  # the weights change little after the second round
+        if k <= 0:
+            break
+        weight = freedom / (k * net + dark.noise_dn**2) ** 2
+        k = float(np.sum(weight * net * excess) / np.sum(weight * net**2))
+    if k <= 0:
+        return TemporalNoise(0.0, dark.noise_dn), [
+            f"the temporal noise does not grow with the signal (K = {k:.3g} DN/e-): check that the frames are "
+            "different ones and not denoised; the noise of bright pixels is understated"
+        ]
+    return TemporalNoise(k, dark.noise_dn), []

@@ -1,0 +1,150 @@
+"""The imaging chain: scene, windscreen, optics and sensor joined, with the way back to luminance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..luminance import LinearConversion
+from ..photometry import photon_radiance_per_cd_m2
+from .optics import Optics
+from .scene import luminance_map
+from .sensor import Sensor
+from .windscreen import Windscreen
+
+
+@dataclass(frozen=True)
+class ImagingChain:
+    """A camera and what is in front of it.
+
+    Parameters
+    ----------
+    spectrum : str
+        Spectrum of the light, as `labcdp.photometry.photon_radiance_per_cd_m2` takes it.
+    windscreen : Windscreen or None
+        None for an open bench.
+    optics : Optics
+        The lens.
+    sensor : Sensor
+        The sensor with its converter.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is not known.
+    """
+
+    spectrum: str
+    windscreen: Windscreen | None
+    optics: Optics
+    sensor: Sensor
+
+    def __post_init__(self) -> None:
+        # Raises for an unknown spectrum here and not at the first frame; the result is kept.
+        photon_radiance_per_cd_m2(self.spectrum)
+
+    def electron_rate(self, luminance_cd_m2: ArrayLike) -> NDArray[np.float32]:
+        """Mean photo-electrons per second and pixel, dark current not included.
+
+        Parameters
+        ----------
+        luminance_cd_m2 : array_like, shape (height, width)
+            Luminance each pixel of the sensor sees, in cd/m^2.
+
+        Returns
+        -------
+        ndarray of float32, shape (height, width)
+
+        Raises
+        ------
+        InputError
+            If the scene is not one (see `scene.luminance_map`) or not of the sensor's size.
+        """
+        scene = luminance_map(luminance_cd_m2)
+        if scene.shape != self.sensor.shape:
+            raise InputError(
+                f"the scene has the shape {scene.shape}, the sensor has {self.sensor.shape}: give one value for "
+                "each pixel"
+            )
+        behind = scene if self.windscreen is None else self.windscreen.apply(scene)
+        illuminance_lx = self.optics.apply(behind, self.sensor.pixel_pitch_m)
+        rate: NDArray[np.float32] = self.sensor.electron_rate(illuminance_lx, self.spectrum).astype(
+            np.float32, copy=False
+        )
+        return rate
+
+    def expose(
+        self,
+        electron_rate: ArrayLike,
+        exposure_s: float,
+        gain_db: float = 0.0,
+        *,
+        temperature_c: float,
+        seed: int,
+        exposure_index: int,
+        threads: int | None = None,
+    ) -> NDArray[np.uint16]:
+        """Take one exposure; everything as in `Sensor.expose`, an `electron_rate` of 0.0 is the lens cap."""
+        return self.sensor.expose(
+            electron_rate,
+            exposure_s,
+            gain_db,
+            temperature_c=temperature_c,
+            seed=seed,
+            exposure_index=exposure_index,
+            threads=threads,
+        )
+
+    def conversion(self, gain_db: float = 0.0, *, temperature_c: float) -> LinearConversion:
+        """Return the way back from DN to luminance that follows from the stages, without any uncertainty of its own.
+
+        Its range has no upper end: luminance saturates at another value for each exposure time
+        (`saturation_luminance_cd_m2`), and a frame marks its saturated pixels itself. The shot noise of the dark
+        current is not part of its dark noise.
+
+        Parameters
+        ----------
+        gain_db : float
+            Gain of the frames to convert, in dB.
+        temperature_c : float
+            Temperature of the sensor in degrees Celsius.
+
+        Raises
+        ------
+        InputError
+            If a value is out of its range, or the windscreen adds glare, which a linear conversion cannot take
+            off.
+        """
+        passed = 1.0
+        if self.windscreen is not None:
+            if self.windscreen.glare_fraction > 0:
+                raise InputError(
+                    f"the windscreen has a glare_fraction of {self.windscreen.glare_fraction:g}, which depends on "
+                    "the scene: set it to 0, or convert without the windscreen and use Windscreen.invert"
+                )
+            passed = self.windscreen.transmittance
+        k_dn_per_e = self.sensor.system_gain_dn_per_e(gain_db)
+        electrons_per_s = (
+            passed * self.optics.axial_illuminance_per_cd_m2 * self.sensor.electrons_per_lx_s(self.spectrum)
+        )
+        return LinearConversion(
+            responsivity_dn_s_cd_m2=k_dn_per_e * electrons_per_s,
+            responsivity_common_rel=0.0,
+            dark_offset_dn=self.sensor.black_level_dn,
+            dark_rate_dn_s=k_dn_per_e * self.sensor.dark_current_at(temperature_c),
+            k_dn_per_e=k_dn_per_e,
+            dark_noise_dn=self.sensor.dark_noise_dn(gain_db),
+            vignetting=self.optics.vignetting(self.sensor.pixel_pitch_m),
+            gain_db=gain_db,
+            range_cd_m2=(0.0, inf),
+        )
+
+    def saturation_luminance_cd_m2(self, exposure_s: float, gain_db: float = 0.0, *, temperature_c: float) -> float:
+        """Luminance whose mean DN on the axis is the sensor's `saturation_dn`; raises InputError as `conversion`."""
+        conversion = self.conversion(gain_db, temperature_c=temperature_c)
+        net_dn = self.sensor.saturation_dn(gain_db) - conversion.dark_dn(exposure_s)
+        return net_dn / (conversion.responsivity_dn_s_cd_m2 * exposure_s)

@@ -1,0 +1,76 @@
+"""Windscreen: takes part of the light and lays a veil over the whole scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .parameters import check_number
+
+FloatArray = NDArray[np.floating[Any]]
+
+
+def through_windscreen(luminance_cd_m2: FloatArray, transmittance: float, glare_cd_m2: float) -> FloatArray:
+    """Luminance behind a windscreen: transmittance * (luminance + glare); the thesis, section on the windscreen.
+
+    The glare is its mean; the photons, scene and veil together, get their noise where the sensor collects them.
+
+    Parameters
+    ----------
+    luminance_cd_m2 : ndarray of float
+        Luminance in front of the windscreen.
+    transmittance : float
+        Fraction of the light that passes.
+    glare_cd_m2 : float
+        Veiling luminance, as a luminance in front of the windscreen.
+
+    Returns
+    -------
+    ndarray of float, shape as `luminance_cd_m2`
+    """
+    return transmittance * (luminance_cd_m2 + glare_cd_m2)
+
+
+def before_windscreen(luminance_cd_m2: FloatArray, transmittance: float, glare_cd_m2: float) -> FloatArray:
+    """Luminance in front of a windscreen from that behind it: the inverse of `through_windscreen`."""
+    return luminance_cd_m2 / transmittance - glare_cd_m2
+
+
+@dataclass(frozen=True)
+class Windscreen:
+    """A windscreen of uniform transmittance whose glare is a fraction of the mean scene luminance.
+
+    Parameters
+    ----------
+    transmittance : float
+        Fraction of the light that passes, above 0 up to 1.
+    glare_fraction : float
+        Veiling luminance over mean scene luminance, at least 0 (1.0 is 100 %).
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    transmittance: float
+    glare_fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
+        check_number("glare_fraction", self.glare_fraction, "(a fraction)", 0)
+
+    def glare_cd_m2(self, luminance_cd_m2: FloatArray) -> float:
+        """Veiling luminance for a scene, in cd/m^2."""
+        return self.glare_fraction * float(luminance_cd_m2.mean(dtype=np.float64))
+
+    def apply(self, luminance_cd_m2: FloatArray) -> FloatArray:
+        """Luminance behind the windscreen, from the scene's."""
+        return through_windscreen(luminance_cd_m2, self.transmittance, self.glare_cd_m2(luminance_cd_m2))
+
+    def invert(self, luminance_cd_m2: FloatArray, glare_cd_m2: float) -> FloatArray:
+        """Luminance in front of the windscreen, from that behind it and the scene's `glare_cd_m2`."""
+        return before_windscreen(luminance_cd_m2, self.transmittance, glare_cd_m2)

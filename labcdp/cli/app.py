@@ -1,0 +1,55 @@
+"""The command ``labcdp``: its subcommands, and what an error looks like to a person."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from ..errors import LabcdpError
+from . import bench, demo, devices, session
+from .terminal import log_to_terminal, say
+
+app = typer.Typer(
+    help="Measure how probable it is that a driver-assistance camera still sees a contrast.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("demo")(demo.demo)
+app.command("devices")(devices.devices)
+app.command("acquire")(session.acquire)
+app.command("calibrate")(session.calibrate)
+app.command("evaluate")(session.evaluate)
+app.command("replay")(session.replay)
+app.command("simulate-bench")(bench.simulate_bench)
+
+
+@app.callback()
+def _options(
+    verbose: bool = typer.Option(False, "--verbose", "-v", help="Also tell what the devices do."),
+    version: bool = typer.Option(False, "--version", help="Tell the version and stop.", is_eager=True),
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        typer.echo(f"labcdp {version_of('labcdp')}")
+        raise typer.Exit
+    log_to_terminal(verbose)
+
+
+def main() -> None:
+    """Run the command; an error is one line on standard error and exit status 1."""
+    try:
+        app()
+    except LabcdpError as error:
+        say(f"labcdp: {' '.join(str(error).split())}")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        say("labcdp: stopped; what was recorded is safe")
+        sys.exit(130)
+    except BrokenPipeError:
+        # The reader of a pipe went away, for example `head`.
+        sys.stderr.close()
+        sys.exit(141)

@@ -1,0 +1,104 @@
+"""Command simulate-bench: keep the simulated bench running for other programs."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+import typer
+
+from ..errors import ConfigurationError
+from .terminal import JSON_OPTION, print_json, say
+
+if TYPE_CHECKING:
+    from ..drivers.simulated.bench import SimulatedBench
+
+_HELP = "Type: cover | uncover | point PATCH | status | quit"
+
+
+def simulate_bench(
+    configuration: Path | None = typer.Argument(None, help="TOML file with the target; default: the demonstration's."),
+    address: str = typer.Option("127.0.0.1", help="Loopback address of the camera."),
+    response_s: float = typer.Option(0.8, help="Seconds the meter takes for a reading.", min=0),
+    seed: int = typer.Option(0, help="Of the noise of camera and meter.", min=0),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Keep a GigE Vision camera and a luminance meter running that look at one simulated target.
+
+    What a person does at the bench is typed here: cover the lens, point the meter.
+    """
+    from ..drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ..session import SessionConfiguration
+    from .session import example_configuration
+
+    if configuration is None:
+        loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
+    else:
+        loaded = SessionConfiguration.load(configuration)
+    bench = SimulatedBench(loaded, BenchDevices.standard(seed))
+    with bench.gige_camera(address), bench.pty_meter(response_s) as meter:
+        device = bench.device
+        if as_json:
+            print_json(
+                {
+                    "camera": {"address": address, "serial": device.serial, "model": device.model},
+                    "meter": {"port": meter.port, "model": loaded.meter.model},
+                    "patches_cd_m2": bench.luminance_cd_m2,
+                }
+            )
+            sys.stdout.flush()
+        else:
+            say(f"Camera: {device.vendor} {device.model}, serial {device.serial}, at {address}")
+            say(f"Luminance meter: {loaded.meter.model} on {meter.port}, 4800 baud, 7E2")
+            say(f"Patches in cd/m^2: {', '.join(f'{n} {v:g}' for n, v in bench.luminance_cd_m2.items())}")
+            say(_HELP)
+        _serve(bench)
+
+
+def _serve(bench: SimulatedBench) -> None:
+    """Do what is typed until told to quit, or until a signal where nobody types."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        typing = True
+        while True:
+            readable, _, _ = select.select([sys.stdin] if typing else [], [], [], 1.0)
+            if not readable:
+                continue
+            line = sys.stdin.readline()
+            if not line:
+                typing = False
+            elif not _obey(bench, line.strip()):
+                return
+    except KeyboardInterrupt:
+        say("Bench switched off")
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _obey(bench: SimulatedBench, line: str) -> bool:
+    """Carry out one line; returns whether to go on."""
+    word, _, rest = line.partition(" ")
+    if word == "quit":
+        return False
+    if word == "cover":
+        bench.cover_lens()
+    elif word == "uncover":
+        bench.uncover_lens()
+    elif word == "point":
+        try:
+            bench.point_meter(rest.strip())
+        except ConfigurationError as error:
+            say(str(error))
+            return True
+    elif word != "status":
+        say(_HELP)
+        return True
+    lens = "covered" if bench.covered else "open"
+    say(f"Lens {lens}; meter points at {bench.pointed_at}")
+    return True

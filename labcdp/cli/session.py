@@ -1,0 +1,287 @@
+"""Commands acquire, calibrate, evaluate and replay: the steps of a bench session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ..errors import InputError, SessionError
+from .terminal import JSON_OPTION, fraction_of_percent, print_json, progress_bars, say
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+    from ..evaluate import ObservedSession, SessionEvaluation
+    from ..session import ContrastConfiguration, Session, SessionConfiguration
+
+SESSION_ARGUMENT = typer.Argument(help="Folder of the session.")
+OUTPUT_OPTION = typer.Option(None, "--output", "-o", help="Folder for the results.", show_default="SESSION-results")
+WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be given several times.")
+CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 1000%; default: as configured.")
+EPSILON_OPTION = typer.Option(None, help="Tolerance of the contrast, for example 50%; default: as configured.")
+PAIR_OPTION = typer.Option([], "--pair", help="BRIGHT:DARK, two patches; default: as configured. May be repeated.")
+
+
+def _example(wanted: bool) -> None:
+    if wanted:
+        typer.echo(example_configuration(), nl=False)
+        raise typer.Exit
+
+
+def example_configuration() -> str:
+    """Return the configuration of the demonstration, with comments, as TOML."""
+    from importlib.resources import files
+
+    return files("labcdp").joinpath("data/bench.toml").read_text(encoding="utf-8")
+
+
+def acquire(
+    configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see --example."),
+    session: Path = SESSION_ARGUMENT,
+    camera: str | None = typer.Option(
+        None, help="Serial number, address or model; default: as configured, else the only one."
+    ),
+    meter: str | None = typer.Option(None, help="Serial port, for example /dev/ttyUSB0; default: as configured."),
+    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
+    example: bool = typer.Option(
+        False, "--example", help="Print a configuration to start from and stop.", is_eager=True, callback=_example
+    ),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Record frames and meter readings as planned; a session that was broken off goes on."""
+    from ..acquire import acquire as run
+    from ..acquire import remaining
+    from .devices_of_session import connected
+
+    with _open_or_create(session, configuration) as opened:
+        if not remaining(opened).complete:
+            with progress_bars() as bars, connected(opened.configuration, camera, meter, simulated, bars) as devices:
+                run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition)
+        counts = {"frames": len(opened.frames()), "readings": len(opened.readings())}
+    if as_json:
+        print_json({"session": str(session), **counts})
+    else:
+        say(f"{session}: {counts['frames']} frames and {counts['readings']} readings recorded")
+        say(f"Next: labcdp calibrate {session}")
+
+
+def _open_or_create(path: Path, configuration: Path) -> Session:
+    from ..session import Session, SessionConfiguration
+
+    wanted = SessionConfiguration.load(configuration)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return Session.create(path, wanted)
+    session = Session.open(path, writable=True)
+    if session.configuration != wanted:
+        session.close()
+        raise SessionError(
+            f"{path} was begun with another configuration than {configuration}: give its own "
+            f"{path / 'session.toml'}, or a new folder"
+        )
+    say(f"{path} exists: going on with it")
+    return session
+
+
+def calibrate(
+    session: Path = SESSION_ARGUMENT,
+    output: Path | None = OUTPUT_OPTION,
+    without: list[str] = WITHOUT_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Fit the camera's conversion from DN to cd/m^2, and save it."""
+    from ..calibration import save
+    from ..evaluate import calibrate_session
+
+    opened, observed = _observe(session, without)
+    calibration = calibrate_session(observed)
+    path = _results_folder(opened, output) / "calibration.json"
+    save(calibration, path)
+    if as_json:
+        print_json({"calibration": str(path), **_calibration_values(calibration)})
+        return
+    show_calibration(calibration)
+    say(f"Saved: {path}")
+    say(f"Next: labcdp evaluate {session}")
+
+
+def evaluate(
+    session: Path = SESSION_ARGUMENT,
+    calibration: Path | None = typer.Option(None, help="Calibration file; default: the one in the results folder."),
+    output: Path | None = OUTPUT_OPTION,
+    without: list[str] = WITHOUT_OPTION,
+    contrast: str | None = CONTRAST_OPTION,
+    epsilon: str | None = EPSILON_OPTION,
+    pair: list[str] = PAIR_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Tell luminance and detection probability of a session's patches; write report, spreadsheet and pictures."""
+    from ..calibration import load
+    from ..evaluate import evaluate_session
+    from ..report import write_results
+    from ..session import Session
+
+    folder = _results_folder(Session.open(session), output)
+    path = calibration or folder / "calibration.json"
+    if calibration is None and not path.exists():
+        raise InputError(f"{path} does not exist: run 'labcdp calibrate {session}' first, or give --calibration")
+    loaded = load(path)
+    opened, observed = _observe(session, without)
+    result = evaluate_session(opened, observed, loaded, _contrasts(opened.configuration, contrast, epsilon, pair))
+    written = write_results(result, folder)
+    if as_json:
+        print_json(result.to_dict())
+    else:
+        show_evaluation(result)
+        say(f"Written: {', '.join(str(p) for p in written)}")
+
+
+def replay(
+    session: Path = SESSION_ARGUMENT,
+    against: Path | None = typer.Option(None, help="results.json to compare with; a difference is an error."),
+    output: Path | None = typer.Option(
+        None, "--output", "-o", help="Folder for report and calibration; default: none."
+    ),
+    without: list[str] = WITHOUT_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Repeat calibration and evaluation of a recorded session."""
+    from ..calibration import save
+    from ..evaluate import calibrate_session, evaluate_session
+    from ..report import write_results
+
+    opened, observed = _observe(session, without)
+    calibration = calibrate_session(observed)
+    result = evaluate_session(opened, observed, calibration)
+    if output is not None:
+        save(calibration, _made(output) / "calibration.json")
+        write_results(result, output)
+    if as_json:
+        print_json(result.to_dict())
+    else:
+        show_evaluation(result)
+    if against is not None:
+        _compare(result, against)
+
+
+def _observe(path: Path, without: list[str]) -> tuple[Session, ObservedSession]:
+    from ..evaluate import observe_session
+    from ..session import Session
+
+    session = Session.open(path)
+    with progress_bars() as bars:
+        return session, observe_session(session, without, lambda done, total: bars.update("reading", done, total))
+
+
+def _results_folder(session: Session, output: Path | None) -> Path:
+    path = session.path.resolve()
+    return _made(output or path.with_name(f"{path.name}-results"))
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made ({error.strerror}): give another --output") from error
+    return folder
+
+
+def _contrasts(
+    configuration: SessionConfiguration, contrast: str | None, epsilon: str | None, pairs: list[str]
+) -> list[ContrastConfiguration]:
+    from pydantic import ValidationError
+
+    from ..session import ContrastConfiguration
+
+    chosen: list[dict[str, Any]] = [c.model_dump() for c in configuration.contrasts]
+    if pairs:
+        if contrast is None:
+            raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
+        chosen = [dict(zip(("bright", "dark"), _pair(text), strict=True)) for text in pairs]
+    changes = {
+        name: fraction_of_percent(text, f"--{name}")
+        for name, text in (("contrast", contrast), ("epsilon", epsilon))
+        if text is not None
+    }
+    try:
+        return [ContrastConfiguration(**values | changes) for values in chosen]
+    except ValidationError as error:
+        name = error.errors()[0]["loc"][0]
+        raise InputError(f"--{name} is {contrast if name == 'contrast' else epsilon}: give a value above 0%") from error
+
+
+def _pair(text: str) -> tuple[str, str]:
+    bright, found, dark = text.partition(":")
+    if not (found and bright and dark):
+        raise InputError(f"--pair is {text!r}: give BRIGHT:DARK, two names of patches")
+    return bright, dark
+
+
+def _compare(result: SessionEvaluation, against: Path) -> None:
+    import json
+
+    try:
+        recorded = json.loads(against.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{against} cannot be read as JSON ({error}): give a results.json") from error
+    differing = sorted(key for key, value in _numbers(result.to_dict()).items() if recorded.get(key) != value)
+    if differing:
+        raise SessionError(
+            f"the replay differs from {against} in {', '.join(differing)}: another version of labcdp or of its "
+            "libraries made it, or it belongs to another session"
+        )
+    say(f"Identical to {against}")
+
+
+def _numbers(values: dict[str, Any]) -> dict[str, Any]:
+    """Keep what a replay has to repeat: all but the versions of the programs."""
+    import json
+
+    from .terminal import finite
+
+    numbers: dict[str, Any] = json.loads(json.dumps(finite(values)))
+    del numbers["versions"]
+    return numbers
+
+
+def _calibration_values(calibration: Calibration) -> dict[str, Any]:
+    fit = calibration.responsivity
+    return {
+        "responsivity_dn_s_cd_m2": fit.responsivity_dn_s_cd_m2,
+        "responsivity_random_rel": fit.random_rel,
+        "responsivity_common_rel": calibration.responsivity_common_rel,
+        "reduced_chi_squared": fit.reduced_chi_squared,
+        "range_cd_m2": list(calibration.range_cd_m2),
+        "patches": len(calibration.residuals),
+        "warnings": list(calibration.warnings),
+    }
+
+
+def show_calibration(calibration: Calibration) -> None:
+    """Tell a person what was fitted, and what to mind."""
+    low, high = calibration.range_cd_m2
+    fit = calibration.responsivity
+    say(
+        f"Responsivity {fit.responsivity_dn_s_cd_m2:.5g} DN s^-1 / (cd m^-2) +- "
+        f"{calibration.responsivity_common_rel:.2%} (fit alone {fit.random_rel:.2%}), from "
+        f"{len(calibration.residuals)} patches of {low:.3g} to {high:.3g} cd/m^2"
+    )
+    left_out = [w for w in calibration.warnings if "left out there" in w]
+    if left_out:
+        say(f"{len(left_out)} patches are clipped or too dark at some exposures and left out there")
+    for warning in calibration.warnings:
+        if warning not in left_out:
+            say(f"Warning: {warning}")
+
+
+def show_evaluation(result: SessionEvaluation) -> None:
+    """Print the tables, and what was simulated."""
+    from ..report import contrast_table, summary_table
+    from .terminal import print_table
+
+    show_calibration(result.calibration)
+    print_table("Luminance", *summary_table(result))
+    if result.contrasts:
+        print_table("Contrast detection probability", *contrast_table(result))
+    if result.simulated:
+        say(f"Simulated: {', '.join(result.simulated)}")

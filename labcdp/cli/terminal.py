@@ -1,0 +1,134 @@
+"""What a person sees: messages, progress bars and tables on the terminal, JSON on standard output."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..acquire import Progress
+
+#: Loggers whose warnings a person should see at once; the calibration's are in its result.
+_SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
+
+
+class _Say(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        say(f"labcdp: {record.getMessage()}")
+
+
+def log_to_terminal(verbose: bool) -> None:
+    """Show the warnings, or with `verbose` all messages, of the parts that work with devices and files."""
+    library = logging.getLogger("labcdp")
+    library.addHandler(logging.NullHandler())
+    library.propagate = False
+    for name in _SHOWN:
+        logger = logging.getLogger(name)
+        logger.setLevel(logging.INFO if verbose else logging.WARNING)
+        logger.addHandler(_Say())
+        logger.propagate = False
+
+
+def say(text: str) -> None:
+    """Tell a person something, on standard error, so that standard output stays for results."""
+    from rich.console import Console
+
+    Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(text)
+
+
+def print_json(values: Any) -> None:
+    """Print a result for machines."""
+    sys.stdout.write(json.dumps(finite(values), indent=2, allow_nan=False) + "\n")
+
+
+def finite(values: Any) -> Any:
+    """Return the values with null for infinity and NaN, which JSON does not have."""
+    if isinstance(values, dict):
+        return {key: finite(value) for key, value in values.items()}
+    if isinstance(values, list | tuple):
+        return [finite(value) for value in values]
+    return None if isinstance(values, float) and not isfinite(values) else values
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; all columns but the first are right aligned."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(Text(column), justify="left" if index == 0 else "right")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
+        console = Console(highlight=False, width=160)
+    console.print(table)
+
+
+class Bars:
+    """Progress bars by name, made when first told of."""
+
+    def __init__(self, progress: Any) -> None:
+        self._progress = progress
+        self._tasks: dict[str, Any] = {}
+
+    def update(self, name: str, done: int, total: int) -> None:
+        """Set a bar."""
+        if name not in self._tasks:
+            self._tasks[name] = self._progress.add_task(name, total=total)
+        self._progress.update(self._tasks[name], completed=done, total=total)
+
+    def acquisition(self, progress: Progress) -> None:
+        """Set the bar of a step of an acquisition."""
+        self.update(progress.step, progress.done, progress.total)
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Take the bars away while a person is asked something."""
+        self._progress.stop()
+        try:
+            yield
+        finally:
+            self._progress.start()
+
+
+@contextmanager
+def progress_bars() -> Iterator[Bars]:
+    """Show progress bars on standard error while the context lasts."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        yield Bars(progress)
+
+
+def fraction_of_percent(text: str, name: str) -> float:
+    """Turn ``1000%`` into 10.0.
+
+    Raises
+    ------
+    InputError
+        If it is not a number with a percent sign.
+    """
+    try:
+        if not text.endswith("%"):
+            raise ValueError
+        return float(text[:-1].strip()) / 100
+    except ValueError:
+        raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 1000%") from None
+
+
+JSON_OPTION = typer.Option(False, "--json", help="Print the result as JSON.")

@@ -1,0 +1,196 @@
+"""Distribution: how often each value occurs in a region, which is all that pairs of pixels depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+
+#: Largest integer below which float64 holds every integer.
+_LARGEST_INTEGER = 2**53
+
+#: Histograms up to this length are counted by index, whatever the size of the region (a 16-bit image's).
+_SHORT_HISTOGRAM = 2**16
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """Distinct values of a region in rising order, each with its weight; the arrays are read-only.
+
+    Parameters
+    ----------
+    values : array_like of numbers, shape (n,)
+        Distinct, finite, rising; DN, cd/m^2 or any other unit. Held as float64.
+    weights : array_like of numbers, shape (n,)
+        Integers are counts of pixels. Floats are probabilities (any total): such a distribution has no
+        `size`, and nothing computed from it has a standard error. Values of weight 0 are dropped. Held as
+        float64, so that no product of counts can overflow; sums over pairs are exact up to 2^53 pairs (two
+        regions of 94 megapixels).
+
+    Attributes
+    ----------
+    size : int or None
+        Number of pixels, None if the weights are not counts.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not fit together, a value is not finite or not above its predecessor, a weight is
+        negative or not finite, or all weights are 0.
+    """
+
+    values: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    size: int | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        given = numeric_array(self.weights, "weights")
+        weights = given.astype(np.float64)
+        values = numeric_array(self.values, "values").astype(np.float64)
+        if values.ndim != 1 or values.shape != weights.shape:
+            raise InputError(
+                f"values have shape {values.shape}, weights {weights.shape}: give two lists of equal length"
+            )
+        if not np.isfinite(values).all() or (values[1:] <= values[:-1]).any():
+            raise InputError("values are not finite or not rising: sort them and join equal ones")
+        if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any()):
+            raise InputError("weights are not finite, negative or all 0: give how often each value occurs")
+        if (weights == 0).any():
+            values, weights = values[weights > 0], weights[weights > 0]
+        values.flags.writeable = False
+        weights.flags.writeable = False
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "weights", weights)
+        object.__setattr__(self, "size", int(weights.sum()) if given.dtype.kind in "iu" else None)
+
+    @classmethod
+    def from_array(cls, pixels: ArrayLike, name: str = "pixels") -> Distribution:
+        """Count the values of an array.
+
+        Parameters
+        ----------
+        pixels : array_like of int or float, any shape
+            At least one pixel; at most 64 bit a value.
+        name : str
+            What error messages call the array.
+
+        Raises
+        ------
+        InputError
+            If the array is empty, masked, boolean, complex or not of numbers, or holds a value that is not
+            finite or an integer beyond 2^53 (which float64 would round).
+        """
+        flat = numeric_array(pixels, name).ravel()
+        if flat.size == 0:
+            raise InputError(f"{name} holds no pixel: give at least one")
+        if flat.dtype.kind == "f":
+            if not np.isfinite(flat).all():
+                raise InputError(
+                    f"{name} holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: "
+                    "leave such pixels out"
+                )
+            return cls(*_count_by_sorting(flat))
+        lowest, highest = int(flat.min()), int(flat.max())
+        if max(-lowest, highest) > _LARGEST_INTEGER:
+            raise InputError(f"{name} spans {lowest} to {highest}: give integers up to 2^53, or floating-point numbers")
+        if lowest >= 0 and highest < max(_SHORT_HISTOGRAM, flat.size):
+            histogram = np.bincount(flat.astype(np.intp, copy=False))
+            levels = np.flatnonzero(histogram)
+            return cls(levels, histogram[levels])
+        return cls(*_count_by_sorting(flat))
+
+    @cached_property
+    def cumulative(self) -> NDArray[np.float64]:
+        """Weight of the first 0, 1, ... n values, shape (n + 1,)."""
+        sums = np.empty(self.values.size + 1)
+        sums[0] = 0
+        np.cumsum(self.weights, out=sums[1:])
+        sums.flags.writeable = False
+        return sums
+
+    @cached_property
+    def total(self) -> float:
+        """Sum of the weights."""
+        return float(self.weights.sum())
+
+    @cached_property
+    def mean(self) -> float:
+        """Weighted mean, in the unit of the values."""
+        return weighted_sum(self.weights, self.values) / self.total
+
+    @property
+    def not_positive(self) -> float:
+        """Share of the values that are 0 or below."""
+        return float(self.weights[: np.searchsorted(self.values, 0, side="right")].sum()) / self.total
+
+    def map(self, conversion: Callable[[NDArray[np.float64]], ArrayLike]) -> Distribution:
+        """Convert the distinct values, for example DN to cd/m^2, and count anew those that become equal.
+
+        Parameters
+        ----------
+        conversion : callable
+            Takes the values, shape (n,), and returns as many finite numbers; it need not be monotone.
+
+        Raises
+        ------
+        InputError
+            If the conversion returns another shape or values that are not finite.
+        """
+        converted = numeric_array(conversion(self.values), "converted values")
+        if converted.shape != self.values.shape:
+            raise InputError(
+                f"the conversion returned shape {converted.shape} for {self.values.shape}: "
+                "it must convert each value by itself"
+            )
+        values, place = np.unique(converted, return_inverse=True)
+        weights = np.bincount(place, weights=self.weights)
+        return Distribution(values, weights if self.size is None else weights.astype(np.int64))
+
+
+#: What the functions of this room take for a region: its pixels, or what `Distribution.from_array` makes of them.
+Region: TypeAlias = ArrayLike | Distribution
+
+
+def as_distribution(region: Region, name: str) -> Distribution:
+    """Return a distribution as it is, and count anything else; raises InputError as `Distribution`."""
+    return region if isinstance(region, Distribution) else Distribution.from_array(region, name)
+
+
+def weighted_sum(weights: NDArray[np.float64], *factors: NDArray[np.float64]) -> float:
+    """Sum of the products of weights and factors, all of shape (n,); no threads, so always the same."""
+    return float(np.einsum(",".join("i" * (1 + len(factors))) + "->", weights, *factors))
+
+
+def _count_by_sorting(flat: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.integer[Any]]]:
+    """Distinct values in rising order and their counts."""
+    ordered = np.sort(flat)
+    new = ordered[1:] != ordered[:-1]
+    if new.all():
+        return ordered, np.ones(flat.size, dtype=np.int8)
+    starts = np.flatnonzero(np.concatenate(([True], new)))
+    return ordered[starts], np.diff(starts, append=flat.size)
+
+
+def numeric_array(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Return an array of integers or floats of at most 64 bit.
+
+    Raises
+    ------
+    InputError
+        If the values are anything else, or a masked array, whose mask would silently be dropped.
+    """
+    if isinstance(values, np.ma.MaskedArray):
+        raise InputError(f"{name} is a masked array: give its valid pixels with .compressed()")
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{name} is not an array: {error}") from error
+    if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8:
+        raise InputError(f"{name} has type {array.dtype}: give integers or floats of at most 64 bit")
+    return array

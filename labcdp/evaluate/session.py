@@ -1,0 +1,343 @@
+"""Evaluation of a bench session: patches by meter and camera, and the CDP of the configured contrasts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration import Calibration, PatchLuminance, PatchObservation, expanded_half_width, patch_luminance
+from ..contrast import CdpResult, ContrastDistribution, cdp, contrast_distribution
+from ..errors import CalibrationError, InputError
+from ..luminance import Invalid, LuminanceMap
+from ..reading import Reading
+from ..roi import Roi
+from ..session import ContrastConfiguration, Session
+from .guess import guessed_conversion
+from .observe import ObservedSession, by_exposure
+
+#: Bars of the contrast histogram.
+_N_BINS = 200
+
+
+@dataclass(frozen=True)
+class PatchRow:
+    """A patch by the meter, by guessed parameters, and by the calibrated camera.
+
+    Parameters
+    ----------
+    region : Roi
+        Where it is in the image.
+    measured_cd_m2, measured_half_width_95_rel : float
+        Mean of the meter's readings and half width of its 95 % interval.
+    calculated_cd_m2 : float or None
+        From guessed camera parameters; None without a guess.
+    calibrated : PatchLuminance
+        By the calibrated camera.
+    """
+
+    region: Roi
+    measured_cd_m2: float
+    measured_half_width_95_rel: float
+    calculated_cd_m2: float | None
+    calibrated: PatchLuminance
+
+    @property
+    def deviation_rel(self) -> float:
+        """Calibrated over measured, less one."""
+        return self.calibrated.luminance_cd_m2 / self.measured_cd_m2 - 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values JSON can hold."""
+        low, high = self.calibrated.interval_95_cd_m2
+        return {
+            "patch": self.region.name,
+            "measured_cd_m2": self.measured_cd_m2,
+            "measured_half_width_95_rel": self.measured_half_width_95_rel,
+            "calculated_cd_m2": self.calculated_cd_m2,
+            "calibrated_cd_m2": self.calibrated.luminance_cd_m2,
+            "calibrated_interval_95_cd_m2": [low, high],
+            "calibrated_half_width_95_rel": self.calibrated.half_width_95_rel,
+            "deviation_rel": self.deviation_rel,
+            "exposures_s": list(self.calibrated.exposures_s),
+            "warnings": list(self.calibrated.warnings),
+        }
+
+
+@dataclass(frozen=True)
+class ContrastRow:
+    """Detection probability of the contrast between two patches, in one frame.
+
+    Parameters
+    ----------
+    bright, dark : str
+        The patches.
+    cdp : CdpResult
+        At the contrast asked for.
+    distribution : ContrastDistribution
+        Of all pairs of pixels, for plots.
+    measured_contrast, measured_standard_uncertainty : float
+        Weber contrast by the meter; its scale error cancels.
+    camera_contrast, camera_standard_uncertainty : float
+        Weber contrast of the calibrated patch luminances; scale and fit cancel.
+    exposure_s : float
+        Exposure of the frame.
+    frame_number : int
+        Number of the frame in the session.
+    """
+
+    bright: str
+    dark: str
+    cdp: CdpResult
+    distribution: ContrastDistribution
+    measured_contrast: float
+    measured_standard_uncertainty: float
+    camera_contrast: float
+    camera_standard_uncertainty: float
+    exposure_s: float
+    frame_number: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values JSON can hold."""
+        result = self.cdp
+        return {
+            "bright": self.bright,
+            "dark": self.dark,
+            "contrast": result.contrast,
+            "epsilon": result.epsilon,
+            "interval": list(result.interval),
+            "cdp": result.cdp,
+            "standard_error": result.standard_error,
+            "confidence_interval_95": list(result.confidence_interval),
+            "below": result.below,
+            "above": result.above,
+            "undefined": result.undefined,
+            "bright_pixels": result.bright_size,
+            "dark_pixels": result.dark_size,
+            "measured_contrast": self.measured_contrast,
+            "measured_standard_uncertainty": self.measured_standard_uncertainty,
+            "camera_contrast": self.camera_contrast,
+            "camera_standard_uncertainty": self.camera_standard_uncertainty,
+            "exposure_s": self.exposure_s,
+            "frame_number": self.frame_number,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SessionEvaluation:
+    """All that a session says with a calibration.
+
+    Parameters
+    ----------
+    observed : ObservedSession
+        Observations, readings and configuration.
+    calibration : Calibration
+        What converted DN to cd/m^2.
+    patches : list of PatchRow
+        In the target's order.
+    contrasts : list of ContrastRow
+        In the configuration's order.
+    map : LuminanceMap
+        The target; for each pixel from the longest exposure that does not saturate it.
+    """
+
+    observed: ObservedSession
+    calibration: Calibration
+    patches: Sequence[PatchRow]
+    contrasts: Sequence[ContrastRow]
+    map: LuminanceMap
+
+    @property
+    def simulated(self) -> list[str]:
+        """What of the bench was simulated, for a person; empty on a real one."""
+        parts = []
+        if self.calibration.state.camera.simulated:
+            parts.append(f"camera {self.calibration.state.camera.model}")
+        meter = self.calibration.meter_scale.meter
+        if meter.simulated:
+            parts.append(f"luminance meter {meter.model}")
+        return [*parts, "target"] if parts else []
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values JSON can hold: the numbers, and where they come from."""
+        calibration = self.calibration
+        return {
+            "session": self.observed.configuration.name,
+            "simulated": self.simulated,
+            "camera": str(calibration.state.camera),
+            "meter": f"{calibration.meter_scale.meter.model} ({calibration.meter_scale.meter.serial})",
+            "responsivity_dn_s_cd_m2": calibration.responsivity.responsivity_dn_s_cd_m2,
+            "responsivity_common_rel": calibration.responsivity_common_rel,
+            "range_cd_m2": list(calibration.range_cd_m2),
+            "patches": [row.to_dict() for row in self.patches],
+            "contrasts": [row.to_dict() for row in self.contrasts],
+            "warnings": list(calibration.warnings),
+            "configuration": self.observed.configuration.model_dump(mode="json", by_alias=True, exclude_none=True),
+            "input_sha256": self.observed.input_sha256,
+            "calibration_input_sha256": calibration.provenance.input_sha256,
+            "versions": calibration.provenance.versions,
+        }
+
+
+def evaluate_session(
+    session: Session,
+    observed: ObservedSession,
+    calibration: Calibration,
+    contrasts: Sequence[ContrastConfiguration] | None = None,
+) -> SessionEvaluation:
+    """Evaluate a session.
+
+    Parameters
+    ----------
+    session : Session
+        To read frames from.
+    observed : ObservedSession
+        What `observe_session` returned for it.
+    calibration : Calibration
+        Of the same camera and settings.
+    contrasts : sequence of ContrastConfiguration or None
+        Pairs and contrasts; None takes those of the session's configuration.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is not for these frames, or a patch is saturated or black at every exposure.
+    SessionError
+        If a file is missing or altered.
+    """
+    pairs = observed.configuration.contrasts if contrasts is None else contrasts
+    rows = [_patch_row(name, observed, calibration) for name in observed.patches]
+    luminance = {row.region.name: row for row in rows}
+    for pair in pairs:
+        for name in (pair.bright, pair.dark):
+            if name not in luminance:
+                raise InputError(
+                    f"there is no patch {name!r} for the contrast: choose from {', '.join(luminance)} "
+                    "(a patch may have been left out)"
+                )
+    return SessionEvaluation(
+        observed=observed,
+        calibration=calibration,
+        patches=rows,
+        contrasts=[
+            _contrast_row(session, observed, calibration, pair, luminance[pair.bright], luminance[pair.dark])
+            for pair in pairs
+        ],
+        map=_map(session, calibration),
+    )
+
+
+def _patch_row(name: str, observed: ObservedSession, calibration: Calibration) -> PatchRow:
+    observations = observed.patches[name]
+    readings = observed.readings.get(name, [])
+    if not readings:
+        raise CalibrationError(f"patch {name!r} has no meter reading: go on with the acquisition, or leave it out")
+    measured_cd_m2 = float(np.mean([reading.luminance_cd_m2 for reading in readings]))
+    region = next(p.region() for p in observed.configuration.target.patches if p.name == name)
+    return PatchRow(
+        region=region,
+        measured_cd_m2=measured_cd_m2,
+        measured_half_width_95_rel=expanded_half_width(
+            readings[0].scale_half_width_rel, _random_rel(readings, measured_cd_m2)
+        ),
+        calculated_cd_m2=_calculated_cd_m2(observed, observations),
+        calibrated=patch_luminance(calibration, observations),
+    )
+
+
+def _random_rel(readings: Sequence[Reading], mean_cd_m2: float) -> float:
+    """Random part of the mean; rounding to digits does not average out over equal readings, so it is kept whole."""
+    return max(reading.standard_uncertainty_random_cd_m2 for reading in readings) / mean_cd_m2
+
+
+def _calculated_cd_m2(observed: ObservedSession, observations: Sequence[PatchObservation]) -> float | None:
+    guess = observed.configuration.guess
+    unsaturated = [o for o in observations if o.saturated_share == 0]
+    if guess is None or not unsaturated:
+        return None
+    o = max(unsaturated, key=lambda o: o.exposure_s)
+    conversion = guessed_conversion(guess, observed.configuration.source.spectrum, observed.vignetting, o.state.gain_db)
+    net_dn = o.signal_dn - o.mean_inverse_v * conversion.dark_dn(o.exposure_s)
+    return net_dn / (conversion.responsivity_dn_s_cd_m2 * o.exposure_s)
+
+
+def _contrast_row(
+    session: Session,
+    observed: ObservedSession,
+    calibration: Calibration,
+    pair: ContrastConfiguration,
+    bright: PatchRow,
+    dark: PatchRow,
+) -> ContrastRow:
+    exposure_s = _longest_unsaturated(observed, pair)
+    record = by_exposure(session, "light")[exposure_s][0]
+    seen = calibration.to_luminance(session.load(record)).luminance_cd_m2
+    a, b = bright.region.select(seen), dark.region.select(seen)
+    result = cdp(a, b, pair.contrast, pair.epsilon)
+    measured, camera = (
+        _ratio_less_one(bright.measured_cd_m2, dark.measured_cd_m2),
+        _ratio_less_one(bright.calibrated.luminance_cd_m2, dark.calibrated.luminance_cd_m2),
+    )
+    measured_rel = [_random_rel(observed.readings[row.region.name], row.measured_cd_m2) for row in (bright, dark)]
+    camera_rel = [row.calibrated.random_rel for row in (bright, dark)]
+    return ContrastRow(
+        bright=pair.bright,
+        dark=pair.dark,
+        cdp=result,
+        distribution=contrast_distribution(a, b, _edges(result, camera, a, b)),
+        measured_contrast=measured,
+        measured_standard_uncertainty=(1 + measured) * hypot(*measured_rel),
+        camera_contrast=camera,
+        camera_standard_uncertainty=(1 + camera) * hypot(*camera_rel),
+        exposure_s=exposure_s,
+        frame_number=record.number,
+    )
+
+
+def _ratio_less_one(bright: float, dark: float) -> float:
+    return bright / dark - 1
+
+
+def _edges(result: CdpResult, contrast: float, a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.float64]:
+    """Edges of the histogram: the interval and four standard deviations of the contrast around its middle."""
+    spread = 4 * (1 + contrast) * sqrt(np.var(a) / np.mean(a) ** 2 + np.var(b) / np.mean(b) ** 2)
+    low, high = result.interval
+    start = max(-1.0, min(low - 0.1 * (high - low), contrast - spread))
+    stop = max(high + 0.1 * (high - low), min(contrast + spread, contrast + 2 * (high - low)))
+    return np.linspace(start, stop, _N_BINS + 1)
+
+
+def _longest_unsaturated(observed: ObservedSession, pair: ContrastConfiguration) -> float:
+    at: dict[float, list[PatchObservation]] = {}
+    for name in (pair.bright, pair.dark):
+        for o in observed.patches[name]:
+            at.setdefault(o.exposure_s, []).append(o)
+    fitting = [t for t, group in at.items() if all(o.saturated_share == 0 for o in group)]
+    if not fitting:
+        raise CalibrationError(
+            f"patch {pair.bright!r} or {pair.dark!r} has saturated pixels at every exposure: acquire a shorter one"
+        )
+    return max(fitting)
+
+
+def _map(session: Session, calibration: Calibration) -> LuminanceMap:
+    merged: LuminanceMap | None = None
+    for records in by_exposure(session, "light").values():
+        new = calibration.to_luminance(session.load(records[0]))
+        if merged is None:
+            merged = new
+            continue
+        better = new.invalid & Invalid.SATURATED == 0
+        merged = LuminanceMap(
+            np.where(better, new.luminance_cd_m2, merged.luminance_cd_m2),
+            np.where(better, new.random_rel, merged.random_rel),
+            merged.common_rel,
+            np.where(better, new.invalid, merged.invalid),
+        )
+    if merged is None:
+        raise CalibrationError("the session has no light frames: uncover the lens and go on with the acquisition")
+    return merged

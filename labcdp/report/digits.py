@@ -1,0 +1,96 @@
+"""Numbers as text, with no more digits than they are worth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import floor, isfinite, log10
+
+from ..contrast import CdpResult
+
+#: 97.5 % quantile of the standard normal distribution: half width of a 95 % interval in standard uncertainties.
+Z_95 = 1.959963984540054
+
+#: Stands for a value that is not known.
+UNKNOWN = "unknown"
+
+#: More decimals than this of a probability tell nobody anything.
+_MOST_DECIMALS_OF_SHARE = 6
+
+#: Characters that XML and drawing cannot take; a name may hold them.
+_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+
+
+def decimals(value: float, significant: int) -> int:
+    """Count the decimals that show a value with so many significant digits; below 0 it is rounded to tens and so on."""
+    if not isfinite(value) or value == 0:
+        return significant
+    exponent = floor(log10(abs(value)))
+    # Rounding may add a digit, as from 9.96 to 10.
+    if abs(round(value, significant - 1 - exponent)) >= 10 ** (exponent + 1):
+        exponent += 1
+    return significant - 1 - exponent
+
+
+def fixed(value: float | None, n_decimals: int, sign: bool = False) -> str:
+    """Write a value with a number of decimals, 0 never with a minus; `UNKNOWN` for None, nan and infinity."""
+    if value is None or not isfinite(value):
+        return UNKNOWN
+    rounded = round(value, n_decimals) + 0.0  # makes -0.0 a 0.0
+    return f"{rounded:{'+' if sign and rounded else ''}.{max(n_decimals, 0)}f}"
+
+
+def significant(value: float, n_digits: int = 4) -> str:
+    """Write a value with so many significant digits."""
+    return fixed(value, decimals(value, n_digits))
+
+
+def with_half_width(value: float, half_width: float) -> str:
+    """Write "value ± half width", the latter with two digits and the value to match (GUM 7.2.6)."""
+    n = decimals(half_width, 2) if half_width > 0 else decimals(value, 6)
+    return f"{fixed(value, n)} ± {fixed(half_width, n)}"
+
+
+def percent(fraction: float) -> str:
+    """Write a fraction as percent, with up to six significant digits: 0.76 is "76 %"."""
+    return f"{100 * fraction:.6g} %"
+
+
+def exposure(exposure_s: float) -> str:
+    """Write an exposure in the unit in which it is a handy number."""
+    for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
+        if exposure_s >= seconds:
+            return f"{exposure_s / seconds:.4g} {unit}"
+    return f"{exposure_s * 1e6:.4g} µs"
+
+
+def exposures(exposures_s: Sequence[float]) -> str:
+    """Write several exposures, the shortest first."""
+    return ", ".join(exposure(value) for value in sorted(exposures_s))
+
+
+def cdp_decimals(result: CdpResult) -> int:
+    """Count the decimals that the 95 % interval of a CDP supports."""
+    low, high = result.confidence_interval
+    if not high > low:
+        return 4
+    return min(decimals((high - low) / 2, 2), _MOST_DECIMALS_OF_SHARE)
+
+
+def cdp_with_interval(result: CdpResult) -> str:
+    """Write a CDP and its 95 % interval."""
+    low, high = result.confidence_interval
+    n = cdp_decimals(result)
+    interval = f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else f"interval {UNKNOWN}"
+    return f"{fixed(result.cdp, n)} ({interval})"
+
+
+def printable(text: str) -> str:
+    """Replace characters that cannot be shown."""
+    return _UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def shortened(text: str, n_characters: int) -> str:
+    """Cut a text that is too long for its place, and make it printable."""
+    text = printable(text)
+    return text if len(text) <= n_characters else text[: n_characters - 1] + "…"

@@ -1,0 +1,233 @@
+"""Configuration of a session: bench, target and plan, read from TOML and written to it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from datetime import date
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+
+from ..errors import ConfigurationError
+from ..roi import Roi
+from .toml_text import toml_text
+from .validation import validated
+
+# Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
+Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$")]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Positive = Annotated[Number, Field(gt=0)]
+Fraction = Annotated[Number, Field(gt=0, le=1)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+
+
+def _date_of_text(value: object) -> object:
+    """Take a date in quotes too; leave anything else for the type check."""
+    try:
+        return date.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+IsoDate = Annotated[date, Field(strict=True), BeforeValidator(_date_of_text)]
+
+
+class Table(BaseModel):
+    """Base of the tables below: unchangeable, and unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
+
+
+class CameraConfiguration(Table):
+    """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
+
+    vendor: Text | None = Field(None, description="the vendor's name as text")
+    model: Text | None = Field(None, description="the model's name as text")
+    serial: Text | None = Field(None, description="the serial number as text, in quotes")
+    address: Text | None = Field(None, description="the network address as text")
+    pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
+
+
+class LensConfiguration(Table):
+    """Which lens, and how it is set."""
+
+    model: Text = Field(description="the model's name as text")
+    serial: Text = Field(description="the serial number as text, in quotes")
+    focal_length_m: Positive = Field(description="a focal length above 0 m")
+    f_number: Positive = Field(description="an f-number above 0")
+    transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
+
+
+class MeterConfiguration(Table):
+    """Which luminance meter; it cannot tell its own serial number and calibration date."""
+
+    model: Literal["LS-110", "LS-100"] = Field(description='"LS-110" or "LS-100"')
+    port: Text | None = Field(None, description="the serial port as text")
+    serial: Text = Field(description="the serial number as text, in quotes")
+    calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
+
+
+class SourceConfiguration(Table):
+    """What lights the target."""
+
+    spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
+
+
+class Patch(Table):
+    """One patch of the target, given by a rectangle or by the corners of a polygon, in pixels."""
+
+    name: Text = Field(description="a name as text")
+    roi: tuple[NotNegative, NotNegative, Positive, Positive] | None = Field(
+        None,
+        description="[x, y, width, height] in pixels: x and y of at least 0, width and height above 0",
+    )
+    corners: tuple[tuple[NotNegative, NotNegative], ...] | None = Field(
+        None, min_length=3, description="at least three [x, y] corners in pixels, x and y of at least 0"
+    )
+    nominal_luminance_cd_m2: Positive | None = Field(None, description="a luminance above 0 cd/m2")
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if (self.roi is None) == (self.corners is None):
+            both = "both roi and corners" if self.roi else "neither roi nor corners"
+            raise ValueError(f"({self.name}) has {both}: give one of them")
+        return self
+
+    def region(self) -> Roi:
+        """Return the patch as a region of interest."""
+        if self.roi is not None:
+            return Roi.rectangle(self.name, *self.roi)
+        assert self.corners is not None
+        return Roi(self.name, self.corners)
+
+
+class TargetConfiguration(Table):
+    """The target and its patches."""
+
+    name: Text = Field(description="a name as text")
+    patches: tuple[Patch, ...] = Field(
+        validation_alias="patch",
+        serialization_alias="patch",
+        min_length=1,
+        description="at least one [[target.patch]] table",
+    )
+
+    @field_validator("patches")
+    @classmethod
+    def _distinct(cls, patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
+        name, times = Counter(patch.name for patch in patches).most_common(1)[0]
+        if times > 1:
+            raise ValueError(f"has the name {name!r} {times} times: give each patch its own name")
+        return patches
+
+
+class ContrastConfiguration(Table):
+    """A pair of patches, and the contrast whose detection probability is asked for."""
+
+    bright: Text = Field(description="the name of a patch")
+    dark: Text = Field(description="the name of a patch")
+    contrast: Positive = Field(description="a Weber contrast above 0, as a fraction (1.0 is 100 %)")
+    epsilon: Fraction = Field(0.5, description="a fraction above 0, up to 1")
+
+
+class PlanConfiguration(Table):
+    """What is recorded, and how often."""
+
+    exposures_s: tuple[Positive, ...] = Field(min_length=1, description="exposures above 0 s")
+    gain_db: Number = Field(0.0, description="a finite number of dB")
+    pixel_format: Text = Field("Mono12", description="a GenICam pixel format as text, for example Mono12")
+    frames_per_exposure: Count = Field(2, description="a whole number of at least 1")
+    dark_frames_per_exposure: Count = Field(2, description="a whole number of at least 1")
+    readings_per_patch: Count = Field(3, description="a whole number of at least 1")
+
+    @field_validator("exposures_s")
+    @classmethod
+    def _distinct(cls, exposures_s: tuple[float, ...]) -> tuple[float, ...]:
+        exposure_s, times = Counter(exposures_s).most_common(1)[0]
+        if times > 1:
+            raise ValueError(f"has {exposure_s:g} s {times} times: give each exposure once")
+        return exposures_s
+
+
+class GuessConfiguration(Table):
+    """Camera parameters as one would guess them without a calibration, to show what the guess costs."""
+
+    quantum_efficiency: Fraction = Field(description="a fraction above 0, up to 1")
+    k_dn_per_e: Positive = Field(description="a system gain above 0 DN/e-")
+    f_number: Positive = Field(description="an f-number above 0")
+    transmittance: Fraction = Field(description="a fraction above 0, up to 1")
+    pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
+    dark_dn: NotNegative = Field(description="a dark value of at least 0 DN")
+
+
+class SessionConfiguration(Table):
+    """All that is known before the first frame; `load` and `from_toml` read it, `to_toml` writes it."""
+
+    format: Literal[1] = Field(1, description="1, the format this labcdp knows, or update labcdp")
+    name: Text = Field(description="a name as text")
+    operator: Text = Field(description="the operator's name as text")
+    notes: str = Field("", strict=True, description="text")
+    camera: CameraConfiguration = Field(description="a [camera] table")
+    lens: LensConfiguration = Field(description="a [lens] table")
+    meter: MeterConfiguration = Field(description="a [meter] table")
+    source: SourceConfiguration = Field(description="a [source] table")
+    target: TargetConfiguration = Field(description="a [target] table")
+    contrasts: tuple[ContrastConfiguration, ...] = Field(
+        (), validation_alias="contrast", serialization_alias="contrast", description="[[contrast]] tables"
+    )
+    plan: PlanConfiguration = Field(description="a [plan] table")
+    guess: GuessConfiguration | None = Field(None, description="a [guess] table")
+
+    @model_validator(mode="after")
+    def _contrasts_of_patches(self) -> Self:
+        names = [patch.name for patch in self.target.patches]
+        for index, pair in enumerate(self.contrasts):
+            for key, name in (("bright", pair.bright), ("dark", pair.dark)):
+                if name not in names:
+                    raise ValueError(
+                        f"contrast[{index}].{key} is {name!r}: give the name of a patch, one of {', '.join(names)}"
+                    )
+            if pair.bright == pair.dark:
+                raise ValueError(f"contrast[{index}] has {pair.bright!r} as bright and as dark: give two patches")
+        return self
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> SessionConfiguration:
+        """Read a configuration from a TOML file.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file cannot be read, or as `from_toml`.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): give a file you can read") from error
+        except UnicodeDecodeError as error:
+            raise ConfigurationError(f"{path}: byte {error.start} is not UTF-8 text: save the file as UTF-8") from error
+        return cls.from_toml(text, str(path))
+
+    @classmethod
+    def from_toml(cls, text: str, source: str) -> SessionConfiguration:
+        """Read a configuration from TOML text; messages call it `source`.
+
+        Raises
+        ------
+        ConfigurationError
+            If the text is not TOML (with line and column), or a key or value is wrong (with the key, the value,
+            its unit and what to give).
+        """
+        try:
+            document = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigurationError(f"{source}: not valid TOML: {error}: correct it there") from error
+        return validated(cls, document, source)
+
+    def to_toml(self) -> str:
+        """Write all values, also those left at their default, as TOML; the inverse is `from_toml`."""
+        return toml_text(self.model_dump(by_alias=True, exclude_none=True))

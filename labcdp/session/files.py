@@ -1,0 +1,130 @@
+"""Whole files or none: writing that a kill or a power cut cannot leave half done, and reading that checks."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import SessionError
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file as the journal records it.
+
+    Parameters
+    ----------
+    name : str
+        Path inside the session's folder, with forward slashes.
+    sha256 : str
+        SHA-256 of its bytes, in hexadecimal.
+    size : int
+        Its length in bytes.
+    """
+
+    name: str
+    sha256: str
+    size: int
+
+
+def write_whole(folder: Path, name: str, data: bytes) -> StoredFile:
+    """Write a file under a temporary name, flush it to the disk, then give it its name.
+
+    Whenever the process is killed, there is the whole file or none of that name; what may stay behind is a
+    temporary file, see `remove_partial`. A file that has the name already is replaced.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; then no temporary file is left behind.
+    """
+    path = folder / name
+    partial = path.with_name(f".{path.name}.part")
+    try:
+        with open(partial, "wb", buffering=0) as file:
+            write_all(file.fileno(), data)
+            os.fsync(file.fileno())
+        os.rename(partial, path)
+    except BaseException:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+    fsync_folder(path.parent)
+    return StoredFile(name, hashlib.sha256(data).hexdigest(), len(data))
+
+
+def write_all(descriptor: int, data: bytes) -> None:
+    """Write all bytes; a call that takes only some is repeated, and on a full disk then raises its OSError."""
+    written = os.write(descriptor, data)
+    while written < len(data):
+        written += os.write(descriptor, memoryview(data)[written:])
+
+
+def fsync_folder(folder: Path) -> None:
+    """Flush a folder's entries to the disk, so that a new name outlives a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def is_partial(path: Path) -> bool:
+    """Whether this is a temporary file of `write_whole`."""
+    return path.name.startswith(".") and path.name.endswith(".part")
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove temporary files that a killed `write_whole` left in a folder."""
+    for path in folder.iterdir():
+        if is_partial(path):
+            path.unlink()
+
+
+def read_checked(folder: Path, stored: StoredFile) -> bytes:
+    """Read a recorded file and check it against its record.
+
+    Raises
+    ------
+    SessionError
+        If it is missing, shorter or longer than recorded, altered, or cannot be read.
+    """
+    path = folder / stored.name
+    with reported(path, "read"):
+        data = path.read_bytes()
+    if len(data) < stored.size:
+        fault = f"is truncated: {len(data)} of {stored.size} bytes are left"
+    elif len(data) > stored.size:
+        fault = f"was altered: it has {len(data)} bytes, {stored.size} were recorded"
+    elif hashlib.sha256(data).hexdigest() != stored.sha256:
+        fault = "was altered: its SHA-256 is not the recorded one"
+    else:
+        return data
+    raise SessionError(f"{path} {fault}; restore it from a copy of the session, or record it again")
+
+
+@contextmanager
+def reported(path: Path, done: str) -> Iterator[None]:
+    """Turn an OSError into a SessionError that names the file and the remedy; `done` is "read" or "written"."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        # A file to be written cannot be missing, but its folder can.
+        what = path if done == "read" or path.parent.is_dir() else path.parent
+        raise SessionError(f"{what} is missing: restore it from a copy of the session") from error
+    except OSError as error:
+        remedies = {
+            errno.EACCES: f"give yourself the right to have it {done}",
+            errno.EPERM: f"give yourself the right to have it {done}",
+            errno.EROFS: "use a folder on a disk you may write to",
+            errno.ENOSPC: "free some space on the disk and record it again",
+            errno.EDQUOT: "free some of your disk quota and record it again",
+            errno.EFBIG: "raise the limit of the file size and record it again",
+        }
+        remedy = remedies.get(error.errno or 0, "check the path and the disk")
+        raise SessionError(f"{path} cannot be {done} ({error.strerror}): {remedy}") from error

@@ -1,0 +1,338 @@
+"""Session: a folder that holds one measurement and can be read, checked and replayed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import platform
+import re
+import secrets
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+from typing import Any, Self
+
+from ..errors import InputError, SessionError
+from ..frame import Frame
+from ..reading import Reading
+from .configuration import SessionConfiguration
+from .files import fsync_folder, is_partial, read_checked, remove_partial, reported, write_whole
+from .frame_file import frame_file_name, frame_from_tiff, frame_to_tiff
+from .journal import JOURNAL, JOURNAL_END, Entry, Journal, read_journal
+from .readme import README, README_TEXT
+from .records import (
+    ROLES,
+    EventRecord,
+    FrameRecord,
+    ReadingRecord,
+    Record,
+    Role,
+    event_record,
+    frame_content,
+    frame_record,
+    reading_content,
+    reading_record,
+    record,
+)
+
+CONFIGURATION = "session.toml"
+FRAMES = "frames"
+
+_FORMAT = 1
+_OWN_KINDS = ("session", "readme", "frame", "reading", "torn line")
+
+_log = logging.getLogger(__name__)
+
+
+class Session:
+    """A recorded session; made by `create` or `open`, a context manager.
+
+    Whatever an ``add_`` method has returned is on the disk, and stays there if the process is killed. One
+    process at a time may write, any number may read. A session is not for several threads at once.
+
+    Parameters
+    ----------
+    path : Path
+        The session's folder.
+    entries : list of Entry
+        The journal's lines.
+    journal : Journal or None
+        The journal if open for writing.
+    """
+
+    def __init__(self, path: Path, entries: list[Entry], journal: Journal | None) -> None:
+        self.path = path
+        self._entries = entries
+        self._journal = journal
+        self._records: list[Record] = []
+        self._next_number = 1
+        self.configuration = self._read_configuration()
+
+    @classmethod
+    def create(cls, path: str | PathLike[str], configuration: SessionConfiguration, compress: bool = False) -> Self:
+        """Make a new session and open it for writing.
+
+        Parameters
+        ----------
+        path : path
+            A folder that does not exist yet, or is empty.
+        configuration : SessionConfiguration
+            What is going to be measured, with what.
+        compress : bool
+            Whether frames are compressed without loss; for a session that is to be small rather than quick.
+
+        Raises
+        ------
+        SessionError
+            If there is something at `path` already, or it cannot be written.
+        """
+        path = Path(path)
+        # Made under a temporary name, so that a session is there with all it needs or not at all.
+        making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+        try:
+            with reported(path, "written"):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+                    raise SessionError(f"{path} exists already: give a new folder, or open the session in it")
+                _make(making, configuration, compress)
+                os.rename(making, path)
+                fsync_folder(path.parent)
+        finally:
+            shutil.rmtree(making, ignore_errors=True)
+        return cls.open(path, writable=True)
+
+    @classmethod
+    def open(cls, path: str | PathLike[str], writable: bool = False) -> Self:
+        """Open a session and verify its journal and configuration.
+
+        Reading changes nothing. Opening for writing puts right what a killed writer left behind: temporary
+        files are removed, a torn last line of the journal is kept in a file of its own.
+
+        Raises
+        ------
+        SessionError
+            If it is no session, the journal or the configuration was altered, or another process writes to it.
+        """
+        path = Path(path)
+        _require_session(path)
+        if not writable:
+            text = read_journal(path)
+            if text.torn:
+                _log.warning("%s: the last line is not whole and left out", path / JOURNAL)
+            return cls(path, text.entries, None)
+        journal = Journal.open(path)
+        try:
+            session = cls(path, journal.entries, journal)
+            session._recover()
+        except BaseException:
+            journal.close()
+            raise
+        return session
+
+    def close(self) -> None:
+        """Let others write; may be called twice. What was recorded can still be read."""
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
+    def __enter__(self) -> Self:
+        """Return the session."""
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """Close."""
+        self.close()
+
+    @property
+    def records(self) -> list[Record]:
+        """All records in the order they were made."""
+        self._records += [record(entry) for entry in self._entries[len(self._records) :]]
+        return list(self._records)
+
+    def frames(self, role: Role | None = None) -> list[FrameRecord]:
+        """List the records of the frames, or of those with a role, in order."""
+        return [r for r in self.records if isinstance(r, FrameRecord) and role in (None, r.role)]
+
+    def readings(self) -> list[ReadingRecord]:
+        """List the records of the meter's readings, in order."""
+        return [r for r in self.records if isinstance(r, ReadingRecord)]
+
+    def load(self, frame: FrameRecord) -> Frame:
+        """Read a frame, bit for bit as it was recorded.
+
+        Raises
+        ------
+        SessionError
+            If its file is missing, truncated or altered.
+        """
+        return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
+
+    def add_frame(self, frame: Frame, role: Role = "light") -> FrameRecord:
+        """Record a frame.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be written; the session is then as it was before.
+        InputError
+            If `role` is not 'light' or 'dark'.
+        """
+        if role not in ROLES:
+            raise InputError(f"role is {role!r}: give 'light' or 'dark'")
+        journal = self._writer()
+        number = self._next_number
+        name = f"{FRAMES}/{frame_file_name(number, role, frame.exposure_s)}"
+        data = frame_to_tiff(frame, self._entries[0].content["compress"])
+        # Counted first: a number is used again only if its file is surely gone.
+        self._next_number += 1
+        try:
+            with reported(self.path / name, "written"):
+                file = write_whole(self.path, name, data)
+            content = frame_content(number, role, frame.shape, frame.metadata())
+            entry = journal.append("frame", content, file)
+        except BaseException:
+            if self._entries[-1].file is None or self._entries[-1].file.name != name:
+                with suppress(OSError):
+                    (self.path / name).unlink(missing_ok=True)
+                    self._next_number = number
+            raise
+        return frame_record(entry)
+
+    def add_reading(self, reading: Reading, patch: str) -> ReadingRecord:
+        """Record a reading of the meter, taken on a patch of the target.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be written; the session is then as it was before.
+        InputError
+            If the configuration has no such patch.
+        """
+        names = [known.name for known in self.configuration.target.patches]
+        if patch not in names:
+            raise InputError(f"patch is {patch!r}: give one of the target's, {', '.join(names)}")
+        return reading_record(self._writer().append("reading", reading_content(patch, reading)))
+
+    def add_event(self, kind: str, content: Mapping[str, Any]) -> EventRecord:
+        """Record anything else, as values JSON can hold.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be written; the session is then as it was before.
+        InputError
+            If `kind` is empty or one of the session's own, or `content` has values JSON does not have.
+        """
+        if not kind or kind in _OWN_KINDS:
+            raise InputError(f"kind is {kind!r}: give a name that is not one of {', '.join(_OWN_KINDS)}")
+        return event_record(self._writer().append(kind, content))
+
+    def unrecorded(self) -> list[str]:
+        """Files in the folder that the journal does not know, as names inside it.
+
+        A whole frame is among them if its writer was killed just before it could add the line to the journal.
+        """
+        known = {entry.file.name for entry in self._entries if entry.file} | {JOURNAL, JOURNAL_END}
+        with reported(self.path, "read"):
+            files = [path for path in self.path.rglob("*") if path.is_file() and not is_partial(path)]
+        return sorted({path.relative_to(self.path).as_posix() for path in files} - known)
+
+    def problems(self) -> list[str]:
+        """Check the journal on the disk and every file in it; one line for each fault, none if all is sound."""
+        found: list[str] = []
+        try:
+            text = read_journal(self.path)
+            if text.torn:
+                found.append(
+                    f"{self.path / JOURNAL} ends with a line that is not whole: open the session for writing once "
+                    "to set it aside"
+                )
+            if not text.has_end:
+                found.append(
+                    f"{self.path / JOURNAL_END} is missing: restore it from a copy of the session, or open the "
+                    "session for writing once to make a new one"
+                )
+            if [entry.check for entry in text.entries[: len(self._entries)]] != [e.check for e in self._entries]:
+                found.append(f"{self.path / JOURNAL} was replaced since it was opened: open the session again")
+        except SessionError as error:
+            found.append(str(error))
+        for entry in self._entries:
+            if entry.file is not None:
+                try:
+                    read_checked(self.path, entry.file)
+                except SessionError as error:
+                    found.append(str(error))
+        return found
+
+    def verify(self) -> None:
+        """Check everything, as `problems` does.
+
+        Raises
+        ------
+        SessionError
+            If something is missing, truncated or altered; names the first fault and how many there are.
+        """
+        found = self.problems()
+        if found:
+            raise SessionError(found[0] + (f" (fault 1 of {len(found)})" if len(found) > 1 else ""))
+
+    def _writer(self) -> Journal:
+        if self._journal is None:
+            raise SessionError(f"{self.path} is not open for writing: open it with writable=True")
+        return self._journal
+
+    def _read_configuration(self) -> SessionConfiguration:
+        first = self._entries[0] if self._entries else None
+        if first is None or first.kind != "session" or first.file is None:
+            raise SessionError(f"{self.path / JOURNAL} does not begin with a session: restore it from a copy")
+        if first.content["format"] != _FORMAT:
+            raise SessionError(
+                f"{self.path} has format {first.content['format']}, this labcdp knows {_FORMAT}: update labcdp"
+            )
+        text = read_checked(self.path, first.file).decode()
+        return SessionConfiguration.from_toml(text, str(self.path / first.file.name))
+
+    def _recover(self) -> None:
+        """Put right what a killed writer left behind, and find the next frame's number."""
+        journal = self._writer()
+        frames = self.path / FRAMES
+        with reported(frames, "written"):
+            # Programs that copy or pack folders may leave out an empty one.
+            frames.mkdir(exist_ok=True)
+            remove_partial(self.path)
+            remove_partial(frames)
+        if journal.torn:
+            journal.set_torn_line_aside()
+        journal.write_end()
+        for name in self.unrecorded():
+            _log.warning("%s is not in the journal: it is left alone and not part of the session", self.path / name)
+        names = [path.name for path in frames.iterdir()] + [r.file.name for r in self.frames()]
+        numbers = [int(found[1]) for name in names if (found := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
+        self._next_number = max(numbers, default=0) + 1
+
+
+def _require_session(path: Path) -> None:
+    with reported(path, "read"):
+        try:
+            names = os.listdir(path)
+        except (FileNotFoundError, NotADirectoryError):
+            names = []
+    if JOURNAL not in names and CONFIGURATION not in names:
+        raise SessionError(f"{path} is not a session: it has no {JOURNAL}; give the folder of a session")
+
+
+def _make(folder: Path, configuration: SessionConfiguration, compress: bool) -> None:
+    """Write a whole session without records."""
+    (folder / FRAMES).mkdir(parents=True)
+    toml = write_whole(folder, CONFIGURATION, configuration.to_toml().encode())
+    readme = write_whole(folder, README, README_TEXT.encode())
+    versions = {"labcdp": version("labcdp"), "numpy": version("numpy"), "python": platform.python_version()}
+    journal = Journal.create(folder)
+    try:
+        journal.append("session", {"format": _FORMAT, "compress": compress, "versions": versions}, toml)
+        journal.append("readme", {}, readme)
+    finally:
+        journal.close()

@@ -1,0 +1,195 @@
+"""A bench on arrays: a linear camera with noise, and a meter with scale error, repeatability and digits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from math import floor, log10, sqrt
+
+import numpy as np
+import pytest
+from labcdp.calibration import (
+    CameraState,
+    DarkObservation,
+    LensIdentity,
+    PatchObservation,
+    Setup,
+)
+from labcdp.calibration.unevenness import Unevenness
+from numpy.typing import NDArray
+
+from labcdp.frame import CameraIdentity, Frame
+from labcdp.reading import MeterIdentity, Reading
+
+CAMERA = CameraIdentity("Allied Vision", "Manta G-505C", "503363706")
+METER = MeterIdentity("LS-110", "73323007")
+START = datetime(2018, 3, 1, 12, tzinfo=UTC)
+EVEN = Unevenness((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 3, 100.0)
+STATE = CameraState(CAMERA, "Mono12", 12, (48, 64), 0.0, 4095.0)
+
+
+@dataclass(frozen=True)
+class SimulatedCamera:
+    """A linear camera; `observe` and `dark` draw what the accumulator would find, `frames` draws pixels."""
+
+    responsivity_dn_s_cd_m2: float = 1200.0
+    k_dn_per_e: float = 0.25
+    dark_noise_dn: float = 1.5
+    dark_offset_dn: float = 64.0
+    dark_rate_dn_s: float = 40.0
+    state: CameraState = STATE
+
+    def mean_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
+        light = self.responsivity_dn_s_cd_m2 * luminance_cd_m2
+        return self.dark_offset_dn + (self.dark_rate_dn_s + light) * exposure_s
+
+    def pixel_variance_dn2(self, luminance_cd_m2: float, exposure_s: float) -> float:
+        net = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
+        return self.k_dn_per_e * net + self.dark_noise_dn**2
+
+    def observe(
+        self,
+        patch: str,
+        luminance_cd_m2: float,
+        exposure_s: float,
+        rng: np.random.Generator | None,
+        size: tuple[int, int] = (400, 4),
+    ) -> PatchObservation:
+        """One patch; without a generator, free of noise. `size` is pixels and frames."""
+        n_pixels, n_frames = size
+        mean, variance = self.mean_dn(luminance_cd_m2, exposure_s), self.pixel_variance_dn2(luminance_cd_m2, exposure_s)
+        saturated = mean + 4 * sqrt(variance) >= self.state.saturation_dn
+        freedom = (n_pixels - 1) * (n_frames - 1)
+        return PatchObservation(
+            patch=patch,
+            exposure_s=exposure_s,
+            signal_dn=mean + (rng.normal(0, sqrt(variance / (n_pixels * n_frames))) if rng else 0.0),
+            mean_inverse_v=1.0,
+            n_pixels=n_pixels,
+            n_frames=n_frames,
+            temporal_variance_dn2=variance * (rng.chisquare(freedom) / freedom if rng else 1.0),
+            unevenness=EVEN,
+            saturated_share=1.0 if saturated else 0.0,
+            black_share=0.0,
+            state=self.state,
+            vignetting=None,
+        )
+
+    def dark(
+        self, exposure_s: float, rng: np.random.Generator | None, size: tuple[int, int] = (3072, 4)
+    ) -> DarkObservation:
+        n_pixels, n_frames = size
+        variance = self.dark_noise_dn**2 / (n_pixels * n_frames)
+        return DarkObservation(
+            exposure_s=exposure_s,
+            mean_dn=self.mean_dn(0.0, exposure_s) + (rng.normal(0, sqrt(variance)) if rng else 0.0),
+            mean_variance_dn2=variance,
+            n_pixels=n_pixels,
+            n_frames=n_frames,
+            temporal_variance_dn2=self.dark_noise_dn**2,
+            nonuniformity_dn=0.0,
+            black_share=0.0,
+            state=self.state,
+        )
+
+    def frames(
+        self, luminance_cd_m2: NDArray[np.float64], exposure_s: float, n: int, rng: np.random.Generator
+    ) -> Iterator[Frame]:
+        """`n` frames of a luminance map, shape (height, width)."""
+        net = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
+        mean = self.dark_offset_dn + self.dark_rate_dn_s * exposure_s + net
+        # Rounding adds 1/12 DN^2 to the noise.
+        std = np.sqrt(self.k_dn_per_e * net + self.dark_noise_dn**2 - 1 / 12)
+        for i in range(n):
+            yield make_frame(mean + rng.normal(0, 1, mean.shape) * std, exposure_s, i)
+
+
+@dataclass(frozen=True)
+class SimulatedMeter:
+    """A meter with four digits and no more than two decimals, like the LS-110."""
+
+    scale_half_width_rel: float = 0.02
+    repeatability_rel: float = 0.002
+    true_scale_error_rel: float = 0.0
+    identity: MeterIdentity = field(default=METER)
+
+    def read(self, luminance_cd_m2: float, rng: np.random.Generator | None) -> Reading:
+        shown = luminance_cd_m2 * (1 + self.true_scale_error_rel)
+        shown *= 1 + (rng.normal(0, self.repeatability_rel) if rng else 0.0)
+        resolution = max(10.0 ** (floor(log10(shown)) - 3), 0.01) if shown > 0 else 0.01
+        value = round(shown / resolution) * resolution
+        return make_reading(
+            value,
+            resolution=resolution,
+            scale_half_width_rel=self.scale_half_width_rel,
+            digits_half_width=resolution / 2,
+            repeatability_rel=self.repeatability_rel,
+            meter=self.identity,
+        )
+
+
+def make_frame(mean_dn: NDArray[np.float64], exposure_s: float = 0.01, frame_id: int = 0) -> Frame:
+    return Frame(
+        dn=np.clip(np.rint(mean_dn), 0, 4095).astype(np.uint16),
+        exposure_s=exposure_s,
+        gain_db=0.0,
+        bit_depth=12,
+        saturation_dn=4095.0,
+        black_level_dn=64.0,
+        pixel_format="Mono12",
+        colour_filter=None,
+        temperature_c=30.0,
+        timestamp=START + timedelta(seconds=frame_id),
+        camera_timestamp_ns=frame_id,
+        frame_id=frame_id,
+        camera=CAMERA,
+    )
+
+
+def make_reading(value: float, **changes: object) -> Reading:
+    reading = Reading(
+        value=value,
+        unit="cd/m2",
+        resolution=0.01,
+        scale_half_width_rel=0.02,
+        digits_half_width=0.01,
+        repeatability_rel=0.002,
+        peak=False,
+        correction="preset",
+        held=False,
+        meter=METER,
+        timestamp=START,
+        raw=f"OK00,CcPM{value:6.2f}",
+    )
+    return replace(reading, **changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="session")
+def setup() -> Setup:
+    return Setup(LensIdentity("Kowa LM6NCL", "", 0.006, 2.6), "LED-B4", "0" * 64)
+
+
+@pytest.fixture(scope="session")
+def camera() -> SimulatedCamera:
+    return SimulatedCamera()
+
+
+@pytest.fixture(scope="session")
+def camera_class() -> type[SimulatedCamera]:
+    return SimulatedCamera
+
+
+@pytest.fixture(scope="session")
+def meter_class() -> type[SimulatedMeter]:
+    return SimulatedMeter
+
+
+@pytest.fixture(scope="session")
+def new_frame() -> Callable[..., Frame]:
+    return make_frame
+
+
+@pytest.fixture(scope="session")
+def new_reading() -> Callable[..., Reading]:
+    return make_reading

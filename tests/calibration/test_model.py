@@ -1,0 +1,111 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from labcdp.calibration import LensIdentity, fit
+
+from labcdp.errors import CalibrationError, InputError
+from labcdp.frame import CameraIdentity
+from labcdp.luminance import Invalid
+
+SHAPE = (48, 64)
+
+
+@pytest.fixture(scope="module")
+def calibration(camera, new_reading, setup):
+    luminances, exposures_s = np.geomspace(0.5, 2000, 12), (0.001, 0.008, 0.064)
+    observations = [camera.observe(f"P{i}", v, t, None) for i, v in enumerate(luminances) for t in exposures_s]
+    readings = {f"P{i}": [new_reading(float(v))] for i, v in enumerate(luminances)}
+    return fit(observations, [camera.dark(t, None) for t in exposures_s], readings, setup)
+
+
+def test_frame_to_luminance(calibration, camera, new_frame):
+    mean = camera.mean_dn(100.0, 0.008)
+    seen = calibration.to_luminance(new_frame(np.full(SHAPE, mean), 0.008))
+    assert seen.luminance_cd_m2 == pytest.approx(100.0, abs=0.5 / (1200 * 0.008))
+    assert seen.random_rel == pytest.approx(np.sqrt(0.25 * 960 + 1.5**2) / 960, rel=1e-3)
+    assert seen.common_rel == calibration.responsivity_common_rel
+    assert seen.valid.all()
+
+
+def test_noise_does_not_push_the_end_patches_out_of_range(calibration, camera, new_frame):
+    rng = np.random.default_rng(1)
+    for luminance, exposure_s in ((0.5, 0.064), (2000.0, 0.001)):
+        frame = next(camera.frames(np.full(SHAPE, luminance), exposure_s, 1, rng))
+        outside = calibration.to_luminance(frame).invalid & Invalid.OUTSIDE_CALIBRATED
+        assert np.count_nonzero(outside) <= SHAPE[0] * SHAPE[1] * 0.00135 + 4 * np.sqrt(3072 * 0.00135)
+
+
+def test_pixels_far_out_of_range_are_flagged(calibration, camera, new_frame):
+    frame = new_frame(np.full(SHAPE, camera.mean_dn(2500.0, 0.001)), 0.001)
+    assert (calibration.to_luminance(frame).invalid == Invalid.OUTSIDE_CALIBRATED).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"camera": CameraIdentity("Allied Vision", "Manta G-505C", "1")},
+            r"camera of the calibration is Allied Vision Manta G-505C \(503363706\), but frame 0 has .*\(1\): use the "
+            "same, or calibrate this one",
+        ),
+        (
+            {"camera": CameraIdentity("Allied Vision", "Manta G-505C", "503363706", simulated=True)},
+            r"but frame 0 has Allied Vision Manta G-505C \(503363706, simulated\)",
+        ),
+        ({"gain_db": 6.0}, "gain of the calibration is 0 dB, but frame 0 has 6 dB"),
+        ({"pixel_format": "Mono12Packed"}, "pixel format of the calibration is Mono12, but frame 0 has Mono12Packed"),
+        ({"bit_depth": 14}, "bit depth of the calibration is 12, but frame 0 has 14"),
+        ({"saturation_dn": 4000.0}, "saturation of the calibration is 4095 DN, but frame 0 has 4000 DN"),
+        (
+            {"dn": np.zeros((24, 32), np.uint16)},
+            "image size of the calibration is 64 x 48 pixels, but frame 0 has 32 x 24",
+        ),
+        ({"colour_filter": "RG"}, r"the frame has a colour filter \(RG\)"),
+    ],
+)
+def test_other_frames_are_refused(calibration, new_frame, change, message):
+    frame = replace(new_frame(np.full(SHAPE, 500.0)), **change)
+    with pytest.raises(CalibrationError, match=message):
+        calibration.to_luminance(frame)
+
+
+def test_an_exposure_outside_the_calibrated_ones_is_logged(calibration, new_frame, caplog):
+    calibration.to_luminance(new_frame(np.full(SHAPE, 500.0), 0.064))
+    assert caplog.records == []
+    calibration.to_luminance(new_frame(np.full(SHAPE, 500.0), 0.1))
+    assert caplog.messages == ["frame 0 has an exposure of 0.1 s, the calibration was made at 0.001 to 0.064 s"]
+
+
+def test_reduced_chi_squared(calibration):
+    responsivity = replace(calibration.responsivity, chi_squared=22.0)
+    assert responsivity.reduced_chi_squared == 2.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"range_cd_m2": (0.0, 10.0)}, "range_cd_m2 is 0 to 10: give two positive luminances, the lower first"),
+        ({"range_cd_m2": (20.0, 10.0)}, "range_cd_m2 is 20 to 10"),
+        ({"exposures_s": ()}, "at least one exposure in exposures_s"),
+        ({"residuals": ()}, "one row in residuals"),
+    ],
+)
+def test_values_are_checked(calibration, change, message):
+    with pytest.raises(InputError, match=message):
+        replace(calibration, **change)
+
+
+def test_responsivity_is_checked(calibration):
+    with pytest.raises(
+        InputError, match=r"responsivity_dn_s_cd_m2 is -1\.0: a camera that sees light has a positive one"
+    ):
+        replace(calibration, responsivity=replace(calibration.responsivity, responsivity_dn_s_cd_m2=-1.0))
+
+
+@pytest.mark.parametrize(
+    ("focal_length_m", "f_number", "name"), [(0.0, 2.6, "focal_length_m"), (0.006, -1.0, "f_number")]
+)
+def test_lens_is_checked(focal_length_m, f_number, name):
+    with pytest.raises(InputError, match=f"{name} of the lens is .*: give a positive number"):
+        LensIdentity("Kowa", "", focal_length_m, f_number)

@@ -1,0 +1,79 @@
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.chain import Sensor
+
+N = 300 * 200
+TEMPERATURE_C = 25.0
+
+
+def dark_frame(sensor: Sensor, seed: int) -> np.ndarray:
+    return sensor.expose(0.0, 0.01, temperature_c=TEMPERATURE_C, seed=seed, exposure_index=0)
+
+
+def test_photo_response_has_mean_1_and_the_stated_spread(sensor: Sensor) -> None:
+    response = replace(sensor, prnu_rel=0.02).fixed_pattern.photo_response
+    assert response.mean(dtype=float) == pytest.approx(1, abs=5 * 0.02 / sqrt(N))
+    assert response.std(dtype=float) == pytest.approx(0.02, abs=5 * 0.02 / sqrt(2 * N))
+
+
+def test_dark_current_has_mean_1_the_stated_spread_and_no_negative_pixel(sensor: Sensor) -> None:
+    current = replace(sensor, dark_current_e_s=10.0, dsnu_e_s=5.0).fixed_pattern.dark_current
+    spread, excess_kurtosis = 0.5, 6 * 0.5**2  # gamma distribution of order 1 / spread^2
+    assert current.mean(dtype=float) == pytest.approx(1, abs=5 * spread / sqrt(N))
+    assert current.std(dtype=float) == pytest.approx(spread, abs=5 * spread / 2 * sqrt((2 + excess_kurtosis) / N))
+    assert current.min() >= 0
+
+
+def test_offsets_have_mean_0_and_the_stated_spread(sensor: Sensor) -> None:
+    offset = replace(sensor, dsnu_e=3.0).fixed_pattern.offset_e
+    assert offset.mean(dtype=float) == pytest.approx(0, abs=5 * 3 / sqrt(N))
+    assert offset.std(dtype=float) == pytest.approx(3, abs=5 * 3 / sqrt(2 * N))
+
+
+def test_columns_and_rows_have_their_own_offsets(sensor: Sensor) -> None:
+    columns = replace(sensor, column_dsnu_e=4.0).fixed_pattern.offset_e
+    rows = replace(sensor, row_dsnu_e=2.0).fixed_pattern.offset_e
+    np.testing.assert_array_equal(columns, np.broadcast_to(columns[0], columns.shape))
+    np.testing.assert_array_equal(rows, np.broadcast_to(rows[:, :1], rows.shape))
+    assert columns[0].std() == pytest.approx(4, abs=5 * 4 / sqrt(2 * sensor.width))
+    assert rows[:, 0].std() == pytest.approx(2, abs=5 * 2 / sqrt(2 * sensor.height))
+
+
+def test_pattern_is_the_same_in_two_exposures_of_one_device(sensor: Sensor) -> None:
+    # Nothing else in these dark frames: no read noise, no dark current.
+    device = replace(sensor, dsnu_e=20.0, black_level_dn=200.0, device_seed=1)
+    np.testing.assert_array_equal(dark_frame(device, seed=1), dark_frame(replace(device), seed=2))
+
+
+def test_pattern_differs_between_devices(sensor: Sensor) -> None:
+    one, other = (
+        dark_frame(replace(sensor, dsnu_e=20.0, black_level_dn=200.0, device_seed=seed), seed=0).astype(float)
+        for seed in (1, 2)
+    )
+    assert np.corrcoef(one.ravel(), other.ravel())[0, 1] == pytest.approx(0, abs=5 / sqrt(N))
+
+
+def test_average_of_exposures_shows_the_photo_response(sensor: Sensor) -> None:
+    device = replace(sensor, prnu_rel=0.05)
+    n, mean_e = 16, 10_000
+    mean = np.mean([device.expose(mean_e, 1.0, temperature_c=25.0, seed=0, exposure_index=i) for i in range(n)], axis=0)
+    noise_e = sqrt(mean_e / n)
+    residual_e = mean - mean_e * device.fixed_pattern.photo_response
+    assert residual_e.std() == pytest.approx(noise_e, abs=5 * noise_e / sqrt(2 * N))
+
+
+def test_noise_and_pattern_are_independent_even_with_the_same_seed(sensor: Sensor) -> None:
+    device = replace(sensor, prnu_rel=0.05, dsnu_e=1.0, black_level_dn=100.0, device_seed=7)
+    noise = dark_frame(replace(device, dsnu_e=0.0, read_noise_e=10.0), seed=7).astype(float)
+    for pattern in (device.fixed_pattern.photo_response, device.fixed_pattern.offset_e):
+        assert np.corrcoef(noise.ravel(), pattern.ravel())[0, 1] == pytest.approx(0, abs=5 / sqrt(N))
+
+
+def test_one_effect_does_not_change_the_pattern_of_another(sensor: Sensor) -> None:
+    alone = replace(sensor, prnu_rel=0.01).fixed_pattern.photo_response
+    beside = replace(sensor, prnu_rel=0.01, dsnu_e=3.0).fixed_pattern.photo_response
+    np.testing.assert_array_equal(alone, beside)

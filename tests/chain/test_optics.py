@@ -1,0 +1,73 @@
+from dataclasses import replace
+from math import asin, atan, cos, hypot, pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from labcdp.chain import Optics
+from labcdp.errors import InputError
+
+PITCH_M = 3.45e-6
+
+
+@pytest.mark.parametrize("f_number", [0.5, 1.4, 2.0, 8.0])
+def test_axial_illuminance_is_the_integral_over_the_cone_of_light(optics: Optics, f_number: float) -> None:
+    # A lens that obeys the sine condition fills the cone with half angle asin(1 / 2N) with the scene's luminance.
+    edges = np.linspace(0, asin(1 / (2 * f_number)), 20_001)
+    theta = (edges[:-1] + edges[1:]) / 2
+    brute_force = np.sum(np.cos(theta) * 2 * pi * np.sin(theta) * np.diff(edges))
+    lens = replace(optics, f_number=f_number, transmittance=1.0)
+    assert lens.axial_illuminance_per_cd_m2 == pytest.approx(brute_force, rel=1e-7)
+
+
+def test_tangent_form_would_be_13_percent_lower_at_f_1_4(optics: Optics) -> None:
+    lens = replace(optics, f_number=1.4, transmittance=1.0)
+    assert lens.axial_illuminance_per_cd_m2 / (pi / (1 + 4 * 1.4**2)) == pytest.approx(1.13, abs=0.005)
+
+
+def test_transmittance_and_magnification_as_in_equation_3_1(optics: Optics) -> None:
+    lens = replace(optics, f_number=2.0, transmittance=0.9, magnification=0.25)
+    assert lens.axial_illuminance_per_cd_m2 == pytest.approx(0.9 * pi / (4 * 4 * 1.25), rel=1e-15)
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 0), (0, 1000), (300, 20), (601, 1001)])
+def test_fall_off_is_cos_4_of_the_angle(optics: Optics, row: int, column: int) -> None:
+    illuminance = optics.apply(np.full((602, 1002), 10.0), PITCH_M)
+    radius_m = hypot(row - 300.5, column - 500.5) * PITCH_M
+    expected = 10 * optics.axial_illuminance_per_cd_m2 * cos(atan(radius_m / 6e-3)) ** 4
+    assert illuminance[row, column] == pytest.approx(expected, rel=1e-12)
+
+
+def test_magnification_moves_the_image_away_from_the_lens(optics: Optics) -> None:
+    lens = replace(optics, magnification=0.5)
+    assert lens.vignetting(PITCH_M).focal_length_m == pytest.approx(9e-3)
+
+
+@given(
+    scene=arrays(np.float64, (5, 7), elements=st.floats(0, 1e5)),
+    f_number=st.floats(0.5, 128),
+    transmittance=st.floats(0.01, 1),
+    magnification=st.floats(0, 10),
+)
+def test_invert_returns_the_luminance(
+    scene: np.ndarray, f_number: float, transmittance: float, magnification: float
+) -> None:
+    lens = Optics(f_number, transmittance, 1e-3, magnification)
+    np.testing.assert_allclose(lens.invert(lens.apply(scene, 1e-4), 1e-4), scene, rtol=1e-12, atol=1e-300)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"f_number": 0.4}, r"f_number is 0.4: give a number from 0.5 to 128$"),
+        ({"transmittance": 1.2}, r"transmittance is 1.2: give a number above 0 to 1 \(a fraction\)"),
+        ({"focal_length_m": 0.0}, r"focal_length_m is 0.0: give a number above 0 m"),
+        ({"magnification": -1.0}, r"magnification is -1.0: give a number of at least 0 \(image over object\)"),
+    ],
+)
+def test_value_out_of_range_is_refused(optics: Optics, change: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(optics, **change)

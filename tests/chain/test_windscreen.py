@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from labcdp.chain import Windscreen
+from labcdp.errors import InputError
+
+luminances = arrays(np.float64, (3, 4), elements=st.floats(0, 1e5))
+
+
+def test_energy_is_lost_and_glare_added_as_stated() -> None:
+    scene = np.array([[1.0, 3.0], [2.0, 2.0]])  # mean 2
+    behind = Windscreen(transmittance=0.96, glare_fraction=0.5).apply(scene)
+    np.testing.assert_allclose(behind, [[0.96 * 2, 0.96 * 4], [0.96 * 3, 0.96 * 3]], rtol=1e-15)
+
+
+@given(scene=luminances, glare=st.floats(0, 2))
+def test_glare_raises_the_mean_by_its_fraction(scene: np.ndarray, glare: float) -> None:
+    behind = Windscreen(0.8, glare).apply(scene)
+    assert behind.mean() == pytest.approx(0.8 * (1 + glare) * scene.mean(), rel=1e-9, abs=1e-9)
+
+
+@given(scene=luminances, transmittance=st.floats(0.01, 1), glare=st.floats(0, 2))
+def test_invert_returns_the_scene(scene: np.ndarray, transmittance: float, glare: float) -> None:
+    windscreen = Windscreen(transmittance, glare)
+    back = windscreen.invert(windscreen.apply(scene), windscreen.glare_cd_m2(scene))
+    np.testing.assert_allclose(back, scene, rtol=1e-9, atol=1e-9 * max(scene.max(), 1e-300))
+
+
+def test_glare_lowers_the_weber_contrast() -> None:
+    # Veil equal to the dark level halves the contrast.
+    behind = Windscreen(0.9, glare_fraction=2 / 3).apply(np.array([[1.0, 2.0]]))
+    assert behind[0, 1] / behind[0, 0] - 1 == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((0.0,), r"transmittance is 0.0: give a number above 0 to 1 \(a fraction\)"),
+        ((1.1,), r"transmittance is 1.1: give a number above 0 to 1 \(a fraction\)"),
+        ((0.9, -0.1), r"glare_fraction is -0.1: give a number of at least 0 \(a fraction\)"),
+        (("0.9",), r"transmittance is '0.9': give a number above 0 to 1"),
+    ],
+)
+def test_value_out_of_range_is_refused(values: tuple[float, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Windscreen(*values)

@@ -1,0 +1,30 @@
+"""What all tests share: a network of their own, so that they neither reach nor disturb real cameras."""
+
+import ctypes
+import os
+import subprocess
+
+import pytest
+
+_CLONE_NEWNET = 0x40000000
+
+
+def pytest_configure() -> None:
+    """Move the test process into a network namespace with nothing but loopback, where that is allowed."""
+    # Before any thread exists: the call moves the calling thread only.
+    if os.geteuid() == 0 and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
+        subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+        subprocess.run(["ip", "addr", "add", "127.0.0.2/8", "dev", "lo"], check=True)
+
+
+@pytest.fixture(scope="session")
+def aravis():
+    """Aravis, or skip."""
+    gi = pytest.importorskip("gi", reason="PyGObject (python3-gi) is not installed")
+    try:
+        gi.require_version("Aravis", "0.8")
+    except ValueError:
+        pytest.skip("Aravis (gir1.2-aravis-0.8) is not installed")
+    from gi.repository import Aravis
+
+    return Aravis

@@ -1,0 +1,54 @@
+"""A simulated GigE Vision camera on loopback."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from labcdp.drivers.simulated.camera import SimulatedDevice, SimulatedGigECamera
+
+
+class Ramp:
+    """Frames whose pixels tell exposure, gain and number, on top of a ramp along the rows."""
+
+    def __init__(self, shape=(48, 64)):
+        self.state = 0
+        self.shape = shape
+
+    def expose(self, exposure_s, gain_db, index):
+        dn = np.zeros(self.shape, dtype=np.uint16) + np.arange(self.shape[1], dtype=np.uint16)
+        dn[0, 0] = round(exposure_s * 1e6) % 4096
+        dn[0, 1] = round(gain_db * 10)
+        dn[0, 2] = index % 4096
+        return dn
+
+
+SMALL = SimulatedDevice("SIM-1", width=64, height=48, black_level_dn=7, temperature_c=31.5, frame_rate_hz=50)
+
+
+@pytest.fixture
+def camera_on_loopback(aravis):
+    with SimulatedGigECamera(SMALL, Ramp()) as camera:
+        yield camera
+
+
+@pytest.fixture
+def start_python():
+    """Start a Python program in a process of its own, which is ended with the test."""
+    started = []
+
+    def start(code):
+        process = subprocess.Popen(
+            [sys.executable, "-u", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            os.kill(process.pid, signal.SIGKILL)
+        process.communicate()

@@ -1,0 +1,219 @@
+import os
+import signal
+import subprocess
+import threading
+
+import numpy as np
+import pytest
+
+from labcdp.drivers.aravis_camera import AravisCamera, CameraInfo, _choose, discover
+from labcdp.drivers.camera import (
+    CameraBusyError,
+    CameraError,
+    CameraLostError,
+    CameraNotFoundError,
+    CameraSettingError,
+    FrameTimeoutError,
+    IncompleteFrameError,
+)
+from labcdp.drivers.simulated.camera import SimulatedDevice, SimulatedGigECamera
+
+from .conftest import SMALL, Ramp
+
+_SERVER = """
+import sys, time
+sys.path.insert(0, {folder!r})
+from conftest import SMALL, Ramp
+from labcdp.drivers.simulated.camera import SimulatedGigECamera
+with SimulatedGigECamera(SMALL, Ramp()):
+    print("ready")
+    time.sleep(120)
+"""
+
+_CONTROLLER = """
+import time
+from labcdp.drivers.aravis_camera import AravisCamera
+with AravisCamera("SIM-1"):
+    print("ready")
+    time.sleep(120)
+"""
+
+
+def test_discovery_finds_the_camera(camera_on_loopback):
+    assert discover() == [CameraInfo("Allied Vision Technologies", "Manta_G-505B", "SIM-1", "127.0.0.1", "GigEVision")]
+
+
+@pytest.mark.parametrize("selector", [None, "SIM-1", "127.0.0.1", "Manta_G-505B"])
+def test_opens_by_serial_address_model_or_as_the_only_one(camera_on_loopback, selector):
+    with AravisCamera(selector) as camera:
+        identity = camera.identity
+    assert (identity.vendor, identity.model, identity.serial) == ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
+    assert identity.simulated
+
+
+def test_the_constructor_does_no_io():
+    camera = AravisCamera("nowhere")
+    with pytest.raises(CameraError, match="not open: use it as a context manager"):
+        _ = camera.identity
+
+
+def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
+    with AravisCamera() as camera:
+        camera.configure(exposure_s=0.002, gain_db=3.5, pixel_format="Mono12")
+        frame = camera.snap()
+    assert frame.shape == (48, 64)
+    assert frame.dn[0, :2].tolist() == [2000, 35]
+    np.testing.assert_array_equal(frame.dn[1], np.arange(64))
+    assert (frame.exposure_s, frame.gain_db) == (0.002, 3.5)
+    assert (frame.bit_depth, frame.saturation_dn, frame.black_level_dn) == (12, 4095, 7)
+    assert (frame.pixel_format, frame.colour_filter, frame.temperature_c) == ("Mono12", None, 31.5)
+    assert not frame.dn.flags.writeable
+
+
+def test_all_formats_of_the_camera_give_the_same_scene(camera_on_loopback):
+    with AravisCamera() as camera:
+        assert camera.pixel_formats == ["Mono8", "Mono12", "Mono12Packed"]
+        frames = {}
+        for name in camera.pixel_formats:
+            camera.configure(pixel_format=name)
+            frames[name] = camera.snap()
+    np.testing.assert_array_equal(frames["Mono12Packed"].dn[1:], frames["Mono12"].dn[1:])
+    # A 12-bit sensor drops its last four bits in an 8-bit format.
+    np.testing.assert_array_equal(frames["Mono8"].dn[1:], frames["Mono12"].dn[1:] >> 4)
+
+
+def test_every_frame_is_taken_after_the_last_change(camera_on_loopback):
+    with AravisCamera() as camera:
+        for exposure_us in range(1000, 1030):
+            applied = camera.configure(exposure_s=exposure_us * 1e-6)
+            frame = camera.snap()
+            assert frame.dn[0, 0] == exposure_us
+            assert frame.exposure_s == applied.exposure_s == pytest.approx(exposure_us * 1e-6, rel=1e-9)
+
+
+def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
+    with AravisCamera() as camera:
+        camera.configure(exposure_s=0.001)
+        for frame in camera.grab(20):
+            break
+        assert frame.dn[0, 0] == 1000
+        camera.configure(exposure_s=0.003)
+        assert [f.dn[0, 0] for f in camera.grab(3)] == [3000, 3000, 3000]
+
+
+def test_grab_loses_no_frame(camera_on_loopback):
+    with AravisCamera() as camera:
+        numbers = [int(frame.dn[0, 2]) for frame in camera.grab(60)]
+        ids = [frame.frame_id for frame in camera.grab(5)]
+    # The pool repeats its four frames in turn: neighbours differ, none is left out.
+    assert len(numbers) == 60
+    assert all(a != b for a, b in zip(numbers, numbers[1:], strict=False))
+    assert np.diff(ids).tolist() == [1, 1, 1, 1]
+
+
+def test_frames_stay_as_they_are_while_others_arrive(camera_on_loopback):
+    with AravisCamera() as camera:
+        frames = list(camera.grab(20))
+        copies = [frame.dn.copy() for frame in frames]
+        list(camera.grab(20))
+    assert all((frame.dn == copy).all() for frame, copy in zip(frames, copies, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"exposure_s": 100.0}, r"exposure_s is 100 s: the camera takes 2.1e-05 to 60 s"),
+        ({"exposure_s": 1e-6}, r"exposure_s is 1e-06 s: the camera takes 2.1e-05 to 60 s"),
+        ({"gain_db": 40.0}, r"gain_db is 40 dB: the camera takes 0 to 26 dB"),
+        ({"pixel_format": "Mono16"}, r"has no pixel format 'Mono16': choose one of Mono8, Mono12, Mono12Packed"),
+    ],
+)
+def test_settings_out_of_range_are_refused(camera_on_loopback, settings, message):
+    with AravisCamera() as camera:
+        before = camera.settings
+        with pytest.raises(CameraSettingError, match=message):
+            camera.configure(**settings)
+        assert camera.settings == before
+
+
+def test_absent_camera(camera_on_loopback):
+    with pytest.raises(CameraNotFoundError, match=r"no camera 'DEV-9' .* answers; found: .*serial SIM-1.*check power"):
+        AravisCamera("DEV-9").open()
+
+
+def test_no_camera_at_all(aravis):
+    with pytest.raises(CameraNotFoundError, match=r"no camera answers; found: none: check power, cable"):
+        AravisCamera().open()
+
+
+def test_two_cameras_need_a_choice():
+    found = [CameraInfo("V", "M", serial, f"10.0.0.{serial}", "GigEVision") for serial in ("1", "2")]
+    with pytest.raises(CameraNotFoundError, match="more than one camera 'M' .*give a serial number"):
+        _choose(found, "M")
+    assert _choose(found, "2").address == "10.0.0.2"
+
+
+def test_busy_camera(camera_on_loopback, start_python):
+    other = start_python(_CONTROLLER)
+    assert other.stdout.readline() == "ready\n"
+    with pytest.raises(CameraBusyError, match="SIM-1 at 127.0.0.1 is controlled by another program: close that"):
+        AravisCamera().open()
+
+
+def test_a_camera_can_be_opened_again_after_closing(camera_on_loopback):
+    for _ in range(3):
+        with AravisCamera() as camera:
+            camera.snap()
+    other = AravisCamera()
+    other.close()
+    other.close()
+
+
+def test_unplugged_while_grabbing(aravis, start_python):
+    server = start_python(_SERVER.format(folder=os.path.dirname(__file__)))
+    assert server.stdout.readline() == "ready\n"
+    seen = 0
+    with AravisCamera("SIM-1") as camera:
+        with pytest.raises(CameraLostError, match=r"SIM-1, simulated\) stopped answering .*check power and cable"):
+            for frame in camera.grab(100_000, timeout_s=0.5):
+                seen += 1
+                if seen == 5:
+                    os.kill(server.pid, signal.SIGKILL)
+        assert frame.shape == (48, 64)
+    assert seen >= 5
+    server.wait()
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera("SIM-1") as again:
+        assert again.snap().shape == (48, 64)
+
+
+def test_incomplete_frames_are_refused(aravis):
+    device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
+    with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera() as camera:
+        server.set_packet_loss(0.2)
+        with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; lower the frame rate"):
+            list(camera.grab(20))
+        server.set_packet_loss(0)
+        assert camera.snap().shape == (480, 640)
+
+
+def test_a_camera_that_waits_for_a_trigger_times_out(camera_on_loopback):
+    for setting in ("TriggerMode=On", "TriggerSource=Software"):
+        subprocess.run(["arv-tool-0.8", "control", setting], check=True, capture_output=True)
+    with (
+        AravisCamera() as camera,
+        pytest.raises(FrameTimeoutError, match=r"no frame came .* within 0\.3 s, though it answers: check trigger"),
+    ):
+        camera.configure(exposure_s=0.001)
+        camera.snap(timeout_s=0.3)
+
+
+def test_nothing_is_left_behind(camera_on_loopback):
+    with AravisCamera() as camera:
+        camera.snap()
+    threads, files = threading.active_count(), len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        with AravisCamera() as camera:
+            list(camera.grab(2))
+    del camera
+    assert threading.active_count() == threads
+    assert len(os.listdir("/proc/self/fd")) == files

@@ -1,0 +1,193 @@
+"""Whatever happens to a session's files is noticed, and said precisely."""
+
+import hashlib
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labcdp.errors import SessionError
+from labcdp.session import Session
+
+FRAME = "frames/0001_light_5ms.tif"
+FILES = ("session.toml", "README.txt", "journal.jsonl", "journal.end", FRAME, "frames/0002_dark_5ms.tif")
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory, configuration, make_frame, make_reading):
+    path = tmp_path_factory.mktemp("damage") / "session"
+    with Session.create(path, configuration) as session:
+        session.add_frame(make_frame(1, shape=(3, 5)))
+        session.add_reading(make_reading(), patch="upper left")
+        session.add_frame(make_frame(2, shape=(3, 5)), role="dark")
+        session.add_reading(make_reading(33.6), patch="upper right")
+        session.verify()
+    return path
+
+
+@pytest.fixture
+def damaged(sound, tmp_path):
+    return shutil.copytree(sound, tmp_path / "session")
+
+
+def open_and_verify(path):
+    Session.open(path).verify()
+
+
+@settings(deadline=None, max_examples=500)
+@given(st.data())
+def test_a_changed_byte_is_noticed(sound, data):
+    file = sound / data.draw(st.sampled_from(FILES))
+    text = file.read_bytes()
+    at = data.draw(st.integers(0, len(text) - 1))
+    flip = data.draw(st.integers(1, 255))
+    opened = Session.open(sound)
+    try:
+        file.write_bytes(text[:at] + bytes([text[at] ^ flip]) + text[at + 1 :])
+        with pytest.raises(SessionError, match=re.escape(file.name)):
+            open_and_verify(sound)
+        with pytest.raises(SessionError, match=re.escape(file.name)):
+            opened.verify()
+    finally:
+        file.write_bytes(text)
+
+
+@settings(deadline=None, max_examples=500)
+@given(st.data())
+def test_a_lost_or_added_end_is_noticed(sound, data):
+    file = sound / data.draw(st.sampled_from(FILES))
+    text = file.read_bytes()
+    keep = data.draw(st.integers(0, len(text) - 1))
+    try:
+        for other in (text[:keep], text + bytes([keep % 256])):
+            file.write_bytes(other)
+            with pytest.raises(SessionError, match=re.escape(file.name)):
+                open_and_verify(sound)
+    finally:
+        file.write_bytes(text)
+    open_and_verify(sound)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_is_named(damaged, name):
+    (damaged / name).unlink()
+    with pytest.raises(SessionError, match=rf"{damaged / name} is missing: restore it from a copy of the session"):
+        open_and_verify(damaged)
+
+
+@pytest.mark.parametrize("line", range(6))
+def test_a_removed_line_is_noticed(damaged, line):
+    journal = damaged / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:line] + lines[line + 1 :]))
+    message = (
+        rf"line {line + 1} was altered, or a line there was removed or swapped: restore the journal from a copy"
+        if line < 5
+        else r"has 5 whole lines, but 6 were written: lines at its end are missing; restore it from a copy"
+    )
+    for writable in (False, True):
+        with pytest.raises(SessionError, match=message):
+            Session.open(damaged, writable=writable)
+
+
+@pytest.mark.parametrize("line", range(5))
+def test_swapped_lines_are_noticed(damaged, line):
+    journal = damaged / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    lines[line], lines[line + 1] = lines[line + 1], lines[line]
+    journal.write_bytes(b"".join(lines))
+    with pytest.raises(SessionError, match=rf"line {line + 1} was altered, or a line there was removed or swapped"):
+        Session.open(damaged)
+
+
+def test_a_line_made_to_fit_is_noticed_too(damaged):
+    """A line with a check of its own still lacks the one before it."""
+    journal = damaged / "journal.jsonl"
+    lines = journal.read_bytes().splitlines()
+    values = json.loads(lines[3])
+    del values["check"]
+    values["content"]["reading"]["value"] = 99.9
+    body = json.dumps(values).encode()
+    check = hashlib.sha256(body).hexdigest()
+    lines[3] = body[:-1] + f', "check": "{check}"}}'.encode()
+    journal.write_bytes(b"\n".join(lines) + b"\n")
+    with pytest.raises(SessionError, match=r"line 4 was altered"):
+        Session.open(damaged)
+
+
+def test_the_chain_is_as_documented(sound):
+    previous = "0" * 64
+    for line in (sound / "journal.jsonl").read_text().splitlines():
+        check = json.loads(line)["check"]
+        body = line.replace(f', "check": "{check}"', "")
+        assert hashlib.sha256((previous + body).encode()).hexdigest() == check
+        previous = check
+    assert (sound / "journal.end").read_text() == f"6 {previous}\n"
+
+
+def test_swapped_files_are_noticed(damaged):
+    one, two = damaged / FRAME, damaged / FILES[-1]
+    one.rename(damaged / "kept")
+    two.rename(one)
+    (damaged / "kept").rename(two)
+    session = Session.open(damaged)
+    assert len(session.problems()) == 2
+    with pytest.raises(SessionError, match=rf"{one} was altered: .* or record it again \(fault 1 of 2\)$"):
+        session.verify()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:100], "is truncated: 100 of {size} bytes are left; restore it from a copy of the session"),
+        (lambda data: data + b"\0", "was altered: it has {more} bytes, {size} were recorded; restore it from a copy"),
+        (lambda data: data[:-1] + b"?", "was altered: its SHA-256 is not the recorded one; restore it from a copy"),
+    ],
+)
+def test_a_damaged_frame_is_not_loaded_but_the_others_are(damaged, make_frame, change, message):
+    session = Session.open(damaged)
+    first, second = session.frames()
+    file = damaged / first.file.name
+    file.write_bytes(change(file.read_bytes()))
+    size = first.file.size
+    expected = re.escape(f"{file} {message.format(size=size, more=size + 1)}")
+    with pytest.raises(SessionError, match=expected):
+        session.load(first)
+    with pytest.raises(SessionError, match=expected):
+        session.verify()
+    np.testing.assert_array_equal(session.load(second).dn, make_frame(2, shape=(3, 5)).dn)
+
+
+def test_a_missing_end_can_be_made_anew(damaged, caplog):
+    (damaged / "journal.end").unlink()
+    Session.open(damaged, writable=True).close()
+    open_and_verify(damaged)
+    assert "journal.end was missing and is made anew" in caplog.text
+
+
+def test_a_journal_of_another_session_is_noticed(damaged, tmp_path, configuration):
+    session = Session.open(damaged)
+    Session.create(tmp_path / "other", configuration).close()
+    for name in ("journal.jsonl", "journal.end", "session.toml", "README.txt"):
+        shutil.copy(tmp_path / "other" / name, damaged / name)
+    with pytest.raises(SessionError, match=r"journal.jsonl was replaced since it was opened: open the session again"):
+        session.verify()
+
+
+def test_an_empty_journal_is_no_session(damaged):
+    (damaged / "journal.end").unlink()
+    (damaged / "journal.jsonl").write_bytes(b"")
+    with pytest.raises(SessionError, match=r"journal.jsonl does not begin with a session: restore it from a copy"):
+        Session.open(damaged)
+
+
+def test_a_newer_format_is_refused(tmp_path, configuration, monkeypatch):
+    monkeypatch.setattr("labcdp.session.store._FORMAT", 2)
+    Session.create(tmp_path / "session", configuration).close()
+    monkeypatch.undo()
+    with pytest.raises(SessionError, match=r"session has format 2, this labcdp knows 1: update labcdp"):
+        Session.open(tmp_path / "session")

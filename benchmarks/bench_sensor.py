@@ -10,6 +10,7 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -50,15 +51,15 @@ def main() -> None:
     print("2048 x 2048 pixels    exposure    draws alone    ratio    megapixel/s")
     for threads in (1, None):
         for electrons in (0.0, 10.0, 3000.0):
-            exposure = best_s(lambda t=threads, e=electrons: expose(sensor, e, t))
-            floor = best_s(lambda t=threads, e=electrons: draw(sensor, e, t))
+            exposure = best_s(partial(expose, sensor, electrons, threads))
+            floor = best_s(partial(draw, sensor, electrons, threads))
             label = f"{electrons:4.0f} e-, {'all threads' if threads is None else '1 thread'}"
             megapixels_s = 2048 * 2048e-6 / exposure
             print(f"{label:20s}  {exposure:7.3f} s     {floor:7.3f} s   {exposure / floor:6.2f}   {megapixels_s:8.1f}")
 
     full = manta_g505().sensor
     expose(full, 3000.0, None)
-    print(f"2452 x 2056 pixels, 3000 e-, all threads: {best_s(lambda: expose(full, 3000.0, None)):.3f} s")
+    print(f"2452 x 2056 pixels, 3000 e-, all threads: {best_s(partial(expose, full, 3000.0, None)):.3f} s")
     tracemalloc.start()
     expose(full, 3000.0, None)
     peak = tracemalloc.get_traced_memory()[1]

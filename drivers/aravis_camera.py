@@ -251,7 +251,8 @@ class AravisCamera:
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; see `grab`."""
-        return next(iter(list(self.grab(1, timeout_s))))
+        (frame,) = self.grab(1, timeout_s)
+        return frame
 
     def grab(self, n: int, timeout_s: float | None = None) -> Iterator[Frame]:
         """Take `n` frames in a row, yielding each as it arrives.
@@ -338,10 +339,11 @@ class _Reception:
             camera.start_acquisition()
         return self
 
-    def __exit__(self, *exc: object) -> None:
-        # Leaving in mid-acquisition can abort the process, and a lost camera cannot be told to stop.
-        with contextlib.suppress(CameraLostError), self._owner._losing("acquisition cannot be stopped"):
-            self._owner._opened().stop_acquisition()
+    def __exit__(self, kind: type[BaseException] | None, *exc: object) -> None:
+        # Leaving in mid-acquisition can abort the process; a camera that is lost cannot be told to stop.
+        if kind is not CameraLostError:
+            with contextlib.suppress(CameraLostError), self._owner._losing("acquisition cannot be stopped"):
+                self._owner._opened().stop_acquisition()
         self._stream = None
         self._arrays = {}
 

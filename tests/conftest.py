@@ -28,3 +28,11 @@ def aravis():
     from gi.repository import Aravis
 
     return Aravis
+
+
+@pytest.fixture(scope="session")
+def small_configuration():
+    """Bench of the example session: 16 patches on 480 x 400 pixels."""
+    from labcdp.session import SessionConfiguration, example_session
+
+    return SessionConfiguration.load(example_session() / "session.toml")

@@ -50,6 +50,6 @@ def for_each_block(height: int, work: Callable[[int, slice], None], threads: int
         Number of threads, None for one a processor.
     """
     blocks = [slice(row, min(row + BLOCK_ROWS, height)) for row in range(0, height, BLOCK_ROWS)]
-    with ThreadPoolExecutor(min(len(blocks), threads or os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1 if threads is None else threads)) as pool:
         # list() waits for all and raises what one of them raised.
         list(pool.map(work, range(len(blocks)), blocks))

@@ -18,7 +18,7 @@ _PHOTO_RESPONSE, _DARK_CURRENT, _OFFSET, _COLUMN, _ROW = range(5)
 
 @dataclass(frozen=True, eq=False)
 class FixedPattern:
-    """Maps of the non-uniformities of EMVA 1288, section 8, each of shape (height, width).
+    """Maps of the non-uniformities of EMVA 1288 Release 3.1, section 4, each of shape (height, width), read-only.
 
     Parameters
     ----------
@@ -33,6 +33,10 @@ class FixedPattern:
     photo_response: FloatMap
     dark_current: FloatMap
     offset_e: FloatMap
+
+    def __post_init__(self) -> None:
+        for values in (self.photo_response, self.dark_current, self.offset_e):
+            values.flags.writeable = False
 
 
 def draw_photo_response(shape: tuple[int, int], device_seed: int, prnu_rel: float) -> FloatMap:

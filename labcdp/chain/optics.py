@@ -19,8 +19,8 @@ def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnifica
     """Illuminance in lux on the optical axis for 1 cd/m^2: pi t / (4 N^2 (1 + m)).
 
     Equation 3.1 of the thesis with theta = 0. With N = 1 / (2 sin(theta')), the f-number of a lens that obeys
-    the sine condition, pi / (4 N^2) is exact for a distant scene; pi / (1 + 4 N^2) takes N for a tangent and is
-    13 % lower at f/1.4.
+    the sine condition, pi / (4 N^2) is exact for a distant scene. The form pi / (1 + 4 N^2) takes N for a
+    tangent; at f/1.4 the exact one is 13 % larger.
 
     Parameters
     ----------

@@ -11,9 +11,7 @@ import numpy as np
 from ..errors import InputError
 
 
-def check_number(
-    name: str, value: Any, unit: str, low: float = -inf, high: float = inf, *, above: bool = False
-) -> None:
+def check_number(name: str, value: Any, unit: str, low: float, high: float = inf, *, above: bool = False) -> None:
     """Refuse a value that is not a finite number from `low` to `high` (above `low` if `above`).
 
     Raises
@@ -40,8 +38,6 @@ def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -
 
 
 def _interval(low: float, high: float, above: bool) -> str:
-    if low == -inf and high == inf:
-        return "a finite number,"
     start = f"a number above {low:g}" if above else f"a number from {low:g}"
     if high == inf:
         return start if above else f"a number of at least {low:g}"

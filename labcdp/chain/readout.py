@@ -1,7 +1,7 @@
 """The steps from mean electrons to digital numbers, in the order of the EMVA 1288 camera model.
 
 Photo and dark electrons share one Poisson process, the well clips them, reading adds noise, the system gain and
-the black level make digital numbers, which are rounded and clipped. EMVA 1288, section 2.
+the black level make digital numbers, which are rounded and clipped. EMVA 1288 Release 3.1, section 2.
 """
 
 from __future__ import annotations

@@ -136,4 +136,4 @@ class PatchScene:
 
     def luminance_cd_m2(self) -> NDArray[np.float32]:
         """Luminance for each pixel, shape (height, width); raises InputError as `with_patches`."""
-        return with_patches(np.full((self.height, self.width), self.background_cd_m2), self.patches)
+        return with_patches(np.full((self.height, self.width), self.background_cd_m2, np.float32), self.patches)

@@ -19,7 +19,7 @@ from .readout import collect_electrons, digitise, read_out
 
 FloatArray = NDArray[np.floating[Any]]
 
-#: Variance of rounding to whole digital numbers, DN^2; EMVA 1288, section 2.
+#: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
 
 # Name, unit, lowest, highest value, and whether the lowest itself is refused.
@@ -31,7 +31,7 @@ _RANGES: tuple[tuple[str, str, float, float, bool], ...] = (
     ("read_noise_e", "e-", 0, inf, False),
     ("dark_current_e_s", "e-/s", 0, inf, False),
     ("reference_temperature_c", "degC", -100, 200, False),
-    ("doubling_temperature_c", "K", 0, inf, True),
+    ("doubling_temperature_c", "K", 1, 100, False),
     # A gain of 0 is ten sigma away.
     ("prnu_rel", "(a fraction)", 0, 0.1, False),
     ("dsnu_e", "e-", 0, inf, False),
@@ -132,12 +132,12 @@ class Sensor:
         )
 
     def system_gain_dn_per_e(self, gain_db: float = 0.0) -> float:
-        """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError if the gain is not finite."""
+        """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError beyond 100 dB."""
         check_number("gain_db", gain_db, "dB", -100, 100)
         return float(self.k_dn_per_e * 10 ** (gain_db / 20))
 
     def dark_current_at(self, temperature_c: float) -> float:
-        """Mean dark current in e-/s: mu(T) = mu_ref 2^((T - T_ref) / T_d), EMVA 1288, section 2.
+        """Mean dark current in e-/s: mu(T) = mu_ref 2^((T - T_ref) / T_d), EMVA 1288 Release 3.1, section 3.2.
 
         Raises
         ------
@@ -214,6 +214,8 @@ class Sensor:
         check_number("exposure_s", exposure_s, "s", 0, above=True)
         check_whole("seed", seed, "", 0)
         check_whole("exposure_index", exposure_index, "", 0)
+        if threads is not None:
+            check_whole("threads", threads, "", 1)
         rate = self._checked_rate(electron_rate)
         k_dn_per_e = self.system_gain_dn_per_e(gain_db)
         dark_e = np.float32(self.dark_current_at(temperature_c) * exposure_s)

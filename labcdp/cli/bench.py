@@ -32,8 +32,7 @@ def simulate_bench(
     What a person does at the bench is typed here: cover the lens, point the meter.
     """
     from ..drivers.simulated.bench import BenchDevices, SimulatedBench
-    from ..session import SessionConfiguration
-    from .session import example_configuration
+    from ..session import SessionConfiguration, example_configuration
 
     if configuration is None:
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")

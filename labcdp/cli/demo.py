@@ -23,8 +23,8 @@ def demo(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Run the thesis' experiment on the simulated bench: record, calibrate, evaluate, report."""
-    from ..session import SessionConfiguration
-    from .session import example_configuration, show_evaluation
+    from ..session import SessionConfiguration, example_configuration
+    from .session import show_evaluation
 
     started = time.monotonic()
     folder = output or _free_folder(Path("labcdp-demo"))

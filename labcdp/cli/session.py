@@ -24,16 +24,11 @@ PAIR_OPTION = typer.Option([], "--pair", help="BRIGHT:DARK, two patches; default
 
 
 def _example(wanted: bool) -> None:
+    from ..session import example_configuration
+
     if wanted:
         typer.echo(example_configuration(), nl=False)
         raise typer.Exit
-
-
-def example_configuration() -> str:
-    """Return the configuration of the demonstration, with comments, as TOML."""
-    from importlib.resources import files
-
-    return files("labcdp").joinpath("data/bench.toml").read_text(encoding="utf-8")
 
 
 def acquire(
@@ -95,7 +90,7 @@ def calibrate(
 
     opened, observed = _observe(session, without)
     calibration = calibrate_session(observed)
-    path = _results_folder(opened, output) / "calibration.json"
+    path = _made(_results_folder(opened, output)) / "calibration.json"
     save(calibration, path)
     if as_json:
         print_json({"calibration": str(path), **_calibration_values(calibration)})
@@ -128,7 +123,7 @@ def evaluate(
     loaded = load(path)
     opened, observed = _observe(session, without)
     result = evaluate_session(opened, observed, loaded, _contrasts(opened.configuration, contrast, epsilon, pair))
-    written = write_results(result, folder)
+    written = write_results(result, _made(folder))
     if as_json:
         print_json(result.to_dict())
     else:
@@ -137,7 +132,7 @@ def evaluate(
 
 
 def replay(
-    session: Path = SESSION_ARGUMENT,
+    session: Path | None = typer.Argument(None, help="Folder of the session; default: the one that ships with labcdp."),
     against: Path | None = typer.Option(None, help="results.json to compare with; a difference is an error."),
     output: Path | None = typer.Option(
         None, "--output", "-o", help="Folder for report and calibration; default: none."
@@ -149,8 +144,9 @@ def replay(
     from ..calibration import save
     from ..evaluate import calibrate_session, evaluate_session
     from ..report import write_results
+    from ..session import example_session
 
-    opened, observed = _observe(session, without)
+    opened, observed = _observe(session or example_session(), without)
     calibration = calibrate_session(observed)
     result = evaluate_session(opened, observed, calibration)
     if output is not None:
@@ -175,7 +171,7 @@ def _observe(path: Path, without: list[str]) -> tuple[Session, ObservedSession]:
 
 def _results_folder(session: Session, output: Path | None) -> Path:
     path = session.path.resolve()
-    return _made(output or path.with_name(f"{path.name}-results"))
+    return output or path.with_name(f"{path.name}-results")
 
 
 def _made(folder: Path) -> Path:

@@ -12,6 +12,7 @@ from .configuration import (
     SourceConfiguration,
     TargetConfiguration,
 )
+from .examples import example_configuration, example_session
 from .files import StoredFile
 from .records import EventRecord, FrameRecord, ReadingRecord, Record, Role
 from .store import Session
@@ -34,4 +35,6 @@ __all__ = [
     "SourceConfiguration",
     "StoredFile",
     "TargetConfiguration",
+    "example_configuration",
+    "example_session",
 ]

@@ -9,6 +9,8 @@ from math import floor, log10, sqrt
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from labcdp.calibration import (
     CameraState,
     DarkObservation,
@@ -17,8 +19,6 @@ from labcdp.calibration import (
     Setup,
 )
 from labcdp.calibration.unevenness import Unevenness
-from numpy.typing import NDArray
-
 from labcdp.frame import CameraIdentity, Frame
 from labcdp.reading import MeterIdentity, Reading
 

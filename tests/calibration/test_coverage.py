@@ -5,6 +5,7 @@ from math import log, sqrt
 
 import numpy as np
 import pytest
+
 from labcdp.calibration import fit, patch_luminance
 
 #: One patch is drawn for each calibration, as the scale error ties all its patches together; the calibrations are the

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from labcdp.calibration.dark import fit_dark
 from labcdp.calibration.noise import fit_noise
-
 from labcdp.errors import CalibrationError
 
 EXPOSURES_S = (0.001, 0.01, 0.1)

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labcdp.calibration import fit, observe_dark, observe_patches
 
+from labcdp.calibration import fit, observe_dark, observe_patches
 from labcdp.errors import CalibrationError, InputError
 from labcdp.luminance import Cos4Vignetting
 from labcdp.reading import MeterIdentity

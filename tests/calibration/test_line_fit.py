@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labcdp.calibration.line_fit import fit_line
 from scipy.optimize import least_squares, minimize_scalar
 
+from labcdp.calibration.line_fit import fit_line
 from labcdp.errors import CalibrationError
 
 # Pearson's points with York's weights, the standard test of such fits: D. York, Can. J. Phys. 44 (1966) 1079; the

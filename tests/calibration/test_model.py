@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labcdp.calibration import LensIdentity, fit
 
+from labcdp.calibration import LensIdentity, fit
 from labcdp.errors import CalibrationError, InputError
 from labcdp.frame import CameraIdentity
 from labcdp.luminance import Invalid

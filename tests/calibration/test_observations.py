@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from labcdp.calibration import observe_dark, observe_patches
 from labcdp.calibration.region_statistics import quantisation_variance_dn2
-
 from labcdp.errors import CalibrationError, InputError
 from labcdp.luminance import Cos4Vignetting
 from labcdp.roi import Roi

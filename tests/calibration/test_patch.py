@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labcdp.calibration import expanded_half_width, fit, patch_luminance
 
+from labcdp.calibration import expanded_half_width, fit, patch_luminance
 from labcdp.errors import CalibrationError
 from labcdp.luminance import Cos4Vignetting
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labcdp.calibration.readings import combine_readings, meter_scale
 
+from labcdp.calibration.readings import combine_readings, meter_scale
 from labcdp.errors import CalibrationError, InputError
 from labcdp.reading import CD_M2_PER_FL, MeterIdentity
 

@@ -2,6 +2,7 @@ from dataclasses import replace
 from math import sqrt
 
 import pytest
+
 from labcdp.calibration.dark import DarkModel
 from labcdp.calibration.noise import TemporalNoise
 from labcdp.calibration.signal import combine, usable

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labcdp.calibration import fit, load, save
 
+from labcdp.calibration import fit, load, save
 from labcdp.errors import InputError
 from labcdp.luminance import Cos4Vignetting
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labcdp.calibration import coverage_probability, expanded_half_width
 from scipy.integrate import quad
 from scipy.special import ndtr
 
+from labcdp.calibration import coverage_probability, expanded_half_width
 from labcdp.errors import InputError
 
 half_widths = st.floats(0.05, 10.0)

@@ -23,7 +23,7 @@ def test_axial_illuminance_is_the_integral_over_the_cone_of_light(optics: Optics
     assert lens.axial_illuminance_per_cd_m2 == pytest.approx(brute_force, rel=1e-7)
 
 
-def test_tangent_form_would_be_13_percent_lower_at_f_1_4(optics: Optics) -> None:
+def test_illuminance_is_13_percent_above_the_tangent_form_at_f_1_4(optics: Optics) -> None:
     lens = replace(optics, f_number=1.4, transmittance=1.0)
     assert lens.axial_illuminance_per_cd_m2 / (pi / (1 + 4 * 1.4**2)) == pytest.approx(1.13, abs=0.005)
 

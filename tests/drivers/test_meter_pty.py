@@ -8,8 +8,8 @@ import time
 
 import pytest
 import serial
-from labcdp.drivers.simulated.meter import Fault, PtyMeter, SimulatedLS
 
+from labcdp.drivers.simulated.meter import Fault, PtyMeter, SimulatedLS
 from labcdp.errors import DeviceError, InputError
 
 SETTINGS = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "timeout": 2}

@@ -11,6 +11,9 @@ from datetime import UTC, datetime
 
 import pytest
 import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
 from labcdp.drivers.meter import (
     MeterError,
     MeterNotFoundError,
@@ -27,9 +30,6 @@ from labcdp.drivers.minolta_ls import (
     find_meter_ports,
 )
 from labcdp.drivers.simulated.meter import Fault, PtyMeter, SimulatedLS
-from serial.tools import list_ports
-from serial.tools.list_ports_common import ListPortInfo
-
 from labcdp.errors import InputError
 from labcdp.reading import MeterIdentity
 

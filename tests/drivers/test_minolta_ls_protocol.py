@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from labcdp.drivers.meter import (
     MeterError,
     MeterProtocolError,
@@ -19,7 +20,6 @@ from labcdp.drivers.minolta_ls import (
 )
 from labcdp.drivers.minolta_ls_protocol import parse_acknowledgement
 from labcdp.drivers.simulated.meter import format_number
-
 from labcdp.errors import InputError
 from labcdp.reading import MeterIdentity
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from labcdp.drivers.minolta_ls import LS100, LS110
 from labcdp.drivers.simulated.meter import EXACT, MeterErrorModel, SimulatedLS, format_number
-
 from labcdp.errors import InputError
 
 

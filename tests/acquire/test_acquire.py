@@ -1,0 +1,170 @@
+from contextlib import ExitStack
+
+import pytest
+
+from labcdp.acquire import acquire, remaining
+from labcdp.drivers.aravis_camera import AravisCamera
+from labcdp.drivers.camera import CameraLostError, CameraNotFoundError, IncompleteFrameError
+from labcdp.drivers.meter import MeterReportedError
+from labcdp.drivers.minolta_ls import MinoltaLS100, MinoltaLS110
+from labcdp.drivers.replay import ReplayCamera, ReplayMeter
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.meter import Fault
+from labcdp.errors import SessionError
+from labcdp.session import Session, example_session
+
+SHAPE = (400, 480)
+
+
+@pytest.fixture
+def bench(small_configuration):
+    return SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE)
+
+
+@pytest.fixture
+def stack():
+    with ExitStack() as opened:
+        yield opened
+
+
+def counts(session):
+    return len(session.frames("light")), len(session.readings()), len(session.frames("dark"))
+
+
+def test_a_run_records_the_plan(bench, stack, small_configuration, tmp_path):
+    session = stack.enter_context(Session.create(tmp_path / "s", small_configuration))
+    camera = stack.enter_context(bench.in_process_camera())
+    meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
+    seen = []
+    acquire(session, camera, meter, bench, seen.append)
+    assert counts(session) == (6, 32, 6)
+    assert remaining(session).complete
+    assert not bench.covered
+    assert [(p.step, p.done, p.total) for p in seen if p.done == p.total] == [
+        ("light frames", 6, 6),
+        ("meter readings", 32, 32),
+        ("dark frames", 6, 6),
+    ]
+    darkest = max(session.load(record).dn.max() for record in session.frames("dark"))
+    brightest = max(session.load(record).dn.max() for record in session.frames("light"))
+    assert darkest < 200 < 4000 < brightest
+    session.verify()
+
+
+def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, small_configuration, tmp_path):
+    """On the real protocol: the camera vanishes after three frames; a second run takes only the rest."""
+    path = tmp_path / "s"
+    meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
+    server = bench.gige_camera().start()
+
+    def unplug(progress):
+        if (progress.step, progress.done) == ("light frames", 3):
+            server.stop()
+
+    with (
+        Session.create(path, small_configuration) as session,
+        AravisCamera() as camera,
+        pytest.raises(CameraLostError, match=r"stopped answering .*check power and cable, then open it again"),
+    ):
+        acquire(session, camera, meter, bench, unplug)
+    with Session.open(path) as session:
+        session.verify()
+        assert counts(session) == (3, 0, 0)
+    with Session.open(path, writable=True) as session, bench.gige_camera(), AravisCamera() as camera:
+        acquire(session, camera, meter, bench)
+        session.verify()
+        assert counts(session) == (6, 32, 6)
+
+
+def test_a_meter_error_in_the_middle_costs_nothing(bench, stack, small_configuration, tmp_path):
+    path = tmp_path / "s"
+    camera = stack.enter_context(bench.in_process_camera())
+    pty = stack.enter_context(bench.pty_meter(0))
+    meter = stack.enter_context(MinoltaLS110(pty.port))
+
+    def exhaust(progress):
+        if (progress.step, progress.done) == ("meter readings", 5):
+            pty.inject(Fault(reply=b"ER30\r\n"))
+
+    with (
+        Session.create(path, small_configuration) as session,
+        pytest.raises(MeterReportedError, match=r"ER30.*batter"),
+    ):
+        acquire(session, camera, meter, bench, exhaust)
+    with Session.open(path, writable=True) as session:
+        session.verify()
+        assert counts(session) == (6, 5, 0)
+        acquire(session, camera, meter, bench)
+        assert counts(session) == (6, 32, 6)
+
+
+def test_incomplete_frames_are_taken_again_and_noted(bench, stack, small_configuration, tmp_path):
+    class Lossy:
+        """The bench's camera behind a network that spoils every second frame."""
+
+        def __init__(self, camera):
+            self._camera = camera
+            self._n = 0
+
+        def __getattr__(self, name):
+            return getattr(self._camera, name)
+
+        def snap(self, timeout_s=None):
+            self._n += 1
+            if self._n % 2:
+                raise IncompleteFrameError("frame 1 is incomplete")
+            return self._camera.snap()
+
+    session = stack.enter_context(Session.create(tmp_path / "s", small_configuration))
+    meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
+    acquire(session, Lossy(stack.enter_context(bench.in_process_camera())), meter, bench)
+    assert counts(session) == (6, 32, 6)
+    refused = [r for r in session.records if getattr(r, "kind", "") == "refused frame"]
+    assert len(refused) == 12
+
+
+def test_a_complete_session_asks_nothing_of_the_devices(small_configuration):
+    with Session.open(example_session()) as session:
+        before = len(session.records)
+        with ReplayCamera(session) as camera, ReplayMeter(session) as meter:
+            acquire(session, camera, meter, None)
+        assert len(session.records) == before
+
+
+def test_recorded_devices_repeat_a_session(small_configuration, tmp_path):
+    """Acquisition from the replayed example gives the same pixels and readings, and uses all of them."""
+
+    class Still:
+        def cover_lens(self):
+            pass
+
+        uncover_lens = cover_lens
+
+        def point_meter(self, patch):
+            pass
+
+    with Session.open(example_session()) as recorded, Session.create(tmp_path / "s", small_configuration) as session:
+        with ReplayCamera(recorded) as camera, ReplayMeter(recorded) as meter:
+            acquire(session, camera, meter, Still())
+            assert not camera.unused
+            assert not meter.unused
+        for new, old in zip(session.frames(), recorded.frames(), strict=True):
+            assert new.metadata == old.metadata
+            assert (session.load(new).dn == recorded.load(old).dn).all()
+        assert [r.reading for r in session.readings()] == [r.reading for r in recorded.readings()]
+
+
+def test_another_camera_than_configured_is_refused(bench, stack, small_configuration, tmp_path):
+    camera = small_configuration.camera.model_copy(update={"serial": "DEV-42"})
+    configuration = small_configuration.model_copy(update={"camera": camera})
+    session = stack.enter_context(Session.create(tmp_path / "s", configuration))
+    meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
+    with pytest.raises(CameraNotFoundError, match=r"serial is 'SIM-503363706', the configuration says 'DEV-42'"):
+        acquire(session, stack.enter_context(bench.in_process_camera()), meter, bench)
+
+
+def test_another_meter_than_configured_is_refused(bench, stack, small_configuration, tmp_path):
+    session = stack.enter_context(Session.create(tmp_path / "s", small_configuration))
+    meter = stack.enter_context(MinoltaLS100(stack.enter_context(bench.pty_meter(0)).port))
+    with pytest.raises(SessionError, match="the meter is a LS-100, the configuration says LS-110"):
+        acquire(session, stack.enter_context(bench.in_process_camera()), meter, bench)

@@ -1,0 +1,20 @@
+import pytest
+
+from labcdp.evaluate import calibrate_session, evaluate_session, observe_session
+from labcdp.session import Session, example_session
+
+
+@pytest.fixture(scope="session")
+def recorded():
+    with Session.open(example_session()) as session:
+        yield session
+
+
+@pytest.fixture(scope="session")
+def observed(recorded):
+    return observe_session(recorded)
+
+
+@pytest.fixture(scope="session")
+def evaluation(recorded, observed):
+    return evaluate_session(recorded, observed, calibrate_session(observed))

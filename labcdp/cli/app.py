@@ -26,16 +26,19 @@ app.command("replay")(session.replay)
 app.command("simulate-bench")(bench.simulate_bench)
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"labcdp {version('labcdp')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _options(
     verbose: bool = typer.Option(False, "--verbose", "-v", help="Also tell what the devices do."),
-    version: bool = typer.Option(False, "--version", help="Tell the version and stop.", is_eager=True),
+    _: bool = typer.Option(False, "--version", help="Tell the version and stop.", is_eager=True, callback=_version),
 ) -> None:
-    if version:
-        from importlib.metadata import version as version_of
-
-        typer.echo(f"labcdp {version_of('labcdp')}")
-        raise typer.Exit
     log_to_terminal(verbose)
 
 

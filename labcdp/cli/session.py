@@ -233,9 +233,9 @@ def _numbers(values: dict[str, Any]) -> dict[str, Any]:
     """Keep what a replay has to repeat: all but the versions of the programs."""
     import json
 
-    from .terminal import finite
+    from ..json_text import results_json
 
-    numbers: dict[str, Any] = json.loads(json.dumps(finite(values)))
+    numbers: dict[str, Any] = json.loads(results_json(values))
     del numbers["versions"]
     return numbers
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -47,16 +45,9 @@ def say(text: str) -> None:
 
 def print_json(values: Any) -> None:
     """Print a result for machines."""
-    sys.stdout.write(json.dumps(finite(values), indent=2, allow_nan=False) + "\n")
+    from ..json_text import results_json
 
-
-def finite(values: Any) -> Any:
-    """Return the values with null for infinity and NaN, which JSON does not have."""
-    if isinstance(values, dict):
-        return {key: finite(value) for key, value in values.items()}
-    if isinstance(values, list | tuple):
-        return [finite(value) for value in values]
-    return None if isinstance(values, float) and not isfinite(values) else values
+    sys.stdout.write(results_json(values))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

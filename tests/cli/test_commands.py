@@ -88,29 +88,29 @@ def test_a_session_between_two_programs(labcdp, labcdp_path, running_bench, tmp_
     bench, told = running_bench()
     configuration = SessionConfiguration.load(example_session() / "session.toml")
     names = [patch.name for patch in configuration.target.patches]
-    acquisition = subprocess.Popen(
+    asked = []
+    with subprocess.Popen(
         [labcdp_path, "acquire", example_session() / "session.toml", "two", "--meter", told["meter"]["port"]],
         cwd=tmp_path,
         stdin=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    asked = []
-    for line in acquisition.stderr:
-        if "then press Enter" not in line:
-            continue
-        asked.append(line.strip())
-        if "Put the cap" in line:
-            bench.stdin.write("cover\n")
-        elif "Take the cap" in line:
-            bench.stdin.write("uncover\n")
-        else:
-            bench.stdin.write(f"point {re.search('patch (.*), then', line)[1]}\n")
-        bench.stdin.flush()
-        assert "meter points at" in bench.stderr.readline()
-        acquisition.stdin.write("\n")
-        acquisition.stdin.flush()
-    assert acquisition.wait() == 0
+    ) as acquisition:
+        for line in acquisition.stderr:
+            if "then press Enter" not in line:
+                continue
+            asked.append(line.strip())
+            if "Put the cap" in line:
+                bench.stdin.write("cover\n")
+            elif "Take the cap" in line:
+                bench.stdin.write("uncover\n")
+            else:
+                bench.stdin.write(f"point {re.search('patch (.*), then', line)[1]}\n")
+            bench.stdin.flush()
+            assert "meter points at" in bench.stderr.readline()
+            acquisition.stdin.write("\n")
+            acquisition.stdin.flush()
+    assert acquisition.returncode == 0
     assert len(asked) == 2 + len(names) + 1
     done = labcdp("calibrate", "two", "--json")
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,7 @@ from typing import Any
 
 def results_json(values: Any) -> str:
     """Write values as JSON; infinity and nan, which it does not have, become null."""
-    return json.dumps(_finite(values), indent=2, allow_nan=False) + "\n"
+    return json.dumps(_finite(values), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _finite(values: Any) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite, nan, sqrt
-from numbers import Real
 from typing import Literal
 
 from ..errors import InputError
@@ -94,28 +93,22 @@ def cdp(a: Region, b: Region, contrast: float, epsilon: float = 0.5) -> CdpResul
     low, high = _contrast_interval(contrast, epsilon)
     bright, dark, bright_name = bright_and_dark(a, b)
     tally = tally_pairs(bright, dark, low, high)
-    pairs = bright.total * dark.total
-    share = tally.inside / pairs
     standard_error, interval = nan, (nan, nan)
     if bright.size is not None and dark.size is not None:
         variance = unbiased_variance(
-            share,
-            tally.inside_per_dark / bright.total,
-            dark.weights,
-            tally.inside_per_bright / dark.total,
-            bright.weights,
+            tally.inside, tally.inside_per_dark, dark.weights, tally.inside_per_bright, bright.weights
         )
         standard_error = sqrt(variance)
-        interval = confidence_interval(share, variance, min(bright.size, dark.size))
+        interval = confidence_interval(tally.inside, variance, min(bright.size, dark.size))
     return CdpResult(
-        cdp=share,
+        cdp=tally.inside,
         standard_error=standard_error,
         confidence_interval=interval,
         contrast=float(contrast),
         epsilon=float(epsilon),
         interval=(float(low), float(high)),
-        below=tally.below / pairs,
-        above=tally.above / pairs,
+        below=tally.below,
+        above=tally.above,
         undefined=bright.not_positive * dark.not_positive,
         bright=bright_name,
         bright_size=bright.size,
@@ -125,9 +118,9 @@ def cdp(a: Region, b: Region, contrast: float, epsilon: float = 0.5) -> CdpResul
 
 def _contrast_interval(contrast: float, epsilon: float) -> tuple[Fraction, Fraction]:
     """Lowest and highest contrast that counts as detected, exactly; raises InputError if out of range."""
-    if not (isinstance(contrast, Real) and isfinite(contrast) and contrast > 0):
+    if not (isfinite(contrast) and contrast > 0):
         raise InputError(f"contrast is {contrast}: give a fraction above 0 (1.0 is 100 %)")
-    if not (isinstance(epsilon, Real) and 0 < epsilon <= 1):
+    if not 0 < epsilon <= 1:
         raise InputError(f"epsilon is {epsilon}: give a fraction above 0, up to 1")
     middle, tolerance = decimal_fraction(contrast), decimal_fraction(epsilon)
     return middle * (1 - tolerance), middle * (1 + tolerance)

@@ -45,29 +45,29 @@ class Distribution:
         negative or not finite, or all weights are 0.
     """
 
-    values: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    values: NDArray[Any]
+    weights: NDArray[Any]
     size: int | None = field(init=False)
 
     def __post_init__(self) -> None:
-        given = numeric_array(self.weights, "weights")
-        weights = given.astype(np.float64)
-        values = numeric_array(self.values, "values").astype(np.float64)
-        if values.ndim != 1 or values.shape != weights.shape:
+        values, weights = numeric_array(self.values, "values"), numeric_array(self.weights, "weights")
+        counted = weights.dtype.kind in "iu"
+        if values.ndim != 1 or values.shape != weights.shape or values.size == 0:
             raise InputError(
                 f"values have shape {values.shape}, weights {weights.shape}: give two lists of equal length"
             )
-        if not np.isfinite(values).all() or (values[1:] <= values[:-1]).any():
+        values, weights = _read_only(values), _read_only(weights)
+        rising = bool((values[1:] > values[:-1]).all())
+        if not (rising and np.isfinite(values[[0, -1]]).all()):
             raise InputError("values are not finite or not rising: sort them and join equal ones")
-        if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any()):
+        lightest, total = weights.min(), weights.sum()
+        if not (lightest >= 0 and np.isfinite(total) and total > 0):
             raise InputError("weights are not finite, negative or all 0: give how often each value occurs")
-        if (weights == 0).any():
-            values, weights = values[weights > 0], weights[weights > 0]
-        values.flags.writeable = False
-        weights.flags.writeable = False
+        if lightest == 0:
+            values, weights = _read_only(values[weights > 0]), _read_only(weights[weights > 0])
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "weights", weights)
-        object.__setattr__(self, "size", int(weights.sum()) if given.dtype.kind in "iu" else None)
+        object.__setattr__(self, "size", int(total) if counted else None)
 
     @classmethod
     def from_array(cls, pixels: ArrayLike, name: str = "pixels") -> Distribution:
@@ -90,12 +90,14 @@ class Distribution:
         if flat.size == 0:
             raise InputError(f"{name} holds no pixel: give at least one")
         if flat.dtype.kind == "f":
-            if not np.isfinite(flat).all():
+            values, counts = _count_by_sorting(flat)
+            # Sorting puts what is not finite at the ends.
+            if not np.isfinite(values[[0, -1]]).all():
                 raise InputError(
                     f"{name} holds {np.count_nonzero(~np.isfinite(flat))} values that are not finite: "
                     "leave such pixels out"
                 )
-            return cls(*_count_by_sorting(flat))
+            return cls(values, counts)
         lowest, highest = int(flat.min()), int(flat.max())
         if max(-lowest, highest) > _LARGEST_INTEGER:
             raise InputError(f"{name} spans {lowest} to {highest}: give integers up to 2^53, or floating-point numbers")
@@ -167,14 +169,24 @@ def weighted_sum(weights: NDArray[np.float64], *factors: NDArray[np.float64]) ->
     return float(np.einsum(",".join("i" * (1 + len(factors))) + "->", weights, *factors))
 
 
-def _count_by_sorting(flat: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.integer[Any]]]:
+def _count_by_sorting(flat: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Distinct values in rising order and their counts."""
     ordered = np.sort(flat)
+    ordered.flags.writeable = False
     new = ordered[1:] != ordered[:-1]
     if new.all():
         return ordered, np.ones(flat.size, dtype=np.int8)
     starts = np.flatnonzero(np.concatenate(([True], new)))
     return ordered[starts], np.diff(starts, append=flat.size)
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[np.float64]:
+    """Return an array nobody can write to, copied only if somebody could or the type is another."""
+    if array.dtype == np.float64 and array.base is None and not array.flags.writeable:
+        return array
+    copy = array.astype(np.float64)
+    copy.flags.writeable = False
+    return copy
 
 
 def numeric_array(values: ArrayLike, name: str) -> NDArray[Any]:

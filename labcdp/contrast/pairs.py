@@ -21,7 +21,7 @@ from .distribution import Distribution, Region, as_distribution, weighted_sum
 RELATIVE_TOLERANCE = 8 * 2.0**-52
 
 #: Dark values handled at once: few enough that all that belongs to them stays in the processor's cache.
-_BLOCK = 4096
+_BLOCK = 8192
 
 
 def bright_and_dark(a: Region, b: Region) -> tuple[Distribution, Distribution, Literal["a", "b"]]:
@@ -50,7 +50,7 @@ def decimal_fraction(number: float) -> Fraction:
 
 
 def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -> float:
-    """Weight of all pairs of at most a contrast (at least -1), those with an undefined contrast included."""
+    """Weight of all pairs of at most a contrast (-1 or more), those with an undefined contrast included."""
     total = 0.0
     for block, start, counts in _counts_up_to(bright, dark, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
         total += weighted_sum(dark.weights[block], bright.cumulative[start:][counts])
@@ -59,16 +59,16 @@ def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -
 
 @dataclass(frozen=True, eq=False)
 class PairTally:
-    """Weights of all pairs sorted by an interval of contrast.
+    """All pairs sorted by an interval of contrast.
 
     Parameters
     ----------
     below, inside, above : float
-        Weight of the pairs with a lower contrast, one in the interval, a higher one. Undefined pairs are below.
+        Share of the pairs with a lower contrast, one in the interval, a higher one. Undefined pairs are below.
     inside_per_dark : ndarray of float, shape (m,)
-        For each distinct dark value, weight of the bright values inside.
+        For each distinct dark value, share of the bright pixels inside.
     inside_per_bright : ndarray of float, shape (n,)
-        For each distinct bright value, weight of the dark values inside.
+        For each distinct bright value, share of the dark pixels inside.
     """
 
     below: float
@@ -93,12 +93,15 @@ def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction, high: F
         inside_each = np.subtract(up_to_each, below_each, out=inside_per_dark[block])
         below += weighted_sum(weights, below_each)
         inside += weighted_sum(weights, inside_each)
-        above += weighted_sum(weights, bright.total - up_to_each)
+        above += weighted_sum(weights, bright.cumulative[-1] - up_to_each)
         entering, leaving = np.bincount(first, weights), np.bincount(last, weights)
         flow[enter : enter + entering.size] += entering
         flow[leave : leave + leaving.size] -= leaving
+    inside_per_dark /= bright.total
     inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
-    return PairTally(below, inside, above, inside_per_dark, inside_per_bright)
+    inside_per_bright /= dark.total
+    pairs = bright.total * dark.total
+    return PairTally(below / pairs, inside / pairs, above / pairs, inside_per_dark, inside_per_bright)
 
 
 def _counts_up_to(
@@ -114,7 +117,7 @@ def _counts_up_to(
     block : slice
         Which dark values.
     start : int
-        Count before the block, not above that of the block's first dark value.
+        Count for the last dark value before the block, which none in the block falls short of.
     counts : ndarray of int
         Count for each dark value of the block, less `start`.
     """
@@ -123,7 +126,6 @@ def _counts_up_to(
         block = slice(begin, begin + _BLOCK)
         with np.errstate(over="ignore"):
             limits = np.maximum(dark.values[block], 0) * factor
-        # Limits rise, so only this part of the bright values has to be searched.
         stop = int(bright.values.searchsorted(limits[-1], side="right"))
         yield block, start, bright.values[start:stop].searchsorted(limits, side="right")
         start = stop

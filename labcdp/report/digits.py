@@ -15,7 +15,7 @@ Z_95 = 1.959963984540054
 UNKNOWN = "unknown"
 
 #: More decimals than this of a probability tell nobody anything.
-_MOST_DECIMALS_OF_SHARE = 6
+_MOST_DECIMALS_OF_SHARE = 5
 
 #: Characters that XML and drawing cannot take; a name may hold them.
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
@@ -56,6 +56,14 @@ def percent(fraction: float) -> str:
     return f"{100 * fraction:.6g} %"
 
 
+def share_percent(share: float) -> str:
+    """Write a share as percent, with two digits of the share or of what is missing to all."""
+    rest = min(share, 1 - share)
+    if 0 < rest < 1e-6:
+        return "less than 0.0001 %" if rest == share else "more than 99.9999 %"
+    return f"{fixed(100 * share, decimals(100 * rest, 2) if rest else 0)} %"
+
+
 def exposure(exposure_s: float) -> str:
     """Write an exposure in the unit in which it is a handy number."""
     for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
@@ -77,12 +85,11 @@ def cdp_decimals(result: CdpResult) -> int:
     return min(decimals((high - low) / 2, 2), _MOST_DECIMALS_OF_SHARE)
 
 
-def cdp_with_interval(result: CdpResult) -> str:
-    """Write a CDP and its 95 % interval."""
+def cdp_interval(result: CdpResult) -> str:
+    """Write the 95 % interval of a CDP."""
     low, high = result.confidence_interval
     n = cdp_decimals(result)
-    interval = f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else f"interval {UNKNOWN}"
-    return f"{fixed(result.cdp, n)} ({interval})"
+    return f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else UNKNOWN
 
 
 def printable(text: str) -> str:

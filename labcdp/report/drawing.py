@@ -35,18 +35,19 @@ def new_figure(width_in: float, height_in: float, simulated: bool) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+    # "compressed" is the constrained layout, which also keeps what surrounds a picture close to it.
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="compressed")
     FigureCanvasAgg(figure)
     if simulated:
-        figure.supxlabel("simulated bench", x=0.995, ha="right", fontsize=SMALL_SIZE, color=VERMILLION)
+        figure.suptitle("simulated bench", x=0.01, ha="left", fontsize=SMALL_SIZE, color=VERMILLION)
     return figure
 
 
 def png(figure: Figure) -> bytes:
-    """Draw a figure."""
+    """Draw a figure, without empty margins."""
     file = BytesIO()
     with missing_glyphs_allowed():
-        figure.savefig(file, format="png", dpi=DPI)
+        figure.savefig(file, format="png", dpi=DPI, bbox_inches="tight", pad_inches=0.08)
     return file.getvalue()
 
 

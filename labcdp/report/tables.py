@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from .digits import (
     Z_95,
     cdp_decimals,
-    cdp_with_interval,
+    cdp_interval,
     decimals,
     exposure,
     exposures,
     fixed,
-    percent,
     printable,
     with_half_width,
 )
@@ -70,7 +69,7 @@ def _summary_row(row: PatchRow) -> tuple[str, ...]:
     return (
         printable(row.region.name),
         fixed(row.measured_cd_m2, measured_decimals(row)),
-        "–" if calculated is None else fixed(calculated, calibrated_decimals(row)),
+        "-" if calculated is None else fixed(calculated, calibrated_decimals(row)),
         fixed(row.calibrated.luminance_cd_m2, calibrated_decimals(row)),
         fixed(100 * row.deviation_rel, 2, sign=True),
         fixed(half_width_percent, decimals(half_width_percent, 2)),
@@ -123,9 +122,9 @@ def _contrast_row(row: ContrastRow) -> tuple[str, ...]:
         pair_name(row),
         f"{100 * row.cdp.contrast:.6g}",
         f"{100 * low:.6g} to {100 * high:.6g}",
-        _contrast_with_half_width(row.measured_contrast, row.measured_standard_uncertainty),
-        _contrast_with_half_width(row.camera_contrast, row.camera_standard_uncertainty),
-        cdp_with_interval(row.cdp),
+        contrast_with_half_width(row.measured_contrast, row.measured_standard_uncertainty),
+        contrast_with_half_width(row.camera_contrast, row.camera_standard_uncertainty),
+        f"{fixed(row.cdp.cdp, n)} ({cdp_interval(row.cdp)})",
         fixed(row.cdp.below, n),
         fixed(row.cdp.above, n),
         exposure(row.exposure_s),
@@ -137,12 +136,8 @@ def pair_name(row: ContrastRow) -> str:
     return printable(f"{row.bright} / {row.dark}")
 
 
-def asked(row: ContrastRow) -> str:
-    """Return the contrast asked for, in percent with the sign."""
-    return percent(row.cdp.contrast)
-
-
-def _contrast_with_half_width(contrast: float, standard_uncertainty: float) -> str:
+def contrast_with_half_width(contrast: float, standard_uncertainty: float) -> str:
+    """Write a contrast in percent, without the sign, and the half width of its 95 % interval."""
     return with_half_width(100 * contrast, 100 * Z_95 * standard_uncertainty)
 
 

@@ -1,0 +1,113 @@
+"""Figures that are plots: the fit of the responsivity, and the distribution of contrasts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..calibration import expanded_half_width
+from .digits import Z_95, cdp_decimals, cdp_interval, fixed, percent, shortened, with_half_width
+from .drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    SMALL_SIZE,
+    label,
+    new_figure,
+    plain_numbers,
+    png,
+)
+from .tables import contrast_with_half_width, pair_name
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..calibration import Calibration, PatchResidual
+    from ..evaluate import ContrastRow, SessionEvaluation
+
+
+def fit_figure(evaluation: SessionEvaluation) -> bytes:
+    """Draw the signal of the patches over their luminance by the meter with the fitted line, and residuals, as PNG."""
+    calibration = evaluation.calibration
+    rows = sorted(calibration.residuals, key=lambda row: row.reading_cd_m2)
+    figure = new_figure(10.0, max(4.5, 1.6 + 0.24 * len(rows)), bool(evaluation.simulated))
+    line, residuals = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
+    _draw_line(line, calibration, rows)
+    _draw_residuals(residuals, rows)
+    return png(figure)
+
+
+def _draw_line(axes: Axes, calibration: Calibration, rows: list[PatchResidual]) -> None:
+    r = calibration.responsivity.responsivity_dn_s_cd_m2
+    half_width = r * expanded_half_width(calibration.meter_scale.half_width_rel, calibration.responsivity.random_rel)
+    readings = np.array([row.reading_cd_m2 for row in rows])
+    ends = np.array([readings[0] / 1.5, readings[-1] * 1.5])
+    axes.plot(ends, r * ends, color=BLUE, linewidth=1.5, label="fitted line through zero")
+    rates = [r * row.luminance_cd_m2 for row in rows]
+    axes.plot(readings, rates, "o", markersize=5, color="black", markerfacecolor="none", label="patches")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    plain_numbers(axes.xaxis)
+    axes.grid(color="0.9")
+    axes.legend(fontsize=SMALL_SIZE, loc="upper left")
+    title = f"Responsivity {with_half_width(r, half_width)} DN s⁻¹ / (cd m⁻²)"
+    label(axes, "luminance by the meter in cd/m²", "signal by the camera in DN/s", title)
+
+
+def _draw_residuals(axes: Axes, rows: list[PatchResidual]) -> None:
+    places = np.arange(len(rows))
+    half_widths = [100 * Z_95 * _deviation_rel(row) for row in rows]
+    axes.axvline(0.0, color=BLUE, linewidth=1.5)
+    axes.errorbar(
+        [100 * row.residual_rel for row in rows],
+        places,
+        xerr=half_widths,
+        fmt="o",
+        markersize=5,
+        color="black",
+        markerfacecolor="white",
+        capsize=2.5,
+        elinewidth=1.0,
+    )
+    axes.grid(axis="x", color="0.9")
+    axes.set_axisbelow(True)
+    axes.set_ylim(-0.7, len(rows) - 0.3)
+    axes.margins(x=0.08)
+    label(axes, "residual in %, with 95 % bars", "", "Camera over meter, less one; brightest patch on top")
+    axes.set_yticks(places, [shortened(row.patch, 24) for row in rows], fontsize=SMALL_SIZE, parse_math=False)
+
+
+def _deviation_rel(row: PatchResidual) -> float:
+    """Return the residual's standard deviation by the stated errors, relative to the reading."""
+    if row.standardised_residual != 0:
+        return abs(row.residual_rel / row.standardised_residual)
+    return row.reading_random_cd_m2 / row.reading_cd_m2
+
+
+def contrast_figure(row: ContrastRow, simulated: bool) -> bytes:
+    """Draw cumulative probability and density of the contrasts of all pairs of pixels, as PNG.
+
+    As the 2018 thesis draws its distributions: a blue line, and grey bars scaled to a largest one of 1.
+    """
+    figure = new_figure(8.0, 4.8, simulated)
+    axes = figure.add_subplot()
+    edges = 100 * row.distribution.edges
+    share = np.diff(row.distribution.cumulative)
+    density = share / share.max() if share.any() else share
+    axes.plot(edges, row.distribution.cumulative, color=BLUE, linewidth=1.8, label="cumulative probability")
+    axes.stairs(density, edges, fill=True, color="0.6", label="density, scaled to 1")
+    low, high = row.cdp.interval
+    detected = f"detected: {percent(low)} to {percent(high)}"
+    axes.axvspan(100 * low, 100 * high, color=ORANGE, alpha=0.25, linewidth=0, zorder=0, label=detected)
+    asked = percent(row.cdp.contrast)
+    axes.axvline(100 * row.cdp.contrast, color="black", linestyle="--", label=f"asked for: {asked}")
+    measured = contrast_with_half_width(row.measured_contrast, row.measured_standard_uncertainty)
+    axes.axvline(100 * row.measured_contrast, color=GREEN, linestyle="-.", label=f"by the meter: {measured} %")
+    axes.set_ylim(0.0, 1.05)
+    axes.set_xlim(edges[0], edges[-1])
+    cdp = fixed(row.cdp.cdp, cdp_decimals(row.cdp))
+    title = f"{shortened(pair_name(row), 60)}\nCDP {cdp} (95 %: {cdp_interval(row.cdp)})"
+    label(axes, "Weber contrast in %", "probability", title)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=SMALL_SIZE)
+    return png(figure)

@@ -1,0 +1,68 @@
+"""The results of an evaluation as files."""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..json_text import results_json
+from ..session.files import write_whole
+from .figures import draw_figures
+from .page import html_page
+from .spreadsheet import spreadsheet
+
+if TYPE_CHECKING:
+    from ..evaluate import SessionEvaluation
+
+_FIGURES = "figures"
+
+
+def write_results(evaluation: SessionEvaluation, folder: str | PathLike[str]) -> list[Path]:
+    """Write the results of an evaluation: for machines, for people, for spreadsheets, and as pictures.
+
+    Everything is made before the first file is written, and each file is there whole or not at all. Files of an
+    earlier evaluation in the folder are replaced; its pictures of contrasts that are no longer there are removed.
+
+    Parameters
+    ----------
+    evaluation : SessionEvaluation
+        What to write.
+    folder : path
+        Made if it does not exist.
+
+    Returns
+    -------
+    list of Path
+        results.json, report.html, results.xlsx and figures/*.png.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or a file cannot be written.
+    """
+    folder = Path(folder)
+    figures = draw_figures(evaluation)
+    files = {
+        "results.json": results_json(evaluation.to_dict()).encode(),
+        "report.html": html_page(evaluation, figures).encode(),
+        "results.xlsx": spreadsheet(evaluation),
+        **{f"{_FIGURES}/{figure.file_name}": figure.png for figure in figures},
+    }
+    path = folder / _FIGURES
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for old in path.iterdir():
+            if re.fullmatch(r"contrast-\d+\.png", old.name) and f"{_FIGURES}/{old.name}" not in files:
+                old.unlink()
+        for name, data in files.items():
+            path = folder / name
+            write_whole(folder, name, data)
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with "
+            "enough space"
+        ) from error
+    return [folder / name for name in files]

@@ -1,1 +1,67 @@
-"""Room."""
+"""Drivers: cameras and luminance meters, real, replayed and simulated, behind two protocols."""
+
+from typing import Literal
+
+from ..reading import MeterIdentity
+from .aravis_camera import AravisCamera, CameraInfo, discover
+from .camera import Camera, CameraError, CameraSettings
+from .meter import Meter, MeterError
+from .minolta_ls import MinoltaLS100, MinoltaLS110, find_meter_ports
+from .replay import ReplayCamera, ReplayMeter
+
+__all__ = [
+    "AravisCamera",
+    "Camera",
+    "CameraError",
+    "CameraInfo",
+    "CameraSettings",
+    "Meter",
+    "MeterError",
+    "MinoltaLS100",
+    "MinoltaLS110",
+    "ReplayCamera",
+    "ReplayMeter",
+    "discover",
+    "find_meter_ports",
+    "open_camera",
+    "open_meter",
+]
+
+
+def open_camera(selector: str | None = None) -> AravisCamera:
+    """Open a camera; close it, or use it as a context manager.
+
+    Parameters
+    ----------
+    selector : str or None
+        Serial number, address or model; None takes the only one there is.
+
+    Raises
+    ------
+    CameraError
+        If it is absent or busy, or Aravis is not installed.
+    """
+    return AravisCamera(selector).open()
+
+
+def open_meter(
+    port: str, model: Literal["LS-100", "LS-110"] = "LS-110", identity: MeterIdentity | None = None
+) -> MinoltaLS100 | MinoltaLS110:
+    """Open a luminance meter; close it, or use it as a context manager.
+
+    Parameters
+    ----------
+    port : str
+        Serial port, for example ``/dev/ttyUSB0``.
+    model : {'LS-110', 'LS-100'}
+        Its model, which it cannot tell.
+    identity : MeterIdentity or None
+        Serial number and calibration date, for its readings.
+
+    Raises
+    ------
+    MeterError
+        If the port cannot be opened or no meter answers.
+    """
+    driver = MinoltaLS100 if model == "LS-100" else MinoltaLS110
+    return driver(port, identity).open()

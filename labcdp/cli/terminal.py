@@ -64,7 +64,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     console = Console(highlight=False)
     if not console.is_terminal:
         # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
-        console = Console(highlight=False, width=160)
+        console = Console(highlight=False, width=200)
     console.print(table)
 
 

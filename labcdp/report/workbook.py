@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
@@ -117,15 +118,15 @@ def _fill(page: Any, sheet: Sheet) -> None:
 
 
 def _write_head(cell: Any, head: str, numeric: bool) -> None:
-    from copy import copy
-
-    from openpyxl.styles import Alignment
-
     _write(cell, head)
     font = copy(cell.font)
     font.bold = True
     cell.font = font
-    cell.alignment = Alignment(horizontal="right" if numeric else "left", vertical="bottom", wrap_text=True)
+    alignment = copy(cell.alignment)
+    alignment.horizontal = "right" if numeric else "left"
+    alignment.indent = 0 if numeric else alignment.indent
+    alignment.vertical = "bottom"
+    cell.alignment = alignment
 
 
 def _write(cell: Any, content: Cell) -> None:

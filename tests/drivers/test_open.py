@@ -1,0 +1,34 @@
+import pytest
+
+import labcdp
+from labcdp.drivers.camera import CameraNotFoundError
+from labcdp.drivers.meter import MeterNotFoundError
+from labcdp.drivers.simulated import PtyMeter, SimulatedLS
+from labcdp.reading import MeterIdentity
+
+
+def test_open_camera(camera_on_loopback):
+    with labcdp.drivers.open_camera("SIM-1") as camera:
+        assert camera.snap().shape == (48, 64)
+
+
+def test_open_camera_says_what_is_missing(aravis):
+    with pytest.raises(CameraNotFoundError, match="no camera 'DEV-2'"):
+        labcdp.drivers.open_camera("DEV-2")
+
+
+@pytest.mark.parametrize("model", ["LS-100", "LS-110"])
+def test_open_meter(model):
+    identity = MeterIdentity(model, "73323007", "2026-03-02", simulated=True)
+    with (
+        PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0) as pty,
+        labcdp.drivers.open_meter(pty.port, model, identity) as meter,
+    ):
+        reading = meter.measure()
+    assert reading.luminance_cd_m2 == pytest.approx(83.02)
+    assert reading.meter == identity
+
+
+def test_open_meter_says_what_is_missing():
+    with pytest.raises(MeterNotFoundError, match="/dev/ttyNONE"):
+        labcdp.drivers.open_meter("/dev/ttyNONE")

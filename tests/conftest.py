@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import shutil
 import subprocess
 
 import pytest
@@ -12,7 +13,7 @@ _CLONE_NEWNET = 0x40000000
 def pytest_configure() -> None:
     """Move the test process into a network namespace with nothing but loopback, where that is allowed."""
     # Before any thread exists: the call moves the calling thread only.
-    if os.geteuid() == 0 and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
+    if os.geteuid() == 0 and shutil.which("ip") and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
         subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
         subprocess.run(["ip", "addr", "add", "127.0.0.2/8", "dev", "lo"], check=True)
 
@@ -28,6 +29,14 @@ def aravis():
     from gi.repository import Aravis
 
     return Aravis
+
+
+@pytest.fixture(scope="session")
+def aravis_tools(aravis):
+    """Debian's command line programs of Aravis, or skip."""
+    for name, package in (("arv-tool-0.8", "aravis-tools-cli"), ("arv-camera-test-0.8", "aravis-tools")):
+        if shutil.which(name) is None:
+            pytest.skip(f"{name} ({package}) is not installed")
 
 
 @pytest.fixture(scope="session")

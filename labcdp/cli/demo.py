@@ -36,7 +36,7 @@ def demo(
         return
     show_evaluation(result)
     say(
-        f"Camera over {details['camera_transport']}; calibrated and simulated luminance differ by up to "
+        f"Camera: {details['camera_transport']}; calibrated and simulated luminance differ by up to "
         f"{details['largest_error_rel']:.2%}, of which {details['meter_scale_rel']:.2%} is the simulated meter's scale"
     )
     say(f"Written in {details['elapsed_s']} s: {', '.join(str(path) for path in written)}")

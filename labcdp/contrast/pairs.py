@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from .distribution import Distribution, Region, as_distribution, weighted_sum
+from .threads import each_in_thread
 
 #: A bright value this close to the end of an interval, relative to the end, lies on it. The end, factor times dark
 #: value, is known to 3 roundings (3 * 2^-53), so a pair that lies on the end in exact arithmetic is never missed.
@@ -34,7 +35,10 @@ def bright_and_dark(a: Region, b: Region) -> tuple[Distribution, Distribution, L
     InputError
         If a region cannot be used, or neither holds a value above 0.
     """
-    first, second = as_distribution(a, "region a"), as_distribution(b, "region b")
+    sizes = [region.size for region in (a, b) if isinstance(region, np.ndarray)]
+    first, second = each_in_thread(
+        lambda named: as_distribution(*named), [(a, "region a"), (b, "region b")], max(sizes, default=0)
+    )
     if max(first.values[-1], second.values[-1]) <= 0:
         raise InputError(
             "neither region holds a value above 0, so no contrast is defined: check exposure and black level"
@@ -52,7 +56,7 @@ def decimal_fraction(number: float) -> Fraction:
 def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -> float:
     """Weight of all pairs of at most a contrast (-1 or more), those with an undefined contrast included."""
     total = 0.0
-    for block, start, counts in _counts_up_to(bright, dark, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
+    for block, start, counts in _counts_up_to(bright, dark.values, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
         total += weighted_sum(dark.weights[block], bright.cumulative[start:][counts])
     return total
 
@@ -80,32 +84,53 @@ class PairTally:
 
 def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction, high: Fraction) -> PairTally:
     """Sort all pairs by the closed interval of contrasts `low` to `high` (0 <= low < high)."""
-    lower_counts = _counts_up_to(bright, dark, float(1 + low) * (1 - RELATIVE_TOLERANCE))
-    upper_counts = _counts_up_to(bright, dark, float(1 + high) * (1 + RELATIVE_TOLERANCE))
+    middle = dark.values.size // 2
+    parts = [slice(0, middle), slice(middle, dark.values.size)]
+    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, low, high), parts, dark.values.size)
+    pairs = bright.total * dark.total
+    below, inside, above = (sum(weights) / pairs for weights in zip(*(tally[:3] for tally in tallies), strict=True))
+    inside_per_dark = np.concatenate([tally.inside_per_dark for tally in tallies])
+    inside_per_dark /= bright.total
+    flow = tallies[0].flow
+    flow += tallies[1].flow
+    inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
+    inside_per_bright /= dark.total
+    return PairTally(below, inside, above, inside_per_dark, inside_per_bright)
+
+
+class _PartTally(NamedTuple):
+    """Weights of the pairs of some dark values; `flow` is how `inside_per_bright` changes from value to value."""
+
+    below: float
+    inside: float
+    above: float
+    inside_per_dark: NDArray[np.float64]
+    flow: NDArray[np.float64]
+
+
+def _tally_part(bright: Distribution, dark: Distribution, part: slice, low: Fraction, high: Fraction) -> _PartTally:
+    values, weights = dark.values[part], dark.weights[part]
+    lower_counts = _counts_up_to(bright, values, float(1 + low) * (1 - RELATIVE_TOLERANCE))
+    upper_counts = _counts_up_to(bright, values, float(1 + high) * (1 + RELATIVE_TOLERANCE))
     below = inside = above = 0.0
-    inside_per_dark = np.empty(dark.values.size)
+    inside_per_dark = np.empty(values.size)
     # Each dark value enters at its first bright value inside and leaves after its last one.
     flow = np.zeros(bright.values.size + 1)
     for (block, enter, first), (_, leave, last) in zip(lower_counts, upper_counts, strict=True):
-        weights = dark.weights[block]
         below_each = bright.cumulative[enter:][first]
         up_to_each = bright.cumulative[leave:][last]
         inside_each = np.subtract(up_to_each, below_each, out=inside_per_dark[block])
-        below += weighted_sum(weights, below_each)
-        inside += weighted_sum(weights, inside_each)
-        above += weighted_sum(weights, bright.cumulative[-1] - up_to_each)
-        entering, leaving = np.bincount(first, weights), np.bincount(last, weights)
+        below += weighted_sum(weights[block], below_each)
+        inside += weighted_sum(weights[block], inside_each)
+        above += weighted_sum(weights[block], bright.cumulative[-1] - up_to_each)
+        entering, leaving = np.bincount(first, weights[block]), np.bincount(last, weights[block])
         flow[enter : enter + entering.size] += entering
         flow[leave : leave + leaving.size] -= leaving
-    inside_per_dark /= bright.total
-    inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
-    inside_per_bright /= dark.total
-    pairs = bright.total * dark.total
-    return PairTally(below / pairs, inside / pairs, above / pairs, inside_per_dark, inside_per_bright)
+    return _PartTally(below, inside, above, inside_per_dark, flow)
 
 
 def _counts_up_to(
-    bright: Distribution, dark: Distribution, factor: float
+    bright: Distribution, dark_values: NDArray[np.float64], factor: float
 ) -> Iterator[tuple[slice, int, NDArray[np.intp]]]:
     """Count, for each dark value, the distinct bright values of at most `factor` (0 or more) times the dark one.
 
@@ -122,10 +147,10 @@ def _counts_up_to(
         Count for each dark value of the block, less `start`.
     """
     start = 0
-    for begin in range(0, dark.values.size, _BLOCK):
+    for begin in range(0, dark_values.size, _BLOCK):
         block = slice(begin, begin + _BLOCK)
         with np.errstate(over="ignore"):
-            limits = np.maximum(dark.values[block], 0) * factor
+            limits = np.maximum(dark_values[block], 0) * factor
         stop = int(bright.values.searchsorted(limits[-1], side="right"))
         yield block, start, bright.values[start:stop].searchsorted(limits, side="right")
         start = stop

@@ -26,8 +26,8 @@ TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11.0, 10.0, 9.0
 #: Colours that colour-blind readers tell apart (M. Okabe and K. Ito, Color Universal Design, 2008).
 BLUE, ORANGE, VERMILLION, GREEN = "#0072B2", "#E69F00", "#D55E00", "#009E73"
 
-#: Largest side of a drawn image in pixels; about what a figure can show.
-_LARGEST_SIDE = 1000
+#: Largest side of a drawn image in pixels: no more than a figure has for it, so that none is lost.
+_LARGEST_SIDE = 850
 
 
 def new_figure(width_in: float, height_in: float, simulated: bool) -> Figure:

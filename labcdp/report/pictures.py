@@ -191,7 +191,7 @@ def luminance_figure(evaluation: SessionEvaluation) -> bytes:
     plain_numbers(bar.ax.yaxis)
     reasons = _reasons(evaluation.map, low)
     if reasons:
-        axes.imshow(_overlay(reasons, side), extent=_extent(luminance))
+        axes.imshow(_overlay(reasons, side), extent=_extent(luminance), interpolation="nearest")
         figure.legend(
             handles=[Patch(facecolor=reason.colour, edgecolor="black", linewidth=0.6) for reason in reasons],
             labels=[f"{reason.name}: {share_percent(float(reason.mask.mean()))} of the pixels" for reason in reasons],

@@ -195,7 +195,7 @@ def test_incomplete_frames_are_refused(aravis):
         assert camera.snap().shape == (480, 640)
 
 
-def test_a_camera_that_waits_for_a_trigger_times_out(camera_on_loopback):
+def test_a_camera_that_waits_for_a_trigger_times_out(aravis_tools, camera_on_loopback):
     for setting in ("TriggerMode=On", "TriggerSource=Software"):
         subprocess.run(["arv-tool-0.8", "control", setting], check=True, capture_output=True)
     with AravisCamera() as camera:

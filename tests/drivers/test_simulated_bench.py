@@ -140,7 +140,7 @@ def test_an_unknown_patch_is_refused(bench):
         bench.point_meter("P99")
 
 
-def test_aravis_own_tools_see_and_stream_it(aravis):
+def test_aravis_own_tools_see_and_stream_it(aravis_tools):
     """At its full size, through Debian's arv-tool and arv-camera-test with their default options."""
     configuration = SessionConfiguration.from_toml(example_configuration(), "example")
     bench = SimulatedBench(configuration, BenchDevices.standard())

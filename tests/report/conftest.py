@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from labcdp.drivers.minolta_ls import MinoltaLS110
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 
 from labcdp.acquire import acquire
+from labcdp.drivers.minolta_ls import MinoltaLS110
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate import SessionEvaluation, calibrate_session, evaluate_session, observe_session
 from labcdp.reading import MeterIdentity
 from labcdp.report import write_results

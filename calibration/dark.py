@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import CalibrationError
 from .observations import CameraState, DarkObservation
@@ -55,6 +56,12 @@ class DarkModel:
         return max(variance + 2 * a * b * self.covariance_dn2_s, 0.0)
 
 
+#: Probability of a chi^2 below which the dark frames contradict each other.
+_CHANCE = 0.01
+#: Differences of mean darkness up to this are the wander of a sound camera's black level.
+_WANDER_DN = 0.5
+
+
 def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     """Fit the darkness to dark frames.
 
@@ -79,6 +86,8 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     CalibrationError
         If there is no observation, or cameras or settings differ.
     """
+    from scipy.special import chdtrc
+
     if not darks:
         raise CalibrationError(
             "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
@@ -109,8 +118,20 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     parameters[:n] = covariance[:n, :n] @ (design.T @ (weights * y))
     freedom = t.size - n
     if freedom > 0:
-        chi_squared = float(np.sum(weights * (y - design @ parameters[:n]) ** 2))
+        residuals = y - design @ parameters[:n]
+        chi_squared = float(np.sum(weights * residuals**2))
+        if chdtrc(freedom, chi_squared) < _CHANCE and np.abs(residuals).max() > _WANDER_DN:
+            warnings.append(
+                f"the dark frames at {_most_deviating(t, y, weights, design):g} s do not fit the others, which a "
+                f"straight line over the exposure misses by up to {np.abs(residuals).max():.2g} DN: was the lens "
+                "covered, and the camera warm? take the dark frames again"
+            )
         covariance *= max(1.0, chi_squared / freedom)
+    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * sqrt(covariance[1, 1]):
+        warnings.append(
+            f"the darkness falls with the exposure by {-parameters[1]:.3g} DN/s, which no sensor does: was the lens "
+            "covered at the short exposures? take the dark frames again"
+        )
     freedoms = np.array([(d.n_pixels - 1) * (d.n_frames - 1) for d in darks])
     model = DarkModel(
         offset_dn=float(parameters[0]),
@@ -123,6 +144,19 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
         exposures_s=tuple(float(v) for v in np.unique(t)),
     )
     return model, warnings
+
+
+def _most_deviating(
+    t: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64], design: NDArray[np.float64]
+) -> float:
+    """Exposure without which a line fits the others best; a residual alone misleads at the ends of the range."""
+    left: list[float] = []
+    for index in range(t.size):
+        others = np.arange(t.size) != index
+        root = np.sqrt(weights[others])
+        parameters = np.linalg.lstsq(root[:, None] * design[others], root * y[others])[0]
+        left.append(float(np.sum(weights[others] * (y[others] - design[others] @ parameters) ** 2)))
+    return float(t[int(np.argmin(left))])
 
 
 def _require_one_state(darks: Sequence[DarkObservation]) -> None:

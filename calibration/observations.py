@@ -32,6 +32,8 @@ class CameraState:
         Analogue gain.
     saturation_dn : float
         DN from which a pixel counts as saturated.
+    black_level_dn : float
+        Black level set in the camera; the dark frames are right for this one only.
     """
 
     camera: CameraIdentity
@@ -40,6 +42,7 @@ class CameraState:
     image_shape: tuple[int, int]
     gain_db: float
     saturation_dn: float
+    black_level_dn: float
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:
@@ -56,6 +59,7 @@ class CameraState:
             frame.shape,
             frame.gain_db,
             frame.saturation_dn,
+            frame.black_level_dn,
         )
 
     def require(self, other: CameraState, mine: str, theirs: str) -> None:
@@ -80,6 +84,7 @@ class CameraState:
             ("image size", _size(self.image_shape), _size(other.image_shape)),
             ("gain", f"{self.gain_db:g} dB", f"{other.gain_db:g} dB"),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
+            ("black level", f"{self.black_level_dn:g} DN", f"{other.black_level_dn:g} DN"),
         ):
             if expected != found:
                 raise CalibrationError(

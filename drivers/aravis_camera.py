@@ -112,7 +112,8 @@ class AravisCamera:
     """A camera through Aravis.
 
     Each `grab` has a stream of its own on a network port of its own, opened after the last change of a setting:
-    a frame exposed before it cannot arrive there.
+    a frame exposed before it cannot arrive there. Opening switches off automatic exposure and gain, and sets the
+    whole sensor without binning and a gamma of 1, where the camera has these.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ class AravisCamera:
             self._identity = CameraIdentity(info.vendor, info.model, info.serial, simulated=_says_simulated(camera))
             if camera.is_gv_device():
                 camera.gv_auto_packet_size()
-            _switch_off_automatics(camera)
+            _bring_to_known_state(camera)
         self._camera = camera
         _log.info("opened %s at %s", self._identity, info.address)
         return self
@@ -412,10 +413,16 @@ def _says_simulated(camera: Any) -> bool:
     return "simulated" in (text or "").lower() or camera.get_vendor_name() == "Aravis"
 
 
-def _switch_off_automatics(camera: Any) -> None:
+def _bring_to_known_state(camera: Any) -> None:
+    """Undo what another program may have left: automatics, gamma, binning, and an image region off the axis."""
     for name in ("ExposureAuto", "GainAuto"):
         if camera.is_feature_available(name):
             camera.set_string(name, "Off")
+    if camera.is_feature_available("Gamma"):
+        camera.set_float("Gamma", 1.0)
+    if camera.is_binning_available():
+        camera.set_binning(1, 1)
+    camera.set_region(0, 0, *camera.get_sensor_size())
 
 
 def _check_range(name: str, value: float, low: float, high: float, unit: str) -> None:

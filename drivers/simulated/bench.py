@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import ceil, floor
 
 import numpy as np
@@ -71,7 +72,7 @@ class SimulatedBench:
     Raises
     ------
     ConfigurationError
-        If a patch has no nominal luminance or does not lie on the sensor.
+        If a patch has no nominal luminance, does not lie on the sensor, or overlaps another.
     """
 
     def __init__(
@@ -89,22 +90,26 @@ class SimulatedBench:
 
     def _scene(self, configuration: SessionConfiguration) -> PatchScene:
         height, width = self._chain.sensor.shape
-        patches = []
+        bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
+        _refuse_overlap(bounds)
+        surroundings: list[ScenePatch] = []
+        regions: list[ScenePatch] = []
         for patch in configuration.target.patches:
-            x0, y0, x1, y1 = patch.region().bounds
+            x0, y0, x1, y1 = bounds[patch.name]
             if x1 > width or y1 > height:
                 raise ConfigurationError(
                     f"patch {patch.name!r} reaches x {x1:g}, y {y1:g}, the simulated sensor has {width} x {height} "
                     "pixels: move it inside"
                 )
             dx, dy = _MARGIN_REL * (x1 - x0), _MARGIN_REL * (y1 - y0)
-            left, top = max(0, floor(x0 - dx)), max(0, floor(y0 - dy))
-            right, bottom = min(width, ceil(x1 + dx)), min(height, ceil(y1 + dy))
-            patches.append(
-                ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[patch.name]),
-            )
+            for drawn, mx, my in ((surroundings, dx, dy), (regions, 0.0, 0.0)):
+                left, top = max(0, floor(x0 - mx)), max(0, floor(y0 - my))
+                right, bottom = min(width, ceil(x1 + mx)), min(height, ceil(y1 + my))
+                drawn.append(ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[patch.name]))
         background_cd_m2 = _BACKGROUND_REL * min(self.luminance_cd_m2.values())
-        return PatchScene(width=width, height=height, background_cd_m2=background_cd_m2, patches=tuple(patches))
+        # Regions last: the margin of a close neighbour must not reach into them.
+        patches = (*surroundings, *regions)
+        return PatchScene(width=width, height=height, background_cd_m2=background_cd_m2, patches=patches)
 
     @property
     def device(self) -> SimulatedDevice:
@@ -185,6 +190,14 @@ class _Source:
             seed=self._devices.seed,
             exposure_index=index,
         )
+
+
+def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> None:
+    for (one, (ax0, ay0, ax1, ay1)), (other, (bx0, by0, bx1, by1)) in combinations(bounds.items(), 2):
+        if ceil(ax1) > floor(bx0) and ceil(bx1) > floor(ax0) and ceil(ay1) > floor(by0) and ceil(by1) > floor(ay0):
+            raise ConfigurationError(
+                f"patches {one!r} and {other!r} overlap, so the simulated target cannot show both: move one"
+            )
 
 
 def _nominal_cd_m2(patch: Patch) -> float:

@@ -276,6 +276,9 @@ def show_evaluation(result: SessionEvaluation) -> None:
     from .terminal import print_table
 
     show_calibration(result.calibration)
+    for warning in result.warnings:
+        if warning not in result.calibration.warnings:
+            say(f"Warning: {warning}")
     print_table("Luminance", *summary_table(result))
     if result.contrasts:
         print_table("Contrast detection probability", *contrast_table(result))

@@ -34,9 +34,8 @@ def weber_contrast(bright: ArrayLike, dark: ArrayLike) -> NDArray[np.float64]:
     """
     upper = numeric_array(bright, "bright").astype(np.float64)
     lower = numeric_array(dark, "dark").astype(np.float64)
-    contrast = np.where(upper > 0, np.inf, np.nan) + np.zeros_like(lower)
-    np.divide(upper, lower, out=contrast, where=lower > 0)
-    return contrast - 1
+    lit = lower > 0
+    return np.where(lit, upper / np.where(lit, lower, 1) - 1, np.where(upper > 0, np.inf, np.nan))
 
 
 def weber_contrast_of_means(a: Region, b: Region) -> float:

@@ -57,6 +57,12 @@ def vignetting_of(configuration: SessionConfiguration) -> Cos4Vignetting:
     return Cos4Vignetting(configuration.lens.focal_length_m, configuration.camera.pixel_pitch_m)
 
 
+def lens_of(configuration: SessionConfiguration) -> LensIdentity:
+    """Return the configured lens as a calibration keeps it."""
+    lens = configuration.lens
+    return LensIdentity(lens.model, lens.serial, lens.focal_length_m, lens.f_number)
+
+
 def observe_session(
     session: Session,
     without: Sequence[str] = (),
@@ -130,9 +136,8 @@ def calibrate_session(observed: ObservedSession) -> Calibration:
         As `labcdp.calibration.fit`, and if a patch of the target cannot be used at any exposure: it has to be
         left out by name, so that nobody relies on it.
     """
-    lens = observed.configuration.lens
     setup = Setup(
-        lens=LensIdentity(lens.model, lens.serial, lens.focal_length_m, lens.f_number),
+        lens=lens_of(observed.configuration),
         source_spectrum=observed.configuration.source.spectrum,
         input_sha256=observed.input_sha256,
     )

@@ -10,15 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import Calibration, PatchLuminance, PatchObservation, expanded_half_width, patch_luminance
+from ..calibration import (
+    Calibration,
+    LensIdentity,
+    PatchLuminance,
+    PatchObservation,
+    expanded_half_width,
+    patch_luminance,
+)
+from ..calibration.readings import combine_readings
 from ..contrast import CdpResult, ContrastDistribution, cdp, contrast_distribution
 from ..errors import CalibrationError, InputError
 from ..luminance import Invalid, LuminanceMap
-from ..reading import Reading
 from ..roi import Roi
 from ..session import ContrastConfiguration, Session
 from .guess import guessed_conversion
-from .observe import ObservedSession, by_exposure
+from .observe import ObservedSession, by_exposure, lens_of
 
 #: Bars of the contrast histogram.
 _N_BINS = 200
@@ -32,8 +39,9 @@ class PatchRow:
     ----------
     region : Roi
         Where it is in the image.
-    measured_cd_m2, measured_half_width_95_rel : float
-        Mean of the meter's readings and half width of its 95 % interval.
+    measured_cd_m2, measured_random_rel, measured_half_width_95_rel : float
+        Mean of the meter's readings, its standard uncertainty without the scale, and the half width of its 95 %
+        interval with the scale.
     calculated_cd_m2 : float or None
         From guessed camera parameters; None without a guess.
     calibrated : PatchLuminance
@@ -42,6 +50,7 @@ class PatchRow:
 
     region: Roi
     measured_cd_m2: float
+    measured_random_rel: float
     measured_half_width_95_rel: float
     calculated_cd_m2: float | None
     calibrated: PatchLuminance
@@ -143,6 +152,8 @@ class SessionEvaluation:
         In the configuration's order.
     map : LuminanceMap
         The target; for each pixel from the longest exposure that does not saturate it.
+    warnings : tuple of str
+        What to mind: where calibration and session do not match, and the calibration's own warnings.
     """
 
     observed: ObservedSession
@@ -150,6 +161,7 @@ class SessionEvaluation:
     patches: Sequence[PatchRow]
     contrasts: Sequence[ContrastRow]
     map: LuminanceMap
+    warnings: tuple[str, ...]
 
     @property
     def simulated(self) -> list[str]:
@@ -175,7 +187,7 @@ class SessionEvaluation:
             "range_cd_m2": list(calibration.range_cd_m2),
             "patches": [row.to_dict() for row in self.patches],
             "contrasts": [row.to_dict() for row in self.contrasts],
-            "warnings": list(calibration.warnings),
+            "warnings": list(self.warnings),
             "configuration": self.observed.configuration.model_dump(mode="json", by_alias=True, exclude_none=True),
             "input_sha256": self.observed.input_sha256,
             "calibration_input_sha256": calibration.provenance.input_sha256,
@@ -210,6 +222,7 @@ def evaluate_session(
         If a file is missing or altered.
     """
     pairs = observed.configuration.contrasts if contrasts is None else contrasts
+    warnings = _mismatch(observed, calibration)
     rows = [_patch_row(name, observed, calibration) for name in observed.patches]
     luminance = {row.region.name: row for row in rows}
     for pair in pairs:
@@ -228,30 +241,43 @@ def evaluate_session(
             for pair in pairs
         ],
         map=_map(session, calibration),
+        warnings=tuple(dict.fromkeys([*warnings, *calibration.warnings])),
     )
+
+
+def _mismatch(observed: ObservedSession, calibration: Calibration) -> list[str]:
+    """Refuse a calibration with another lens or f-number; return a warning if the light was another."""
+    lens, spectrum = lens_of(observed.configuration), observed.configuration.source.spectrum
+    if lens != calibration.lens:
+        raise CalibrationError(
+            f"the calibration is for the lens {_lens_text(calibration.lens)}, the session was recorded with "
+            f"{_lens_text(lens)}: calibrate with this lens"
+        )
+    if spectrum != calibration.source_spectrum:
+        return [
+            f"the calibration was made in {calibration.source_spectrum} light, the session in {spectrum}: the camera "
+            "has no V(lambda) filter, so its luminances may be wrong by many percent; calibrate in this light"
+        ]
+    return []
+
+
+def _lens_text(lens: LensIdentity) -> str:
+    return f"{lens.model} ({lens.serial}, {1e3 * lens.focal_length_m:g} mm, f/{lens.f_number:g})"
 
 
 def _patch_row(name: str, observed: ObservedSession, calibration: Calibration) -> PatchRow:
     observations = observed.patches[name]
-    readings = observed.readings.get(name, [])
-    if not readings:
-        raise CalibrationError(f"patch {name!r} has no meter reading: go on with the acquisition, or leave it out")
-    measured_cd_m2 = float(np.mean([reading.luminance_cd_m2 for reading in readings]))
+    measured, _ = combine_readings(name, observed.readings.get(name, []))
+    scale = max(reading.scale_half_width_rel for reading in observed.readings[name])
     region = next(p.region() for p in observed.configuration.target.patches if p.name == name)
     return PatchRow(
         region=region,
-        measured_cd_m2=measured_cd_m2,
-        measured_half_width_95_rel=expanded_half_width(
-            readings[0].scale_half_width_rel, _random_rel(readings, measured_cd_m2)
-        ),
+        measured_cd_m2=measured.luminance_cd_m2,
+        measured_random_rel=measured.random_cd_m2 / measured.luminance_cd_m2,
+        measured_half_width_95_rel=expanded_half_width(scale, measured.random_cd_m2 / measured.luminance_cd_m2),
         calculated_cd_m2=_calculated_cd_m2(observed, observations),
         calibrated=patch_luminance(calibration, observations),
     )
-
-
-def _random_rel(readings: Sequence[Reading], mean_cd_m2: float) -> float:
-    """Random part of the mean; rounding to digits does not average out over equal readings, so it is kept whole."""
-    return max(reading.standard_uncertainty_random_cd_m2 for reading in readings) / mean_cd_m2
 
 
 def _calculated_cd_m2(observed: ObservedSession, observations: Sequence[PatchObservation]) -> float | None:
@@ -278,11 +304,13 @@ def _contrast_row(
     seen = calibration.to_luminance(session.load(record)).luminance_cd_m2
     a, b = bright.region.select(seen), dark.region.select(seen)
     result = cdp(a, b, pair.contrast, pair.epsilon)
+    if result.bright == "b":
+        raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
     measured, camera = (
         _ratio_less_one(bright.measured_cd_m2, dark.measured_cd_m2),
         _ratio_less_one(bright.calibrated.luminance_cd_m2, dark.calibrated.luminance_cd_m2),
     )
-    measured_rel = [_random_rel(observed.readings[row.region.name], row.measured_cd_m2) for row in (bright, dark)]
+    measured_rel = [row.measured_random_rel for row in (bright, dark)]
     camera_rel = [row.calibrated.random_rel for row in (bright, dark)]
     return ContrastRow(
         bright=pair.bright,

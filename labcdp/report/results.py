@@ -44,16 +44,10 @@ def write_results(evaluation: SessionEvaluation, folder: str | PathLike[str]) ->
         If the folder cannot be made or a file cannot be written.
     """
     folder = Path(folder)
-    figures = draw_figures(evaluation)
-    files = {
-        "results.json": results_json(evaluation.to_dict()).encode(),
-        "report.html": html_page(evaluation, figures).encode(),
-        "results.xlsx": spreadsheet(evaluation),
-        **{f"{_FIGURES}/{figure.file_name}": figure.png for figure in figures},
-    }
     path = folder / _FIGURES
     try:
         path.mkdir(parents=True, exist_ok=True)
+        files = _files(evaluation)
         for old in path.iterdir():
             if re.fullmatch(r"contrast-\d+\.png", old.name) and f"{_FIGURES}/{old.name}" not in files:
                 old.unlink()
@@ -66,3 +60,14 @@ def write_results(evaluation: SessionEvaluation, folder: str | PathLike[str]) ->
             "enough space"
         ) from error
     return [folder / name for name in files]
+
+
+def _files(evaluation: SessionEvaluation) -> dict[str, bytes]:
+    """Make all files, by their names in the folder."""
+    figures = draw_figures(evaluation)
+    return {
+        "results.json": results_json(evaluation.to_dict()).encode(),
+        "report.html": html_page(evaluation, figures).encode(),
+        "results.xlsx": spreadsheet(evaluation),
+        **{f"{_FIGURES}/{figure.file_name}": figure.png for figure in figures},
+    }

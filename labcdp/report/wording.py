@@ -105,7 +105,7 @@ def check(evaluation: SessionEvaluation) -> str:
 def warnings(evaluation: SessionEvaluation) -> list[str]:
     """Collect what the user should know, each once."""
     of_patches = [warning for row in evaluation.patches for warning in row.calibrated.warnings]
-    return [printable(warning) for warning in dict.fromkeys([*evaluation.calibration.warnings, *of_patches])]
+    return [printable(warning) for warning in dict.fromkeys([*evaluation.warnings, *of_patches])]
 
 
 def recorded(evaluation: SessionEvaluation) -> tuple[datetime, datetime]:

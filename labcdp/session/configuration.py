@@ -23,6 +23,7 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 Fraction = Annotated[Number, Field(gt=0, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1)]
+Several = Annotated[int, Field(strict=True, ge=2)]
 
 
 def _date_of_text(value: object) -> object:
@@ -140,8 +141,9 @@ class PlanConfiguration(Table):
     exposures_s: tuple[Positive, ...] = Field(min_length=1, description="exposures above 0 s")
     gain_db: Number = Field(0.0, description="a finite number of dB")
     pixel_format: Text = Field("Mono12", description="a GenICam pixel format as text, for example Mono12")
-    frames_per_exposure: Count = Field(2, description="a whole number of at least 1")
-    dark_frames_per_exposure: Count = Field(2, description="a whole number of at least 1")
+    # Two at least: noise and its uncertainty come from the difference of frames.
+    frames_per_exposure: Several = Field(2, description="a whole number of at least 2")
+    dark_frames_per_exposure: Several = Field(2, description="a whole number of at least 2")
     readings_per_patch: Count = Field(3, description="a whole number of at least 1")
 
     @field_validator("exposures_s")

@@ -26,7 +26,7 @@ CAMERA = CameraIdentity("Allied Vision", "Manta G-505C", "503363706")
 METER = MeterIdentity("LS-110", "73323007")
 START = datetime(2018, 3, 1, 12, tzinfo=UTC)
 EVEN = Unevenness((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 3, 100.0)
-STATE = CameraState(CAMERA, "Mono12", 12, (48, 64), 0.0, 4095.0)
+STATE = CameraState(CAMERA, "Mono12", 12, (48, 64), 0.0, 4095.0, 64.0)
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,29 @@ def test_dark_that_is_no_line_is_less_certain(camera):
     assert crooked.variance_dn2(0.01) > 100 * straight.variance_dn2(0.01)
 
 
+def spoiled(camera, index, by_dn):
+    """Dark frames at four exposures, one of them too bright."""
+    darks = [camera.dark(t, None) for t in (0.0005, 0.002, 0.008, 0.032)]
+    return [replace(d, mean_dn=d.mean_dn + by_dn) if i == index else d for i, d in enumerate(darks)]
+
+
+@pytest.mark.parametrize(("index", "exposure"), [(0, "0.0005"), (1, "0.002"), (2, "0.008"), (3, "0.032")])
+def test_a_dark_exposure_that_contradicts_the_others_is_named(camera, index, exposure):
+    warnings = fit_dark(spoiled(camera, index, 20.0))[1]
+    assert f"the dark frames at {exposure} s do not fit the others" in warnings[0]
+    assert "was the lens covered" in warnings[0]
+
+
+def test_a_darkness_that_falls_with_the_exposure_is_reported(camera):
+    darks = [camera.dark(t, None) for t in (0.001, 0.1)]
+    warnings = fit_dark([replace(darks[0], mean_dn=darks[0].mean_dn + 40), darks[1]])[1]
+    assert warnings[0].startswith("the darkness falls with the exposure by 364 DN/s, which no sensor does")
+
+
+def test_wander_of_the_black_level_is_no_contradiction(camera):
+    assert fit_dark(spoiled(camera, 1, 0.4))[1] == []
+
+
 def test_clipped_dark_is_reported(camera):
     darks = [replace(camera.dark(t, None), black_share=0.25) for t in EXPOSURES_S[:2]]
     warnings = fit_dark(darks)[1]

@@ -160,6 +160,15 @@ def test_busy_camera(camera_on_loopback, start_python):
         AravisCamera().open()
 
 
+def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
+    settings = ["Width=32", "Height=24", "OffsetX=16", "OffsetY=12"]
+    subprocess.run(["arv-tool-0.8", "control", *settings], check=True, capture_output=True)
+    with AravisCamera() as camera:
+        frame = camera.snap()
+    assert frame.shape == (48, 64)
+    np.testing.assert_array_equal(frame.dn[1], np.arange(64))
+
+
 def test_a_camera_can_be_opened_again_after_closing(camera_on_loopback):
     for _ in range(3):
         with AravisCamera() as camera:

@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -93,6 +94,39 @@ def test_results_can_be_written_as_json_and_are_repeated_exactly(recorded, evalu
     again = evaluate_session(recorded, observed, calibrate_session(observed))
     assert json.dumps(again.to_dict()) == json.dumps(evaluation.to_dict())
     assert evaluation.simulated == ["camera Manta_G-505B", "luminance meter LS-110", "target"]
+
+
+def other(observed, **changes):
+    """The observed session with another configuration."""
+    return replace(observed, configuration=observed.configuration.model_copy(update=changes))
+
+
+def test_another_lens_or_f_number_is_refused(recorded, observed, evaluation):
+    lens = observed.configuration.lens.model_copy(update={"f_number": 4.0})
+    with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the session was recorded with .*f/4\)"):
+        evaluate_session(recorded, other(observed, lens=lens), evaluation.calibration)
+
+
+def test_another_light_is_warned_about(recorded, observed, evaluation):
+    source = observed.configuration.source.model_copy(update={"spectrum": "A"})
+    result = evaluate_session(recorded, other(observed, source=source), evaluation.calibration)
+    assert result.warnings[0].startswith("the calibration was made in D65 light, the session in A")
+    assert result.to_dict()["warnings"][0] == result.warnings[0]
+
+
+def test_another_black_level_is_refused(observed, evaluation):
+    patches = {
+        name: [replace(o, state=replace(o.state, black_level_dn=128.0)) for o in group]
+        for name, group in observed.patches.items()
+    }
+    with pytest.raises(CalibrationError, match=r"black level of .* is 64 DN, but .* has 128 DN"):
+        calibrate_session(replace(observed, patches=patches))
+
+
+def test_bright_and_dark_the_wrong_way_round_are_refused(recorded, observed, evaluation):
+    pair = ContrastConfiguration(bright="lower right", dark="upper left", contrast=10.0)
+    with pytest.raises(InputError, match="patch 'lower right' is darker than 'upper left'"):
+        evaluate_session(recorded, observed, evaluation.calibration, [pair])
 
 
 def test_a_missing_frame_is_named(recorded, tmp_path):

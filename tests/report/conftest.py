@@ -48,7 +48,8 @@ dark_dn = 64.0
 [[contrast]]
 bright = "<b>bold</b>"
 dark = "=1+1"
-contrast = 1.0
+contrast = 0.98
+epsilon = 0.03
 [[contrast]]
 bright = "<b>bold</b>"
 dark = "$\\\\frac{1}$"

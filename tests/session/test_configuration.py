@@ -113,12 +113,12 @@ WRONG = [
     (
         EXPOSURES,
         EXPOSURES + "\nframes_per_exposure = 0",
-        "plan.frames_per_exposure is 0: give a whole number of at least 1",
+        "plan.frames_per_exposure is 0: give a whole number of at least 2",
     ),
     (
         EXPOSURES,
         EXPOSURES + "\nframes_per_exposure = 2.0",
-        "plan.frames_per_exposure is 2.0: give a whole number of at least 1",
+        "plan.frames_per_exposure is 2.0: give a whole number of at least 2",
     ),
     (EXPOSURES, EXPOSURES + "\ngain_db = nan", "plan.gain_db is nan dB: give a finite number of dB"),
     ("format = 1", "format = 2", "format is 2: give 1, the format this labcdp knows, or update labcdp"),

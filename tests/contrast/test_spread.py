@@ -1,0 +1,49 @@
+from fractions import Fraction
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from labcdp.contrast import cdp, contrast_distribution
+from labcdp.errors import InputError
+
+region = st.lists(st.one_of(st.integers(-2, 8), st.integers(90, 130)), min_size=1, max_size=10)
+edges = st.lists(st.decimals("-1", "5", places=2), min_size=1, max_size=8, unique=True).map(sorted)
+
+
+@given(region, region, edges)
+def test_it_is_the_share_of_all_pairs_up_to_each_edge(all_contrasts, a, b, bins):
+    assume(max(a + b) > 0)
+    flat = [value for row in all_contrasts(a, b) for value in row]
+    expected = [float(Fraction(sum(not value > edge for value in flat), len(flat))) for edge in map(Fraction, bins)]
+    result = contrast_distribution(a, b, np.array(bins, dtype=float))
+    assert result.cumulative.tolist() == expected
+    assert result.undefined == pytest.approx(sum(value != value for value in flat) / len(flat), abs=1e-15)
+    assert result.unbounded == pytest.approx(flat.count(inf) / len(flat), abs=1e-15)
+
+
+def test_it_agrees_with_cdp_at_the_ends_of_the_interval():
+    rng = np.random.default_rng(8)
+    a, b = rng.normal(100, 5, 3000), rng.normal(120, 5, 2000)
+    result = cdp(a, b, 0.2)
+    at_ends = contrast_distribution(a, b, result.interval).cumulative
+    assert at_ends == pytest.approx([result.below, result.below + result.cdp], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("bins", "message"),
+    [
+        ([], "bins are not a rising list of finite contrasts: give edges such as 0, 0.1, 0.2"),
+        ([0.1, 0.1], "bins are not a rising list of finite contrasts"),
+        ([0.2, 0.1], "bins are not a rising list of finite contrasts"),
+        ([0, np.inf], "bins are not a rising list of finite contrasts"),
+        ([np.nan], "bins are not a rising list of finite contrasts"),
+        (10, "bins are not a rising list of finite contrasts"),
+        ([-1.5, 0], r"bins start at -1\.5: no contrast is below -1 between values above 0"),
+    ],
+)
+def test_unusable_edges_are_refused(bins, message):
+    with pytest.raises(InputError, match=message):
+        contrast_distribution([2], [1], bins)

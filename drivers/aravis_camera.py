@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from .camera import (
     IncompleteFrameError,
 )
 from .pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
+from .sockets import own_udp_sockets
 
 _log = logging.getLogger(__name__)
 
@@ -331,6 +333,7 @@ class _Reception:
             if camera.is_gv_device():
                 # The default socket buffer holds a fraction of a frame and loses the rest.
                 self._stream.set_property("socket-buffer", self._owner._arv.GvStreamSocketBuffer.AUTO)
+                _enlarge_receive_buffer(self._stream.get_port(), camera.get_payload())
             self._payload_bytes = camera.get_payload()
             for _ in range(_N_BUFFERS):
                 self._push()
@@ -423,6 +426,13 @@ def _bring_to_known_state(camera: Any) -> None:
     if camera.is_binning_available():
         camera.set_binning(1, 1)
     camera.set_region(0, 0, *camera.get_sensor_size())
+
+
+def _enlarge_receive_buffer(port: int, payload_bytes: int) -> None:
+    """Set the buffer of a stream's socket now: Aravis does so at the first packet, too late for the first frame."""
+    for receiver, (_, bound) in own_udp_sockets():
+        if bound == port:
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, payload_bytes)
 
 
 def _check_range(name: str, value: float, low: float, high: float, unit: str) -> None:

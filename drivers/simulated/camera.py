@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import logging
-import os
 import socket
 import tempfile
 import time
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from ..aravis_camera import aravis
 from ..camera import CameraError
 from ..pixel_format import PIXEL_FORMATS, PixelFormat
+from ..sockets import own_udp_sockets
 from .genicam import GAIN_STEPS_PER_DB, TEMPERATURE_STEPS_PER_C, Address, description
 
 _log = logging.getLogger(__name__)
@@ -247,13 +247,6 @@ def _keep_discovery_on_loopback() -> None:
     Aravis' simulator also listens to broadcasts, which come from every network. Answering there would show the
     camera to other machines, and make clients on this one look for its frames on the wrong interface.
     """
-    for entry in Path("/proc/self/fd").iterdir():
-        try:
-            if not entry.is_socket():
-                continue
-            listener = socket.socket(fileno=os.dup(int(entry.name)))
-        except OSError:
-            continue  # closed by another thread in the meantime
-        with listener:
-            if listener.family == socket.AF_INET and listener.getsockname() == ("255.255.255.255", GVCP_PORT):
-                listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+    for listener, address in own_udp_sockets():
+        if address == ("255.255.255.255", GVCP_PORT):
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")

@@ -119,7 +119,7 @@ def test_another_black_level_is_refused(observed, evaluation):
         name: [replace(o, state=replace(o.state, black_level_dn=128.0)) for o in group]
         for name, group in observed.patches.items()
     }
-    with pytest.raises(CalibrationError, match=r"black level of .* is 64 DN, but .* has 128 DN"):
+    with pytest.raises(CalibrationError, match=r"black level of .* is 128 DN, but .* has 64 DN"):
         calibrate_session(replace(observed, patches=patches))
 
 

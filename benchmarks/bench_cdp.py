@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,16 @@ def interleaved_ms(*actions: Callable[[], object]) -> list[float]:
     return [median(taken) * 1e3 for taken in times]
 
 
+def count(*arrays: NDArray[np.uint16]) -> None:
+    for array in arrays:
+        np.bincount(array.ravel())
+
+
+def sort(*arrays: NDArray[np.floating[Any]]) -> None:
+    for array in arrays:
+        np.sort(array, axis=None)
+
+
 def double_loop(a: NDArray[np.uint16], b: NDArray[np.uint16]) -> float:
     low, high = 1 + CONTRAST * (1 - EPSILON), 1 + CONTRAST * (1 + EPSILON)
     bright, dark = a.ravel().tolist(), b.ravel().tolist()
@@ -54,18 +66,14 @@ def main() -> None:
     a, b = regions(1000)
     dn_a, dn_b = a.round().astype(np.uint16), b.round().astype(np.uint16)
 
-    counting, cdp = interleaved_ms(
-        lambda: (np.bincount(dn_a.ravel()), np.bincount(dn_b.ravel())),
-        lambda: labcdp.cdp(dn_a, dn_b, CONTRAST, EPSILON),
-    )
+    counting, cdp = interleaved_ms(partial(count, dn_a, dn_b), partial(labcdp.cdp, dn_a, dn_b, CONTRAST, EPSILON))
     report("12 bit, 1 megapixel each", "np.bincount of both", counting, cdp)
     for label, float_a, float_b in (
         ("floats from 12 bit, 1 megapixel", dn_a * 0.37, dn_b * 0.37),
         ("floats all distinct, 1 megapixel", a, b),
     ):
         sorting, cdp = interleaved_ms(
-            lambda x=float_a, y=float_b: (np.sort(x, axis=None), np.sort(y, axis=None)),
-            lambda x=float_a, y=float_b: labcdp.cdp(x, y, CONTRAST, EPSILON),
+            partial(sort, float_a, float_b), partial(labcdp.cdp, float_a, float_b, CONTRAST, EPSILON)
         )
         report(label, "np.sort of both    ", sorting, cdp)
 
@@ -73,7 +81,7 @@ def main() -> None:
     start = time.perf_counter()
     visited = double_loop(small_a, small_b)
     loop_ms = (time.perf_counter() - start) * 1e3
-    (cdp,) = interleaved_ms(lambda: labcdp.cdp(small_a, small_b, CONTRAST, EPSILON))
+    (cdp,) = interleaved_ms(partial(labcdp.cdp, small_a, small_b, CONTRAST, EPSILON))
     report("12 bit, 100 x 100 pixels each", "double loop        ", loop_ms, cdp)
     print(f"CDP {labcdp.cdp(small_a, small_b, CONTRAST, EPSILON).cdp}, by the double loop {visited}")
 

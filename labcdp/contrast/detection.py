@@ -23,7 +23,7 @@ class CdpResult:
         Share of pairs whose contrast lies in `interval`, ends included.
     standard_error : float
         Of `cdp`, for pixels independent of each other; nan if a region has one pixel only or weights that are
-        not counts. Noise correlated over 3 x 3 pixels doubles it.
+        not counts. Noise correlated over 3 x 3 pixels makes it two to three times as large.
     confidence_interval : (float, float)
         95 % interval of `cdp`; (nan, nan) where the standard error is nan.
     contrast, epsilon : float

@@ -1,7 +1,8 @@
 """How sure an all-pairs share is: its variance as a two-sample U-statistic, and a 95 % interval.
 
 The n pixels of one region and the m of the other make m n pairs, but these are not independent: all pairs of one
-pixel share its noise. The binomial formula on m n pairs understates the standard error 5 to 35 times.
+pixel share its noise. The binomial formula on all pairs understates the standard error ever more with the size: for
+normal patches of 100 +- 5 and 120 +- 5, 12 times at 400 pixels each and 59 times at 10 000.
 """
 
 from __future__ import annotations

@@ -10,6 +10,9 @@ from ..errors import LabcdpError
 from . import bench, demo, devices, session
 from .terminal import log_to_terminal, say
 
+#: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
+_INTERRUPTED = 130
+
 app = typer.Typer(
     help="Measure how probable it is that a driver-assistance camera still sees a contrast.",
     no_args_is_help=True,
@@ -49,9 +52,11 @@ def main() -> None:
     except LabcdpError as error:
         say(f"labcdp: {' '.join(str(error).split())}")
         sys.exit(1)
-    except KeyboardInterrupt:
-        say("labcdp: stopped; what was recorded is safe")
-        sys.exit(130)
+    except SystemExit as end:
+        # Typer turns Ctrl-C into this status without a word.
+        if end.code == _INTERRUPTED:
+            say("labcdp: stopped; what was recorded is safe, and acquire goes on with it")
+        raise
     except BrokenPipeError:
         # The reader of a pipe went away, for example `head`.
         sys.stderr.close()

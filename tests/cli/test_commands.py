@@ -2,6 +2,7 @@ import json
 import re
 import signal
 import subprocess
+import time
 from importlib.metadata import version
 
 import pytest
@@ -118,6 +119,27 @@ def test_a_session_between_two_programs(labcdp, labcdp_path, running_bench, tmp_
     true = manta_g505().conversion(temperature_c=35.0).responsivity_dn_s_cd_m2
     fitted = json.loads(done.stdout)["responsivity_dn_s_cd_m2"]
     assert fitted == pytest.approx(true / 1.006, rel=0.002)
+
+
+def test_an_interrupted_acquisition_goes_on(labcdp, labcdp_path, tmp_path):
+    command = [labcdp_path, "acquire", example_session() / "session.toml", "own", "--simulated"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as acquisition:
+        frames = tmp_path / "own" / "frames"
+        while not (frames.is_dir() and len(list(frames.glob("*.tif"))) >= 2):
+            assert acquisition.poll() is None
+            time.sleep(0.02)
+        acquisition.send_signal(signal.SIGINT)
+        said = acquisition.stderr.read()
+    assert acquisition.returncode == 130
+    assert "labcdp: stopped; what was recorded is safe, and acquire goes on with it" in said
+    with Session.open(tmp_path / "own") as session:
+        session.verify()
+        recorded = len(session.frames())
+    assert 2 <= recorded < 12
+    done = labcdp(*command[1:])
+    assert done.returncode == 0, done.stderr
+    assert "own exists: going on with it" in done.stderr
+    assert "own: 12 frames and 32 readings recorded" in done.stderr
 
 
 def test_simulate_bench_obeys_and_ends(running_bench):

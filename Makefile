@@ -21,21 +21,23 @@ lint: setup-test
 bench: setup
 	for file in benchmarks/bench_*.py; do $(PYTHON) "$$file"; done
 
-setup: .setup/run
+# The packages are looked at each time: what could not be had once is asked for again.
+setup:
+	@tools/packages $(RUN_PACKAGES)
+	@$(MAKE) --no-print-directory .setup/run
 	@tools/receive-buffer
 
-setup-test: .setup/test
-	@tools/receive-buffer
+setup-test: setup
+	@tools/packages $(TEST_PACKAGES)
+	@$(MAKE) --no-print-directory .setup/test
 
-.setup/run: pyproject.toml constraints.txt tools/packages Makefile
-	tools/packages $(RUN_PACKAGES)
+.setup/run: pyproject.toml constraints.txt
 	test -x $(PYTHON) || /usr/bin/python3 -m venv --system-site-packages .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
 	mkdir -p .setup
 	touch $@
 
 .setup/test: .setup/run
-	tools/packages $(TEST_PACKAGES)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $@
 

@@ -86,8 +86,6 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     CalibrationError
         If there is no observation, or cameras or settings differ.
     """
-    from scipy.special import chdtrc
-
     if not darks:
         raise CalibrationError(
             "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
@@ -116,18 +114,13 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     n = design.shape[1]
     covariance[:n, :n] = np.linalg.inv(design.T @ (weights[:, None] * design))
     parameters[:n] = covariance[:n, :n] @ (design.T @ (weights * y))
+    covariance_of_noise = covariance
     freedom = t.size - n
     if freedom > 0:
-        residuals = y - design @ parameters[:n]
-        chi_squared = float(np.sum(weights * residuals**2))
-        if chdtrc(freedom, chi_squared) < _CHANCE and np.abs(residuals).max() > _WANDER_DN:
-            warnings.append(
-                f"the dark frames at {_most_deviating(t, y, weights, design):g} s do not fit the others, which a "
-                f"straight line over the exposure misses by up to {np.abs(residuals).max():.2g} DN: was the lens "
-                "covered, and the camera warm? take the dark frames again"
-            )
-        covariance *= max(1.0, chi_squared / freedom)
-    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * sqrt(covariance[1, 1]):
+        chi_squared = float(np.sum(weights * (y - design @ parameters[:n]) ** 2))
+        warnings += _contradictions(t, y, weights, design, parameters[:n])
+        covariance = covariance * max(1.0, chi_squared / freedom)
+    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * sqrt(covariance_of_noise[1, 1]):
         warnings.append(
             f"the darkness falls with the exposure by {-parameters[1]:.3g} DN/s, which no sensor does: was the lens "
             "covered at the short exposures? take the dark frames again"
@@ -144,6 +137,27 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
         exposures_s=tuple(float(v) for v in np.unique(t)),
     )
     return model, warnings
+
+
+def _contradictions(
+    t: NDArray[np.float64],
+    y: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    design: NDArray[np.float64],
+    parameters: NDArray[np.float64],
+) -> list[str]:
+    """Return a warning if the dark frames scatter around the line more than noise and wander explain."""
+    from scipy.special import chdtrc
+
+    residuals = y - design @ parameters
+    chance = chdtrc(t.size - parameters.size, float(np.sum(weights * residuals**2)))
+    if chance >= _CHANCE or np.abs(residuals).max() <= _WANDER_DN:
+        return []
+    return [
+        f"the dark frames at {_most_deviating(t, y, weights, design):g} s do not fit the others, which a straight line "
+        f"over the exposure misses by up to {np.abs(residuals).max():.2g} DN: was the lens covered, and the camera "
+        "warm? take the dark frames again"
+    ]
 
 
 def _most_deviating(

@@ -3,7 +3,8 @@
 from typing import Literal
 
 from ..reading import MeterIdentity
-from .aravis_camera import AravisCamera, CameraInfo, discover
+from .aravis_camera import AravisCamera
+from .aravis_library import CameraInfo, discover
 from .camera import Camera, CameraError, CameraSettings
 from .meter import Meter, MeterError
 from .minolta_ls import MinoltaLS100, MinoltaLS110, find_meter_ports

@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import socket
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..frame import CameraIdentity, Frame
+from .aravis_library import CameraInfo, aravis, camera_errors, choose, discover, losing
+from .aravis_stream import Reception
 from .camera import (
     CameraBusyError,
     CameraError,
@@ -26,88 +25,13 @@ from .camera import (
     CameraNotFoundError,
     CameraSettingError,
     CameraSettings,
-    FrameTimeoutError,
-    IncompleteFrameError,
 )
-from .pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
-from .sockets import own_udp_sockets
+from .pixel_format import PIXEL_FORMATS, pixel_format
 
 _log = logging.getLogger(__name__)
 
-#: Frames in flight: at 15 frames/s this bridges 0.4 s in which the caller does something else.
-_N_BUFFERS = 6
-
-#: What each way to fail means, by the name of the Aravis buffer status.
-_INCOMPLETE = {
-    "TIMEOUT": "packets stopped coming in the middle of it",
-    "MISSING_PACKETS": "packets were lost on the way",
-    "WRONG_PACKET_ID": "its packets were numbered wrongly",
-    "SIZE_MISMATCH": "its size is not the one announced",
-    "FILLING": "it was still being received",
-    "ABORTED": "its reception was broken off",
-    "CLEARED": "nothing of it was received",
-}
-
-
-@dataclass(frozen=True)
-class CameraInfo:
-    """A camera found on the network or bus.
-
-    Parameters
-    ----------
-    vendor, model, serial, address, protocol : str
-        As the camera announced them.
-    """
-
-    vendor: str
-    model: str
-    serial: str
-    address: str
-    protocol: str
-
-
-def aravis() -> ModuleType:
-    """Import Aravis.
-
-    Raises
-    ------
-    CameraError
-        If it, or PyGObject, is not installed; the message says how to install it.
-    """
-    try:
-        import gi
-
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis
-    except (ImportError, ValueError) as error:
-        raise CameraError(
-            f"Aravis cannot be loaded ({error}): run 'apt install gir1.2-aravis-0.8 python3-gi' and use a virtual "
-            "environment made by /usr/bin/python3 with --system-site-packages"
-        ) from error
-    module: ModuleType = Aravis
-    return module
-
-
-def discover() -> list[CameraInfo]:
-    """List the cameras that answer within Aravis' discovery time, about a second.
-
-    Raises
-    ------
-    CameraError
-        If Aravis is not installed.
-    """
-    arv = aravis()
-    arv.update_device_list()
-    return [
-        CameraInfo(
-            vendor=arv.get_device_vendor(i) or "",
-            model=arv.get_device_model(i) or "",
-            serial=arv.get_device_serial_nbr(i) or "",
-            address=arv.get_device_address(i) or "",
-            protocol=arv.get_device_protocol(i) or "",
-        )
-        for i in range(arv.get_n_devices())
-    ]
+#: A day; longer waits overflow where Aravis counts microseconds.
+_LONGEST_WAIT_S = 86_400
 
 
 class AravisCamera:
@@ -128,6 +52,7 @@ class AravisCamera:
         self._arv: Any = None
         self._camera: Any = None
         self._identity: CameraIdentity | None = None
+        self._reception: Reception | None = None
 
     def open(self) -> Self:
         """Connect and take control.
@@ -142,10 +67,10 @@ class AravisCamera:
         if self._camera is not None:
             return self
         self._arv = aravis()
-        info = _choose(discover(), self._selector)
-        with _camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
+        info = choose(discover(), self._selector)
+        with camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
             camera = self._arv.Camera.new(info.address if info.protocol == "GigEVision" else info.serial)
-        with _camera_errors(f"camera {info.serial} at {info.address} does not tell who it is", CameraLostError):
+        with camera_errors(f"camera {info.serial} at {info.address} does not tell who it is", CameraLostError):
             self._check_control(camera, info)
             serial = camera.get_device_serial_number()
             if serial != info.serial:
@@ -170,7 +95,10 @@ class AravisCamera:
             )
 
     def close(self) -> None:
-        """Let go of the camera; may be called twice."""
+        """Let go of the camera, also in the middle of a grab; may be called twice."""
+        if self._reception is not None:
+            self._reception.stop()
+            self._reception = None
         self._camera = None
         self._identity = None
 
@@ -223,10 +151,13 @@ class AravisCamera:
         ------
         CameraSettingError
             If a value is out of the camera's range, or it lacks the pixel format.
+        CameraError
+            If a grab is under way.
         CameraLostError
             If the camera does not answer.
         """
         camera = self._opened()
+        self._refuse_while_grabbing("a change of settings")
         if pixel_format is not None and pixel_format not in self.pixel_formats:
             raise CameraSettingError(
                 f"{self.identity} has no pixel format {pixel_format!r}: choose one of {', '.join(self.pixel_formats)}"
@@ -275,12 +206,20 @@ class AravisCamera:
             If a frame comes with data missing; it is never returned.
         CameraLostError
             If the camera stops answering.
+        CameraError
+            If another grab is under way, or the camera is closed meanwhile.
+        InputError
+            If `timeout_s` is negative or longer than a day.
         """
+        if timeout_s is not None and not 0 <= timeout_s < _LONGEST_WAIT_S:
+            raise InputError(f"timeout_s is {timeout_s}: give 0 to {_LONGEST_WAIT_S} seconds")
         settings = self.settings
+        identity = self.identity
         layout = pixel_format(settings.pixel_format)
         black_level_dn = self._float_feature("BlackLevel") or 0.0
+        temperature_c = self._float_feature("DeviceTemperature")
         wait_s = (2.0 if timeout_s is None else timeout_s) + settings.exposure_s
-        with _Reception(self, layout) as reception:
+        with self._receiving() as reception:
             for _ in range(n):
                 buffer, payload = reception.next(wait_s)
                 yield Frame(
@@ -292,11 +231,11 @@ class AravisCamera:
                     black_level_dn=black_level_dn,
                     pixel_format=layout.name,
                     colour_filter=layout.colour_filter,
-                    temperature_c=reception.temperature_c,
+                    temperature_c=temperature_c,
                     timestamp=datetime.fromtimestamp(buffer.get_system_timestamp() * 1e-9, UTC),
                     camera_timestamp_ns=buffer.get_timestamp(),
                     frame_id=buffer.get_frame_id(),
-                    camera=self.identity,
+                    camera=identity,
                 )
 
     def _float_feature(self, name: str) -> float | None:
@@ -310,104 +249,24 @@ class AravisCamera:
         return self._camera
 
     def _losing(self, what: str) -> contextlib.AbstractContextManager[None]:
-        return _camera_errors(
-            f"{self.identity} stopped answering ({what}): check power and cable, then open it again",
-            CameraLostError,
-        )
+        return losing(self.identity, what)
 
+    @contextlib.contextmanager
+    def _receiving(self) -> Iterator[Reception]:
+        """Receive frames; settings must not change meanwhile, or frames would tell wrong ones."""
+        self._refuse_while_grabbing("another grab")
+        self._reception = Reception(self._opened(), self.identity)
+        try:
+            with self._reception as reception:
+                yield reception
+        finally:
+            self._reception = None
 
-class _Reception:
-    """One stream and its buffers, from the start of acquisition to its stop."""
-
-    def __init__(self, owner: AravisCamera, layout: PixelFormat) -> None:
-        self._owner = owner
-        self._layout = layout
-        self._arrays: dict[int, NDArray[np.uint8]] = {}
-        self._stream: Any = None
-        self.temperature_c: float | None = None
-
-    def __enter__(self) -> Self:
-        camera = self._owner._opened()
-        with self._owner._losing("no stream can be opened"):
-            self._stream = camera.create_stream(None, None)
-            if camera.is_gv_device():
-                # The default socket buffer holds a fraction of a frame and loses the rest.
-                self._stream.set_property("socket-buffer", self._owner._arv.GvStreamSocketBuffer.AUTO)
-                _enlarge_receive_buffer(self._stream.get_port(), camera.get_payload())
-            self._payload_bytes = camera.get_payload()
-            for _ in range(_N_BUFFERS):
-                self._push()
-            self.temperature_c = self._owner._float_feature("DeviceTemperature")
-            camera.set_acquisition_mode(self._owner._arv.AcquisitionMode.CONTINUOUS)
-            self._started_ns = time.time_ns()
-            camera.start_acquisition()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *exc: object) -> None:
-        # Leaving in mid-acquisition can abort the process; a camera that is lost cannot be told to stop.
-        if kind is not CameraLostError:
-            with contextlib.suppress(CameraLostError), self._owner._losing("acquisition cannot be stopped"):
-                self._owner._opened().stop_acquisition()
-        self._stream = None
-        self._arrays = {}
-
-    def _push(self) -> None:
-        array = np.empty(self._payload_bytes, dtype=np.uint8)
-        buffer = self._owner._arv.Buffer.new(array.nbytes, array.ctypes.data)
-        self._arrays[hash(buffer)] = array
-        self._stream.push_buffer(buffer)
-
-    def next(self, wait_s: float) -> tuple[Any, NDArray[np.uint8]]:
-        """Wait for the next whole frame; returns the Aravis buffer and its bytes."""
-        while True:
-            buffer = self._stream.timeout_pop_buffer(int(wait_s * 1e6))
-            if buffer is None:
-                self._explain_silence(wait_s)
-            payload = self._arrays.pop(hash(buffer))
-            self._push()
-            status = buffer.get_status()
-            if status != self._owner._arv.BufferStatus.SUCCESS:
-                self._refuse(buffer, status)
-            if buffer.get_system_timestamp() >= self._started_ns:
-                return buffer, payload
-            _log.warning("frame %d arrived before acquisition began: left out", buffer.get_frame_id())
-
-    def _explain_silence(self, wait_s: float) -> None:
-        owner = self._owner
-        with owner._losing("no frame came"):
-            owner._opened().get_exposure_time()
-        raise FrameTimeoutError(
-            f"no frame came from {owner.identity} within {wait_s:.1f} s, though it answers: check trigger mode, "
-            f"packet size and firewall ({self.statistics()})"
-        )
-
-    def _refuse(self, buffer: Any, status: Any) -> None:
-        name = status.value_nick.upper().replace("-", "_")
-        raise IncompleteFrameError(
-            f"frame {buffer.get_frame_id()} from {self._owner.identity} is incomplete, "
-            f"{_INCOMPLETE.get(name, name)}: it is refused; lower the frame rate or packet size, or raise "
-            f"net.core.rmem_max ({self.statistics()})"
-        )
-
-    def statistics(self) -> str:
-        """Counters that say what went wrong, as a short text."""
-        stream = self._stream
-        counters = {stream.get_info_name(i): stream.get_info_uint64(i) for i in range(stream.get_n_infos())}
-        names = ("n_completed_buffers", "n_failures", "n_missing_packets", "n_underruns")
-        return ", ".join(f"{name[2:].replace('_', ' ')} {counters[name]}" for name in names if name in counters)
-
-
-def _choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
-    listing = "; ".join(f"{i.vendor} {i.model}, serial {i.serial}, at {i.address}" for i in found) or "none"
-    fitting = [i for i in found if selector is None or selector in (i.serial, i.address, i.model)]
-    wanted = "camera" if selector is None else f"camera {selector!r} (serial number, address or model)"
-    if not fitting:
-        raise CameraNotFoundError(
-            f"no {wanted} answers; found: {listing}: check power, cable and that both are in one network"
-        )
-    if len(fitting) > 1:
-        raise CameraNotFoundError(f"more than one {wanted} answers: give a serial number; found: {listing}")
-    return fitting[0]
+    def _refuse_while_grabbing(self, what: str) -> None:
+        if self._reception is not None:
+            raise CameraError(
+                f"{self.identity} is still grabbing: finish that loop, or close its iterator, before {what}"
+            )
 
 
 def _says_simulated(camera: Any) -> bool:
@@ -428,13 +287,6 @@ def _bring_to_known_state(camera: Any) -> None:
     camera.set_region(0, 0, *camera.get_sensor_size())
 
 
-def _enlarge_receive_buffer(port: int, payload_bytes: int) -> None:
-    """Set the buffer of a stream's socket now: Aravis does so at the first packet, too late for the first frame."""
-    for receiver, (_, bound) in own_udp_sockets():
-        if bound == port:
-            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, payload_bytes)
-
-
 def _check_range(name: str, value: float, low: float, high: float, unit: str) -> None:
     if not low <= value <= high:
         raise CameraSettingError(f"{name} is {value:g} {unit}: the camera takes {low:g} to {high:g} {unit}")
@@ -445,14 +297,3 @@ def _frozen(dn: NDArray[Any], payload: NDArray[np.uint8]) -> NDArray[Any]:
     payload.flags.writeable = False
     dn.flags.writeable = False
     return dn
-
-
-@contextlib.contextmanager
-def _camera_errors(message: str, kind: type[CameraError]) -> Iterator[None]:
-    """Turn Aravis' errors into one of ours, keeping its reason."""
-    from gi.repository import GLib
-
-    try:
-        yield
-    except GLib.Error as error:
-        raise kind(f"{message} [{error.message}]") from error

@@ -7,6 +7,7 @@ our pixels.
 from __future__ import annotations
 
 import ctypes
+import errno
 import gc
 import logging
 import socket
@@ -20,7 +21,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..aravis_camera import aravis
+from ..aravis_library import aravis
 from ..camera import CameraError
 from ..pixel_format import PIXEL_FORMATS, PixelFormat
 from ..sockets import own_udp_sockets
@@ -194,6 +195,8 @@ class SimulatedGigECamera:
 
     def _fill(self, buffer: int, _user_data: int | None, exposure_us: int, gain_steps: int, format_code: int) -> None:
         """Write the pixels of the next frame; called in Aravis' thread before it is sent."""
+        if self._gv is None:
+            return  # being stopped
         try:
             payload = self._payload(exposure_us, gain_steps, format_code)
             ctypes.memmove(self._lib.arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
@@ -235,9 +238,13 @@ def _check_free(address: str) -> None:
         try:
             probe.bind((address, GVCP_PORT))
         except OSError as error:
+            remedy = (
+                "end the other simulated camera or program that uses it"
+                if error.errno == errno.EADDRINUSE
+                else "give an address of this machine, best a loopback one"
+            )
             raise CameraError(
-                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): end the other "
-                "simulated camera or program that uses it"
+                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): {remedy}"
             ) from error
 
 

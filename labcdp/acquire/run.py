@@ -11,15 +11,13 @@ from ..drivers.camera import Camera, CameraNotFoundError, IncompleteFrameError
 from ..drivers.meter import Meter
 from ..errors import SessionError
 from ..session import Role, Session, SessionConfiguration
+from ..session.configuration import SAME_EXPOSURE_REL
 from .operator import Operator
 
 _log = logging.getLogger(__name__)
 
 #: A frame that arrives incomplete is taken again this often before giving up.
 _ATTEMPTS = 3
-
-#: Two exposures are the same setting within this relative difference: cameras round to their clock.
-_SAME_EXPOSURE_REL = 0.01
 
 
 @dataclass(frozen=True)
@@ -78,14 +76,14 @@ def _lacking_frames(session: Session, role: Role, wanted: int) -> dict[float, in
     recorded = [float(record.metadata["exposure_s"]) for record in session.frames(role)]
     lacking = {}
     for exposure_s in session.configuration.plan.exposures_s:
-        n = wanted - sum(abs(t / exposure_s - 1) <= _SAME_EXPOSURE_REL for t in recorded)
+        n = wanted - sum(abs(t / exposure_s - 1) <= SAME_EXPOSURE_REL for t in recorded)
         if n > 0:
             lacking[exposure_s] = n
     return lacking
 
 
 def check_devices(camera: Camera, meter: Meter, configuration: SessionConfiguration) -> None:
-    """Refuse devices the configuration does not name.
+    """Refuse devices the configuration does not name, and regions the camera does not see.
 
     Raises
     ------
@@ -93,6 +91,8 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
         If vendor, model or serial number of the camera differ.
     SessionError
         If the meter is another model.
+    InputError
+        If a region of the target lies outside the camera's image or holds no pixel.
     """
     wanted = configuration.camera
     for name in ("vendor", "model", "serial"):
@@ -102,6 +102,9 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
                 f"the camera's {name} is {found!r}, the configuration says {expected!r}: connect that camera or "
                 f"correct camera.{name}"
             )
+    settings = camera.settings
+    for patch in configuration.target.patches:
+        patch.region().mask((settings.height, settings.width))
     if meter.identity.model != configuration.meter.model:
         raise SessionError(
             f"the meter is a {meter.identity.model}, the configuration says {configuration.meter.model}: connect "
@@ -166,7 +169,7 @@ def _frames(
     report(Progress(f"{role} frames", done, total))
     for exposure_s, n in lacking.items():
         applied = camera.configure(exposure_s=exposure_s, gain_db=plan.gain_db, pixel_format=plan.pixel_format)
-        if abs(applied.exposure_s / exposure_s - 1) > _SAME_EXPOSURE_REL:
+        if abs(applied.exposure_s / exposure_s - 1) > SAME_EXPOSURE_REL:
             raise SessionError(
                 f"the camera applied {applied.exposure_s:g} s where the plan asks for {exposure_s:g} s: put an "
                 "exposure it can keep into plan.exposures_s"

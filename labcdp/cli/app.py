@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from io import TextIOWrapper
 
 import typer
 
@@ -22,6 +24,7 @@ app = typer.Typer(
 )
 app.command("demo")(demo.demo)
 app.command("devices")(devices.devices)
+app.command("snap")(devices.snap)
 app.command("acquire")(session.acquire)
 app.command("calibrate")(session.calibrate)
 app.command("evaluate")(session.evaluate)
@@ -47,8 +50,13 @@ def _options(
 
 def main() -> None:
     """Run the command; an error is one line on standard error and exit status 1."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # A terminal that does not know a character such as a superscript 2 shows a question mark.
+            stream.reconfigure(errors="replace")
     try:
         app()
+        sys.stdout.flush()
     except LabcdpError as error:
         say(f"labcdp: {' '.join(str(error).split())}")
         sys.exit(1)
@@ -61,3 +69,9 @@ def main() -> None:
         # The reader of a pipe went away, for example `head`.
         sys.stderr.close()
         sys.exit(141)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        say(f"labcdp: the output cannot be written ({error.strerror}): make room where it goes")
+        # What is left in the buffer would fail again at exit.
+        os._exit(1)

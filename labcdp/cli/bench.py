@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import select
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -62,18 +64,27 @@ def _serve(bench: SimulatedBench) -> None:
     """Do what is typed until told to quit, or until a signal where nobody types."""
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        typing = True
-        while True:
-            readable, _, _ = select.select([sys.stdin] if typing else [], [], [], 1.0)
-            if not readable:
-                continue
-            line = sys.stdin.readline()
-            if not line:
-                typing = False
-            elif not _obey(bench, line.strip()):
+        for line in _typed_lines():
+            if not _obey(bench, line.strip()):
                 return
     except KeyboardInterrupt:
         say("Bench switched off")
+
+
+def _typed_lines() -> Iterator[str]:
+    """Yield what is typed line by line; after the end of the input, or without any, wait for a signal."""
+    # Read from the descriptor: a line that waits in Python's buffer would not wake up select.
+    descriptor = None if sys.stdin is None else sys.stdin.fileno()
+    text = b""
+    while True:
+        readable, _, _ = select.select([] if descriptor is None else [descriptor], [], [], 1.0)
+        if not readable or descriptor is None:
+            continue
+        received = os.read(descriptor, 4096)
+        if not received:
+            descriptor = None
+        *lines, text = (text + received).split(b"\n")
+        yield from (line.decode(errors="replace") for line in lines)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:

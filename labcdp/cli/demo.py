@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ..errors import InputError
 from .terminal import JSON_OPTION, print_json, progress_bars, say
 
 if TYPE_CHECKING:
@@ -83,9 +84,15 @@ def _run(
 
 
 def _free_folder(wanted: Path) -> Path:
-    """Return the folder, or the same with a number behind it if it is taken: nothing recorded is overwritten."""
+    """Make the folder, or the same with a number behind it if it is taken: nothing recorded is overwritten."""
     folder, number = wanted, 1
-    while folder.exists():
-        number += 1
-        folder = wanted.with_name(f"{wanted.name}-{number}")
-    return folder
+    while True:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+            folder = wanted.with_name(f"{wanted.name}-{number}")
+        except OSError as error:
+            raise InputError(f"{folder} cannot be made ({error.strerror}): give another --output") from error
+        else:
+            return folder

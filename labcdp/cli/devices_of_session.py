@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..errors import ConfigurationError, DeviceError
+from ..errors import DeviceError
 from .terminal import Bars, say
 
 if TYPE_CHECKING:
@@ -89,8 +89,6 @@ def connected(
     ------
     DeviceError
         If a device is absent, busy or silent.
-    ConfigurationError
-        If no serial port is given for the meter.
     """
     from ..drivers.aravis_camera import AravisCamera
 
@@ -101,8 +99,7 @@ def connected(
             yield devices
         return
     port = meter or configuration.meter.port
-    if port is None:
-        raise ConfigurationError("no serial port for the meter: give --meter, or meter.port in the configuration")
+    assert port is not None, "checked before the session is made"
     wanted = configuration.camera
     selector = camera or wanted.serial or wanted.address or wanted.model
     with AravisCamera(selector) as opened, _meter(configuration, port) as ls:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -49,7 +50,7 @@ def acquire(
     from ..acquire import remaining
     from .devices_of_session import connected
 
-    with _open_or_create(session, configuration) as opened:
+    with _open_or_create(session, configuration, need_port=meter is None and not simulated) as opened:
         if not remaining(opened).complete:
             with progress_bars() as bars, connected(opened.configuration, camera, meter, simulated, bars) as devices:
                 run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition)
@@ -58,13 +59,15 @@ def acquire(
         print_json({"session": str(session), **counts})
     else:
         say(f"{session}: {counts['frames']} frames and {counts['readings']} readings recorded")
-        say(f"Next: labcdp calibrate {session}")
+        say(f"Next: labcdp calibrate {quote(str(session))}")
 
 
-def _open_or_create(path: Path, configuration: Path) -> Session:
+def _open_or_create(path: Path, configuration: Path, need_port: bool) -> Session:
     from ..session import Session, SessionConfiguration
 
     wanted = SessionConfiguration.load(configuration)
+    if need_port and wanted.meter.port is None:
+        raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return Session.create(path, wanted)
     session = Session.open(path, writable=True)
@@ -97,7 +100,8 @@ def calibrate(
         return
     show_calibration(calibration)
     say(f"Saved: {path}")
-    say(f"Next: labcdp evaluate {session}")
+    chosen = "" if output is None else f" --output {quote(str(output))}"
+    say(f"Next: labcdp evaluate {quote(str(session))}{chosen}")
 
 
 def evaluate(
@@ -203,7 +207,8 @@ def _contrasts(
         return [ContrastConfiguration(**values | changes) for values in chosen]
     except ValidationError as error:
         name = error.errors()[0]["loc"][0]
-        raise InputError(f"--{name} is {contrast if name == 'contrast' else epsilon}: give a value above 0%") from error
+        given, allowed = (contrast, "above 0%") if name == "contrast" else (epsilon, "above 0%, up to 100%")
+        raise InputError(f"--{name} is {given}: give a value {allowed}") from error
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -220,6 +225,8 @@ def _compare(result: SessionEvaluation, against: Path) -> None:
         recorded = json.loads(against.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{against} cannot be read as JSON ({error}): give a results.json") from error
+    if not isinstance(recorded, dict):
+        raise InputError(f"{against} holds no results: give a results.json")
     differing = sorted(key for key, value in _numbers(result.to_dict()).items() if recorded.get(key) != value)
     if differing:
         raise SessionError(
@@ -264,7 +271,8 @@ def show_calibration(calibration: Calibration) -> None:
     )
     left_out = [w for w in calibration.warnings if "left out there" in w]
     if left_out:
-        say(f"{len(left_out)} patches are clipped or too dark at some exposures and left out there")
+        patches = "1 patch is" if len(left_out) == 1 else f"{len(left_out)} patches are"
+        say(f"{patches} clipped or too dark at some exposures and left out there")
     for warning in calibration.warnings:
         if warning not in left_out:
             say(f"Warning: {warning}")

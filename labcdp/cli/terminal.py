@@ -58,7 +58,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
     table = Table(title=title, title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if index == 0 else "right")
+        # Folded, not cut: a number without its last digits would be another number.
+        table.add_column(Text(column), justify="left" if index == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     console = Console(highlight=False)
@@ -77,6 +78,9 @@ class Bars:
 
     def update(self, name: str, done: int, total: int) -> None:
         """Set a bar."""
+        if not self._tasks:
+            # Not before: an error on the way here should not follow an empty line.
+            self._progress.start()
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total)
         self._progress.update(self._tasks[name], completed=done, total=total)
@@ -88,11 +92,14 @@ class Bars:
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Take the bars away while a person is asked something."""
-        self._progress.stop()
+        started = self._progress.live.is_started
+        if started:
+            self._progress.stop()
         try:
             yield
         finally:
-            self._progress.start()
+            if started:
+                self._progress.start()
 
 
 @contextmanager
@@ -102,8 +109,12 @@ def progress_bars() -> Iterator[Bars]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    progress = Progress(*columns, console=Console(stderr=True))
+    try:
         yield Bars(progress)
+    finally:
+        if progress.live.is_started:
+            progress.stop()
 
 
 def fraction_of_percent(text: str, name: str) -> float:

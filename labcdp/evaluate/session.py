@@ -268,6 +268,10 @@ def _lens_text(lens: LensIdentity) -> str:
 def _patch_row(name: str, observed: ObservedSession, calibration: Calibration) -> PatchRow:
     observations = observed.patches[name]
     measured, _ = combine_readings(name, observed.readings.get(name, []))
+    if measured.luminance_cd_m2 == 0:
+        raise CalibrationError(
+            f"patch {name!r} reads 0 cd/m^2, below the meter's range: leave it out with --without {name!r}"
+        )
     scale = max(reading.scale_half_width_rel for reading in observed.readings[name])
     region = next(p.region() for p in observed.configuration.target.patches if p.name == name)
     return PatchRow(

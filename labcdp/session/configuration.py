@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections import Counter
 from datetime import date
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -24,6 +25,10 @@ Positive = Annotated[Number, Field(gt=0)]
 Fraction = Annotated[Number, Field(gt=0, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1)]
 Several = Annotated[int, Field(strict=True, ge=2)]
+
+
+#: Two exposures are the same setting within this relative difference: cameras round to their clock.
+SAME_EXPOSURE_REL = 0.01
 
 
 def _date_of_text(value: object) -> object:
@@ -152,6 +157,12 @@ class PlanConfiguration(Table):
         exposure_s, times = Counter(exposures_s).most_common(1)[0]
         if times > 1:
             raise ValueError(f"has {exposure_s:g} s {times} times: give each exposure once")
+        for shorter, longer in pairwise(sorted(exposures_s)):
+            if longer < shorter * (1 + SAME_EXPOSURE_REL):
+                raise ValueError(
+                    f"has {shorter:g} s and {longer:g} s, which a camera may round to one: give exposures at least "
+                    f"{SAME_EXPOSURE_REL:.0%} apart"
+                )
         return exposures_s
 
 
@@ -207,7 +218,7 @@ class SessionConfiguration(Table):
             If the file cannot be read, or as `from_toml`.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8-sig")
         except OSError as error:
             raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): give a file you can read") from error
         except UnicodeDecodeError as error:

@@ -90,6 +90,8 @@ class Session:
             If there is something at `path` already, or it cannot be written.
         """
         path = Path(path)
+        if path.resolve() == Path.cwd():
+            raise SessionError("the current folder cannot become a session: give the name of a new folder in it")
         # Made under a temporary name, so that a session is there with all it needs or not at all.
         making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
         try:

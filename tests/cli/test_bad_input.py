@@ -1,6 +1,8 @@
 """What a tired person does: each gets one clear line, exit status 1, and costs nothing recorded."""
 
+import os
 import shutil
+import subprocess
 
 import pytest
 
@@ -121,6 +123,7 @@ def test_a_calibration_that_is_none(fails, own, tmp_path):
         (("--contrast", "10"), "--contrast is '10': give a number with a percent sign"),
         (("--contrast", "-5%"), "--contrast is -5%"),
         (("--epsilon", "0%"), "--epsilon is 0%"),
+        (("--epsilon", "150%"), "--epsilon is 150%: give a value above 0%, up to 100%"),
         (("--pair", "P02:P01"), "--pair needs a contrast"),
         (("--contrast", "5%", "--pair", "P02"), "give BRIGHT:DARK"),
         (("--contrast", "5%", "--pair", "P02:P77"), "no patch 'P77'"),
@@ -142,6 +145,51 @@ def test_replay_against_other_results(fails, tmp_path):
     (tmp_path / "r.json").write_text('{"session": "another"}')
     assert "the replay differs from r.json in" in fails("replay", "--against", "r.json")
     assert "cannot be read as JSON" in fails("replay", "--against", "none.json")
+
+
+def test_results_that_are_no_results(fails, tmp_path):
+    (tmp_path / "l.json").write_text("[]")
+    assert "l.json holds no results" in fails("replay", "--against", "l.json")
+
+
+def test_camera_busy(fails, running_bench, aravis):
+    from labcdp.drivers.aravis_camera import AravisCamera
+
+    _, told = running_bench()
+    with AravisCamera():
+        line = fails("acquire", example_session() / "session.toml", "new", "--meter", told["meter"]["port"])
+    assert "SIM-503363706 at 127.0.0.1 is controlled by another program: close that program" in line
+
+
+def test_a_region_outside_the_cameras_image(fails, running_bench, tmp_path):
+    _, told = running_bench()
+    path = tmp_path / "bench.toml"
+    path.write_text(example_configuration().replace("[416, 218, 300, 300]", "[2400, 218, 300, 300]"))
+    line = fails("acquire", path, "new", "--meter", told["meter"]["port"])
+    assert (
+        "region 'P01' spans x 2400 to 2700, y 218 to 518, but the image is 2452 x 2056 pixels: move it inside" in line
+    )
+
+
+def test_the_current_folder_is_no_new_session(fails):
+    assert "the current folder cannot become a session" in fails(
+        "acquire", example_session() / "session.toml", ".", "--simulated"
+    )
+
+
+def test_a_full_device_behind_the_output(labcdp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([labcdp_path, "acquire", "--example"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert done.stderr == "labcdp: the output cannot be written (No space left on device): make room where it goes\n"
+
+
+def test_a_terminal_without_the_characters(labcdp_path):
+    done = subprocess.run(
+        [labcdp_path, "replay"], env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert "measured (cd/m?)" in done.stdout
 
 
 def test_output_that_cannot_be_made(fails, own, tmp_path):

@@ -5,13 +5,14 @@ import subprocess
 import time
 from importlib.metadata import version
 
+import cv2
 import pytest
 import serial
 
 from labcdp.chain import manta_g505
 from labcdp.session import Session, SessionConfiguration, example_session
 
-COMMANDS = ("demo", "devices", "acquire", "calibrate", "evaluate", "replay", "simulate-bench")
+COMMANDS = ("demo", "devices", "snap", "acquire", "calibrate", "evaluate", "replay", "simulate-bench")
 
 
 def test_help_names_every_command(labcdp):
@@ -179,6 +180,29 @@ def test_devices_lists_camera_and_problem_free(labcdp, running_bench):
     found = json.loads(labcdp("devices", "--json").stdout)
     assert [c["serial"] for c in found["cameras"]] == ["SIM-503363706"]
     assert found["problem"] is None
+
+
+def test_snap_takes_a_frame_to_look_at(labcdp, running_bench, tmp_path):
+    running_bench()
+    done = labcdp("snap", "first.tif", "--exposure-s", "0.002", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["exposure_s"] == 0.002
+    pixels = cv2.imread(str(tmp_path / "first.tif"), cv2.IMREAD_UNCHANGED)
+    assert pixels.shape == (2056, 2452)
+    assert pixels.mean() == pytest.approx(told["mean_dn"])
+
+
+def test_lines_typed_at_once_are_all_obeyed(running_bench):
+    bench, _ = running_bench()
+    bench.stdin.write("point P03\ncover\nstatus\nquit\n")
+    bench.stdin.flush()
+    assert bench.wait(10) == 0
+    assert [line.strip() for line in bench.stderr] == [
+        "Lens open; meter points at P03",
+        "Lens covered; meter points at P03",
+        "Lens covered; meter points at P03",
+    ]
 
 
 def test_devices_says_so_when_nothing_is_there(labcdp, aravis):

@@ -1,13 +1,13 @@
 import os
 import signal
 import subprocess
-import threading
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from labcdp.drivers.aravis_camera import AravisCamera, CameraInfo, _choose, discover
+from labcdp.drivers.aravis_camera import AravisCamera
+from labcdp.drivers.aravis_library import CameraInfo, choose, discover
 from labcdp.drivers.camera import (
     CameraBusyError,
     CameraError,
@@ -18,6 +18,7 @@ from labcdp.drivers.camera import (
     IncompleteFrameError,
 )
 from labcdp.drivers.simulated.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.errors import InputError
 
 from .conftest import SMALL, Ramp
 
@@ -101,6 +102,37 @@ def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
         assert [f.dn[0, 0] for f in camera.grab(3)] == [3000, 3000, 3000]
 
 
+def test_settings_cannot_change_under_a_grab(camera_on_loopback):
+    """The rest of its frames would tell a wrong exposure."""
+    with AravisCamera() as camera:
+        frames = camera.grab(20)
+        next(frames)
+        with pytest.raises(CameraError, match=r"still grabbing: finish that loop, .* before a change of settings"):
+            camera.configure(exposure_s=0.003)
+        with pytest.raises(CameraError, match=r"still grabbing.* before another grab"):
+            camera.snap()
+        frames.close()
+        camera.configure(exposure_s=0.003)
+        assert camera.snap().dn[0, 0] == 3000
+
+
+def test_closing_in_the_middle_of_a_grab_lets_the_camera_go(camera_on_loopback):
+    camera = AravisCamera().open()
+    frames = camera.grab(20)
+    next(frames)
+    camera.close()
+    with AravisCamera() as again:
+        assert again.snap().shape == (48, 64)
+    with pytest.raises(CameraError, match="was closed while it was grabbing: open it again"):
+        next(frames)
+
+
+@pytest.mark.parametrize("timeout_s", [-1.0, float("nan"), float("inf")])
+def test_an_impossible_timeout_is_refused(camera_on_loopback, timeout_s):
+    with AravisCamera() as camera, pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"):
+        camera.snap(timeout_s)
+
+
 def test_grab_loses_no_frame(camera_on_loopback):
     with AravisCamera() as camera:
         numbers = [int(frame.dn[0, 2]) for frame in camera.grab(60)]
@@ -149,8 +181,8 @@ def test_no_camera_at_all(aravis):
 def test_two_cameras_need_a_choice():
     found = [CameraInfo("V", "M", serial, f"10.0.0.{serial}", "GigEVision") for serial in ("1", "2")]
     with pytest.raises(CameraNotFoundError, match=r"more than one camera 'M' .*give a serial number"):
-        _choose(found, "M")
-    assert _choose(found, "2").address == "10.0.0.2"
+        choose(found, "M")
+    assert choose(found, "2").address == "10.0.0.2"
 
 
 def test_busy_camera(camera_on_loopback, start_python):
@@ -218,10 +250,11 @@ def test_a_camera_that_waits_for_a_trigger_times_out(aravis_tools, camera_on_loo
 def test_nothing_is_left_behind(camera_on_loopback):
     with AravisCamera() as camera:
         camera.snap()
-    threads, files = threading.active_count(), len(os.listdir("/proc/self/fd"))
+    threads, files = len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
     for _ in range(3):
         with AravisCamera() as camera:
             list(camera.grab(2))
     del camera
-    assert threading.active_count() == threads
+    # Aravis' threads are not Python's.
+    assert len(os.listdir("/proc/self/task")) == threads
     assert len(os.listdir("/proc/self/fd")) == files

@@ -80,6 +80,7 @@ class Reception:
             with contextlib.suppress(CameraLostError), losing(self._identity, "acquisition cannot be stopped"):
                 self._camera.stop_acquisition()
         self._stream = None
+        self._camera = None
         self._arrays = {}
 
     def _push(self) -> None:

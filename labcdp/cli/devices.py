@@ -66,6 +66,6 @@ def snap(
         print_json({"file": str(file), "mean_dn": float(frame.dn.mean()), "saturated": saturated, **frame.metadata()})
         return
     say(
-        f"{file}: {frame.shape[1]} x {frame.shape[0]} pixels, mean {frame.dn.mean():.0f} of {frame.saturation_dn:.0f} DN, "
-        f"{saturated:.1%} saturated"
+        f"{file}: {frame.shape[1]} x {frame.shape[0]} pixels, mean {frame.dn.mean():.0f} of {frame.saturation_dn:.0f} "
+        f"DN, {saturated:.1%} saturated"
     )

@@ -150,9 +150,12 @@ def replay(
     from ..report import write_results
     from ..session import example_session
 
+    recorded = None if against is None else _recorded_results(against)
     opened, observed = _observe(session or example_session(), without)
     calibration = calibrate_session(observed)
     result = evaluate_session(opened, observed, calibration)
+    if recorded is not None:
+        _require_same(result, recorded, str(against))
     if output is not None:
         save(calibration, _made(output) / "calibration.json")
         write_results(result, output)
@@ -161,7 +164,7 @@ def replay(
     else:
         show_evaluation(result)
     if against is not None:
-        _compare(result, against)
+        say(f"Identical to {against}")
 
 
 def _observe(path: Path, without: list[str]) -> tuple[Session, ObservedSession]:
@@ -218,7 +221,7 @@ def _pair(text: str) -> tuple[str, str]:
     return bright, dark
 
 
-def _compare(result: SessionEvaluation, against: Path) -> None:
+def _recorded_results(against: Path) -> dict[str, Any]:
     import json
 
     try:
@@ -227,13 +230,16 @@ def _compare(result: SessionEvaluation, against: Path) -> None:
         raise InputError(f"{against} cannot be read as JSON ({error}): give a results.json") from error
     if not isinstance(recorded, dict):
         raise InputError(f"{against} holds no results: give a results.json")
+    return recorded
+
+
+def _require_same(result: SessionEvaluation, recorded: dict[str, Any], against: str) -> None:
     differing = sorted(key for key, value in _numbers(result.to_dict()).items() if recorded.get(key) != value)
     if differing:
         raise SessionError(
             f"the replay differs from {against} in {', '.join(differing)}: another version of labcdp or of its "
             "libraries made it, or it belongs to another session"
         )
-    say(f"Identical to {against}")
 
 
 def _numbers(values: dict[str, Any]) -> dict[str, Any]:

@@ -51,21 +51,32 @@ def print_json(values: Any) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table; all columns but the first are right aligned."""
+    """Print a table; all columns but the first are right aligned.
+
+    A terminal too narrow for the cells gets each row as a list: a number broken in two is no number.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, column in enumerate(columns):
-        # Folded, not cut: a number without its last digits would be another number.
-        table.add_column(Text(column), justify="left" if index == 0 else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
     console = Console(highlight=False)
     if not console.is_terminal:
         # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
         console = Console(highlight=False, width=200)
+    widths = [max((len(row[index]) for row in rows), default=0) for index in range(len(columns))]
+    # Three characters between two cells, and the frame.
+    if sum(widths) + 3 * len(columns) + 1 > console.width:
+        console.print(Text(title, style="bold"))
+        for row in rows:
+            console.print(Text(f"  {row[0]}"))
+            for column, cell in zip(columns[1:], row[1:], strict=True):
+                console.print(Text(f"    {column}: {cell}"))
+        return
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(Text(column), justify="left" if index == 0 else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
     console.print(table)
 
 

@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import signal
 import subprocess
@@ -65,6 +66,19 @@ def test_the_shipped_session_replays_without_any_device(labcdp):
         row = next(line for line in done.stdout.splitlines() if patch in line and "/" not in line)
         assert float(re.findall(r"\d+\.?\d*", row)[0]) == pytest.approx(measured, rel=0.01)
     assert "Simulated: camera Manta_G-505B, luminance meter LS-110, target" in done.stderr
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_numbers_are_whole_on_a_narrow_terminal(labcdp_path, width):
+    environment = os.environ | {"COLUMNS": str(width), "FORCE_COLOR": "1"}
+    narrow = subprocess.run([labcdp_path, "replay"], env=environment, capture_output=True, text=True).stdout
+    wide = subprocess.run([labcdp_path, "replay"], capture_output=True, text=True).stdout
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", narrow).splitlines()
+    assert max(map(len, lines)) <= width
+    for cdp in re.findall(r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)", wide):
+        assert any(cdp in line for line in lines)
+    for cell in re.findall(r"(\d+\.\d+) │", wide):
+        assert any(cell in line for line in lines)
 
 
 def test_the_shipped_session_is_small():

@@ -2,70 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from fractions import Fraction
-from math import isfinite, nan, sqrt
+from collections.abc import Iterable
+from math import nan, sqrt
 from typing import Literal
 
-from ..errors import InputError
-from .distribution import Region
-from .pairs import bright_and_dark, decimal_fraction, tally_pairs
+from .distribution import Distribution, Region
+from .interval import AskedContrast, ContrastDefinition, Epsilon
+from .pairs import PairTally, bright_and_dark, tally_pairs
+from .result import CdpResult
 from .uncertainty import confidence_interval, unbiased_variance
 
 
-@dataclass(frozen=True)
-class CdpResult:
-    """Contrast detection probability between two regions; all shares are fractions of all pairs of pixels.
-
-    Parameters
-    ----------
-    cdp : float
-        Share of pairs whose contrast lies in `interval`, ends included.
-    standard_error : float
-        Of `cdp`, for pixels independent of each other; nan if a region has one pixel only or weights that are
-        not counts. Noise correlated over 3 x 3 pixels makes it two to three times as large.
-    confidence_interval : (float, float)
-        95 % interval of `cdp`; (nan, nan) where the standard error is nan.
-    contrast, epsilon : float
-        Weber contrast asked for, and its tolerance.
-    interval : (float, float)
-        Lowest and highest contrast that counts as detected.
-    below, above : float
-        Share of pairs with a lower or a higher contrast; `below` + `cdp` + `above` is 1.
-    undefined : float
-        Share of pairs in which no pixel is above 0; they are part of `below`.
-    bright : {'a', 'b'}
-        Which region was the bright one.
-    bright_size, dark_size : int or None
-        Pixels of the two regions; None if the weights are not counts.
-    """
-
-    cdp: float
-    standard_error: float
-    confidence_interval: tuple[float, float]
-    contrast: float
-    epsilon: float
-    interval: tuple[float, float]
-    below: float
-    above: float
-    undefined: float
-    bright: Literal["a", "b"]
-    bright_size: int | None
-    dark_size: int | None
-
-
-def cdp(a: Region, b: Region, contrast: float, epsilon: float = 0.5) -> CdpResult:
+def cdp(
+    a: Region, b: Region, contrast: float, epsilon: Epsilon = 0.5, *, definition: ContrastDefinition = "weber"
+) -> CdpResult:
     """Contrast detection probability between two regions, over every pixel of one against every pixel of the other.
 
     Parameters
     ----------
     a, b : array_like of int or float of any shape, or Distribution
-        Pixels of the two regions in one linear unit, best cd/m^2. To evaluate many contrasts, make the
-        distributions once with `Distribution.from_array` and pass them.
+        Pixels of the two regions in one linear unit, best cd/m^2. To evaluate many contrasts, see `cdp_range`.
     contrast : float
-        Weber contrast K to be detected, a fraction above 0 (1.0 is 100 %).
-    epsilon : float
-        Relative tolerance of the contrast, above 0 and up to 1.
+        Contrast K to be detected, a fraction above 0 (1.0 is 100 %).
+    epsilon : float or DetectionInterval
+        Relative tolerance of the contrast, above 0 and up to 1; a `DetectionInterval` for one that differs below and
+        above or has one end only.
+    definition : {'weber', 'michelson'}
+        Contrast in which K is given and pairs are measured. Michelson contrasts are below 1.
 
     Returns
     -------
@@ -86,41 +49,78 @@ def cdp(a: Region, b: Region, contrast: float, epsilon: float = 0.5) -> CdpResul
     integers the result is thus that of exact arithmetic (see `pairs.RELATIVE_TOLERANCE` for the limits). Values in
     float32 come with their own rounding of 6e-8, beyond that tolerance, and are compared as they are.
 
-    Where the dark value is 0 or below, a bright value above 0 has an unbounded contrast and is `above`; with
-    both at 0 or below the contrast is undefined. Nothing is seen there, so such pairs are `below`, and their
-    share is reported.
+    Where the dark value is 0 or below, a bright value above 0 has an unbounded contrast and is `above` (detected if
+    the interval has no upper end); with both at 0 or below the contrast is undefined. Nothing is seen there, so such
+    pairs are `below`, and their share is reported.
     """
-    low, high = _contrast_interval(contrast, epsilon)
+    return cdp_range(a, b, (contrast,), epsilon, definition=definition)[0]
+
+
+def cdp_range(
+    a: Region,
+    b: Region,
+    contrasts: Iterable[float],
+    epsilon: Epsilon = 0.5,
+    *,
+    definition: ContrastDefinition = "weber",
+) -> tuple[CdpResult, ...]:
+    """Contrast detection probability between two regions at several contrasts; the pixels are counted once.
+
+    Parameters
+    ----------
+    a, b, epsilon, definition
+        As for `cdp`.
+    contrasts : iterable of float
+        Contrasts, each as for `cdp`; for equal steps see `contrast_range`.
+
+    Returns
+    -------
+    tuple of CdpResult
+        One for each contrast, each what `cdp` returns for it.
+
+    Raises
+    ------
+    InputError
+        As `cdp`.
+    """
+    asked = [AskedContrast(contrast, epsilon, definition) for contrast in contrasts]
     bright, dark, bright_name = bright_and_dark(a, b)
-    tally = tally_pairs(bright, dark, low, high)
+    return tuple(
+        result_of_tally(tally_pairs(bright, dark, one.low, one.high), bright, dark, bright_name, one) for one in asked
+    )
+
+
+def result_of_tally(
+    tally: PairTally,
+    bright: Distribution,
+    dark: Distribution,
+    bright_name: Literal["a", "b"],
+    asked: AskedContrast,
+    variance_inflation: float = 1.0,
+) -> CdpResult:
+    """Report a tally, with its variance for independent pixels times `variance_inflation`."""
     standard_error, interval = nan, (nan, nan)
     if bright.size is not None and dark.size is not None:
-        variance = unbiased_variance(
+        variance = variance_inflation * unbiased_variance(
             tally.inside, tally.inside_per_dark, dark.weights, tally.inside_per_bright, bright.weights
         )
         standard_error = sqrt(variance)
-        interval = confidence_interval(tally.inside, variance, min(bright.size, dark.size))
+        # So many independent pixels would know as much about the region.
+        smaller_size = min(bright.size, dark.size) / variance_inflation
+        interval = confidence_interval(tally.inside, variance, smaller_size)
     return CdpResult(
         cdp=tally.inside,
         standard_error=standard_error,
         confidence_interval=interval,
-        contrast=float(contrast),
-        epsilon=float(epsilon),
-        interval=(float(low), float(high)),
+        contrast=asked.contrast,
+        epsilon=asked.epsilon,
+        definition=asked.definition,
+        interval=asked.interval,
         below=tally.below,
         above=tally.above,
         undefined=bright.not_positive * dark.not_positive,
         bright=bright_name,
         bright_size=bright.size,
         dark_size=dark.size,
+        correlation_inflation=sqrt(variance_inflation),
     )
-
-
-def _contrast_interval(contrast: float, epsilon: float) -> tuple[Fraction, Fraction]:
-    """Lowest and highest contrast that counts as detected, exactly; raises InputError if out of range."""
-    if not (isfinite(contrast) and contrast > 0):
-        raise InputError(f"contrast is {contrast}: give a fraction above 0 (1.0 is 100 %)")
-    if not 0 < epsilon <= 1:
-        raise InputError(f"epsilon is {epsilon}: give a fraction above 0, up to 1")
-    middle, tolerance = decimal_fraction(contrast), decimal_fraction(epsilon)
-    return middle * (1 - tolerance), middle * (1 + tolerance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from math import inf, isfinite
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -49,16 +50,11 @@ def bright_and_dark(a: Region, b: Region) -> tuple[Distribution, Distribution, L
     return first, second, "a"
 
 
-def decimal_fraction(number: float) -> Fraction:
-    """Return a float as the decimal number a user would write for it: 0.1 is exactly 1/10."""
-    return Fraction(repr(float(number)))
-
-
 def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -> float:
     """Weight of all pairs of at most a contrast (-1 or more), those with an undefined contrast included."""
     total = 0.0
     for block, start, counts in _counts_up_to(bright, dark.values, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
-        total += weighted_sum(dark.weights[block], bright.cumulative[start:][counts])
+        total += _sum(_weight_of_first(bright, start, counts), None if dark.each_once else dark.weights[block])
     return total
 
 
@@ -83,8 +79,8 @@ class PairTally:
     inside_per_bright: NDArray[np.float64]
 
 
-def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction, high: Fraction) -> PairTally:
-    """Sort all pairs by the closed interval of contrasts `low` to `high` (0 <= low < high)."""
+def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction | None, high: Fraction | None) -> PairTally:
+    """Sort all pairs by the closed interval of contrasts `low` to `high` (0 <= low <= high; None for an open end)."""
     middle = dark.values.size // 2
     parts = [slice(0, middle), slice(middle, dark.values.size)]
     tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, low, high), parts, dark.values.size)
@@ -109,25 +105,52 @@ class _PartTally(NamedTuple):
     flow: NDArray[np.float64]
 
 
-def _tally_part(bright: Distribution, dark: Distribution, part: slice, low: Fraction, high: Fraction) -> _PartTally:
+def _tally_part(
+    bright: Distribution, dark: Distribution, part: slice, low: Fraction | None, high: Fraction | None
+) -> _PartTally:
     values, weights = dark.values[part], dark.weights[part]
-    lower_counts = _counts_up_to(bright, values, float(1 + low) * (1 - RELATIVE_TOLERANCE))
-    upper_counts = _counts_up_to(bright, values, float(1 + high) * (1 + RELATIVE_TOLERANCE))
+    if low is None:
+        lower_counts = _undefined_counts(bright, values)
+    else:
+        lower_counts = _counts_up_to(bright, values, float(1 + low) * (1 - RELATIVE_TOLERANCE))
+    upper_counts = _counts_up_to(bright, values, inf if high is None else float(1 + high) * (1 + RELATIVE_TOLERANCE))
     below = inside = above = 0.0
     inside_per_dark = np.empty(values.size)
     # Each dark value enters at its first bright value inside and leaves after its last one.
     flow = np.zeros(bright.values.size + 1)
     for (block, enter, first), (_, leave, last) in zip(lower_counts, upper_counts, strict=True):
-        below_each = bright.cumulative[enter:][first]
-        up_to_each = bright.cumulative[leave:][last]
+        below_each = _weight_of_first(bright, enter, first)
+        up_to_each = _weight_of_first(bright, leave, last)
         inside_each = np.subtract(up_to_each, below_each, out=inside_per_dark[block])
-        below += weighted_sum(weights[block], below_each)
-        inside += weighted_sum(weights[block], inside_each)
-        above += weighted_sum(weights[block], bright.cumulative[-1] - up_to_each)
-        entering, leaving = np.bincount(first, weights[block]), np.bincount(last, weights[block])
+        block_weights = None if dark.each_once else weights[block]
+        below += _sum(below_each, block_weights)
+        inside += _sum(inside_each, block_weights)
+        above += _sum(bright.total - up_to_each, block_weights)
+        entering, leaving = np.bincount(first, block_weights), np.bincount(last, block_weights)
         flow[enter : enter + entering.size] += entering
         flow[leave : leave + leaving.size] -= leaving
     return _PartTally(below, inside, above, inside_per_dark, flow)
+
+
+def _weight_of_first(distribution: Distribution, start: int, counts: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Weight of the first `start` + `counts` values of a distribution."""
+    if distribution.each_once:
+        return np.add(counts, float(start))
+    return distribution.cumulative[start:][counts]
+
+
+def _sum(values: NDArray[np.float64], weights: NDArray[np.float64] | None) -> float:
+    return float(values.sum()) if weights is None else weighted_sum(weights, values)
+
+
+def _undefined_counts(
+    bright: Distribution, dark_values: NDArray[np.float64]
+) -> Iterator[tuple[slice, int, NDArray[np.intp]]]:
+    """Count the distinct bright values each dark one has an undefined contrast to; yields as `_counts_up_to`."""
+    not_positive = np.searchsorted(bright.values, 0, side="right")
+    for begin in range(0, dark_values.size, _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        yield block, 0, np.where(dark_values[block] > 0, 0, not_positive)
 
 
 def _counts_up_to(
@@ -136,7 +159,7 @@ def _counts_up_to(
     """Count, for each dark value, the distinct bright values of at most `factor` (0 or more) times the dark one.
 
     Where the dark value is 0 or below, no product is a sensible limit. Bright values up to 0 are counted then:
-    each bright value above 0 has an unbounded contrast to it.
+    each bright value above 0 has an unbounded contrast to it. An infinite factor counts every bright value.
 
     Yields
     ------
@@ -151,7 +174,7 @@ def _counts_up_to(
     for begin in range(0, dark_values.size, _BLOCK):
         block = slice(begin, begin + _BLOCK)
         with np.errstate(over="ignore"):
-            limits = np.maximum(dark_values[block], 0) * factor
+            limits = np.maximum(dark_values[block], 0 if isfinite(factor) else 1) * factor
         stop = int(bright.values.searchsorted(limits[-1], side="right"))
         yield block, start, bright.values[start:stop].searchsorted(limits, side="right")
         start = stop

@@ -66,8 +66,8 @@ def unbiased_variance(
     if min(m, n) < 2:
         return nan
     binomial = share * (1 - share)
-    scatter_dark = _scatter(share_per_dark, dark_counts, share)
-    scatter_bright = _scatter(share_per_bright, bright_counts, share)
+    scatter_dark = scatter(share_per_dark, dark_counts, share)
+    scatter_bright = scatter(share_per_bright, bright_counts, share)
     variance = (n * scatter_dark / m + m * scatter_bright / n - binomial) / ((m - 1) * (n - 1))
     return max(variance, binomial / (m * n))
 
@@ -105,7 +105,7 @@ def confidence_interval(share: float, variance: float, smaller_size: float) -> t
     return max(centre - half_width, 0.0), min(centre + half_width, 1.0)
 
 
-def _scatter(shares: NDArray[np.float64], counts: NDArray[np.float64], centre: float) -> float:
+def scatter(shares: NDArray[np.float64], counts: NDArray[np.float64], centre: float) -> float:
     """Sum of squared distances from `centre` over all pixels."""
     distances = shares - centre
     return weighted_sum(counts, distances, distances)

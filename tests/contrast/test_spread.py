@@ -40,10 +40,47 @@ def test_it_agrees_with_cdp_at_the_ends_of_the_interval():
         ([0.2, 0.1], "bins are not a rising list of finite contrasts"),
         ([0, np.inf], "bins are not a rising list of finite contrasts"),
         ([np.nan], "bins are not a rising list of finite contrasts"),
-        (10, "bins are not a rising list of finite contrasts"),
+        (0, "bins is 0: give a number above 0, or edges such as 0, 0.1, 0.2"),
+        (0.5, "bins are not a rising list of finite contrasts"),
         ([-1.5, 0], r"bins start at -1\.5: no contrast is below -1 between values above 0"),
     ],
 )
 def test_unusable_edges_are_refused(bins, message):
     with pytest.raises(InputError, match=message):
         contrast_distribution([2], [1], bins)
+
+
+def test_bins_cover_all_but_a_thousandth_of_the_contrasts():
+    rng = np.random.default_rng(23)
+    a, b = rng.normal(100, 5, 300), rng.normal(120, 5, 200)
+    result = contrast_distribution(a, b, 50)
+    contrasts = np.divide.outer(b, a).ravel() - 1
+    low, high = np.quantile(contrasts, [0.0005, 0.9995], method="inverted_cdf")
+    margin = (high - low) / 100
+    assert np.diff(result.edges) == pytest.approx(np.full(50, (high - low + 2 * margin) / 50))
+    assert result.edges[[0, -1]] == pytest.approx([low - margin, high + margin], abs=1e-8)
+    assert result.cumulative[-1] - result.cumulative[0] > 0.999
+
+
+def test_a_dark_pixel_close_to_0_does_not_stretch_the_bins():
+    result = contrast_distribution([120] * 100, [100] * 1999 + [1e-6], 10)
+    assert result.edges[0] == pytest.approx(0.194)
+    assert result.edges[-1] == pytest.approx(0.206)
+
+
+def test_bins_hold_a_single_contrast_too():
+    result = contrast_distribution(np.full(4, 120), np.full(4, 100), 3)
+    assert np.diff(result.cumulative).sum() == 1
+
+
+def test_bins_leave_unbounded_and_undefined_contrasts_out():
+    result = contrast_distribution([120, 130, 0], [100, 110, 0], 4)
+    # -1 for the bright 0; above it four finite contrasts up to 0.3.
+    assert result.edges[0] == -1
+    assert 0.3 < result.edges[-1] < 0.6
+    assert result.cumulative[-1] == pytest.approx(7 / 9)
+
+
+def test_without_a_finite_contrast_there_is_nothing_to_bin():
+    with pytest.raises(InputError, match="no pair has a finite contrast, so there is nothing to bin: check exposure"):
+        contrast_distribution([5, 6], [0, 0], 10)

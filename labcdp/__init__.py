@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from . import chain as chain
     from . import drivers as drivers
     from .contrast import cdp as cdp
+    from .contrast import cdp_neighbours as cdp_neighbours
     from .errors import LabcdpError as LabcdpError
     from .frame import Frame as Frame
     from .luminance import LuminanceMap as LuminanceMap
@@ -24,10 +25,22 @@ _HOME = {
     "Reading": "reading",
     "Roi": "roi",
     "cdp": "contrast",
+    "cdp_neighbours": "contrast",
 }
 _ROOMS = ("calibration", "chain", "drivers")
 
-__all__ = ["Frame", "LabcdpError", "LuminanceMap", "Reading", "Roi", "calibration", "cdp", "chain", "drivers"]
+__all__ = [
+    "Frame",
+    "LabcdpError",
+    "LuminanceMap",
+    "Reading",
+    "Roi",
+    "calibration",
+    "cdp",
+    "cdp_neighbours",
+    "chain",
+    "drivers",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ from io import TextIOWrapper
 import typer
 
 from ..errors import LabcdpError
-from . import bench, demo, devices, session
+from . import bench, demo, devices, session, simulation
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -30,6 +30,10 @@ app.command("calibrate")(session.calibrate)
 app.command("evaluate")(session.evaluate)
 app.command("replay")(session.replay)
 app.command("simulate-bench")(bench.simulate_bench)
+app.command("presets")(simulation.presets)
+app.command("simulate")(simulation.simulate)
+app.command("sweep")(simulation.sweep)
+app.command("reproduce")(simulation.reproduce)
 
 
 def _version(wanted: bool) -> None:

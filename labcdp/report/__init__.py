@@ -1,6 +1,32 @@
-"""Report: an evaluation as tables, figures, a page and a spreadsheet."""
+"""Report: results as tables, figures, pages, spreadsheets and files."""
 
+from .map_files import write_map
+from .map_tables import map_values, usable_table
+from .map_text import map_notes
+from .netcdf import load_netcdf, save_netcdf
 from .results import write_results
+from .simulation_results import simulation_values, write_simulation
+from .simulation_tables import detection_table, signal_table
 from .tables import Table, contrast_table, summary_table
+from .thesis_results import figure_table, thesis_table, thesis_values, write_thesis
 
-__all__ = ["Table", "contrast_table", "summary_table", "write_results"]
+__all__ = [
+    "Table",
+    "contrast_table",
+    "detection_table",
+    "figure_table",
+    "load_netcdf",
+    "map_notes",
+    "map_values",
+    "save_netcdf",
+    "signal_table",
+    "simulation_values",
+    "summary_table",
+    "thesis_table",
+    "thesis_values",
+    "usable_table",
+    "write_map",
+    "write_results",
+    "write_simulation",
+    "write_thesis",
+]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from math import floor, isfinite, log10
 
-from ..contrast import CdpResult
+from ..contrast import DetectionResult
 
 #: 97.5 % quantile of the standard normal distribution: half width of a 95 % interval in standard uncertainties.
 Z_95 = 1.959963984540054
@@ -77,7 +77,7 @@ def exposures(exposures_s: Sequence[float]) -> str:
     return ", ".join(exposure(value) for value in sorted(exposures_s))
 
 
-def cdp_decimals(result: CdpResult) -> int:
+def cdp_decimals(result: DetectionResult) -> int:
     """Count the decimals that the 95 % interval of a CDP supports."""
     low, high = result.confidence_interval
     if not high > low:
@@ -85,7 +85,7 @@ def cdp_decimals(result: CdpResult) -> int:
     return min(decimals((high - low) / 2, 2), _MOST_DECIMALS_OF_SHARE)
 
 
-def cdp_interval(result: CdpResult) -> str:
+def cdp_interval(result: DetectionResult) -> str:
     """Write the 95 % interval of a CDP."""
     low, high = result.confidence_interval
     n = cdp_decimals(result)

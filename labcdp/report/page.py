@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 
 from . import wording
 from .digits import printable
+from .document import Document
 from .facts import calibration_facts, provenance_facts
 from .figures import ReportFigure, ReportFigures
 from .tables import contrast_table, residual_table, summary_table
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
+
     from ..evaluate import SessionEvaluation
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -33,6 +36,56 @@ def html_page(evaluation: SessionEvaluation, figures: ReportFigures) -> str:
     str
         HTML 5.
     """
+    configuration = evaluation.observed.configuration
+    return (
+        _environment()
+        .get_template("report.html")
+        .render(
+            kind="labcdp report: luminance and contrast detection probability (CDP)",
+            title=printable(configuration.name),
+            measured=wording.measured(evaluation),
+            simulated=wording.simulated(evaluation),
+            results=wording.results(evaluation),
+            check=wording.check(evaluation),
+            warnings=wording.warnings(evaluation),
+            figures=figures,
+            patches=summary_table(evaluation),
+            contrasts=contrast_table(evaluation),
+            residuals=residual_table(evaluation.calibration),
+            calibration=calibration_facts(evaluation.calibration),
+            provenance=provenance_facts(evaluation),
+            configuration="\n".join(printable(line) for line in configuration.to_toml().splitlines()),
+        )
+    )
+
+
+def document_page(document: Document) -> str:
+    """Write any document as a page with figures and style inside; all text is escaped.
+
+    Parameters
+    ----------
+    document : Document
+        What to write.
+
+    Returns
+    -------
+    str
+        HTML 5.
+    """
+    return (
+        _environment()
+        .get_template("document.html")
+        .render(
+            kind=document.kind,
+            title=printable(document.title),
+            banner=document.banner,
+            warnings=document.warnings,
+            sections=document.sections,
+        )
+    )
+
+
+def _environment() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -43,22 +96,7 @@ def html_page(evaluation: SessionEvaluation, figures: ReportFigures) -> str:
         lstrip_blocks=True,
     )
     environment.filters["data_uri"] = _data_uri
-    configuration = evaluation.observed.configuration
-    return environment.get_template("report.html").render(
-        title=printable(configuration.name),
-        measured=wording.measured(evaluation),
-        simulated=wording.simulated(evaluation),
-        results=wording.results(evaluation),
-        check=wording.check(evaluation),
-        warnings=wording.warnings(evaluation),
-        figures=figures,
-        patches=summary_table(evaluation),
-        contrasts=contrast_table(evaluation),
-        residuals=residual_table(evaluation.calibration),
-        calibration=calibration_facts(evaluation.calibration),
-        provenance=provenance_facts(evaluation),
-        configuration="\n".join(printable(line) for line in configuration.to_toml().splitlines()),
-    )
+    return environment
 
 
 def _data_uri(figure: ReportFigure) -> str:

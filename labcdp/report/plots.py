@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..calibration import Calibration, PatchResidual
+    from ..contrast import CdpResult, ContrastDistribution
     from ..evaluate import ContrastRow, SessionEvaluation
 
 
@@ -86,28 +88,60 @@ def _deviation_rel(row: PatchResidual) -> float:
 
 
 def contrast_figure(row: ContrastRow, simulated: bool) -> bytes:
+    """Draw the contrasts of all pairs of pixels of two patches, with the one by the meter, as PNG."""
+    measured = contrast_with_half_width(row.measured_contrast, row.measured_standard_uncertainty)
+    return contrasts_figure(
+        row.distribution,
+        row.cdp,
+        shortened(pair_name(row), 60),
+        simulated,
+        (row.measured_contrast, f"by the meter: {measured} %"),
+    )
+
+
+def contrasts_figure(
+    distribution: ContrastDistribution,
+    result: CdpResult,
+    title: str,
+    simulated: bool = False,
+    reference: tuple[float, str] | None = None,
+) -> bytes:
     """Draw cumulative probability and density of the contrasts of all pairs of pixels, as PNG.
 
     As the 2018 thesis draws its distributions: a blue line, and grey bars scaled to a largest one of 1.
+
+    Parameters
+    ----------
+    distribution : ContrastDistribution
+        The contrasts.
+    result : CdpResult
+        CDP of the same regions.
+    title : str
+        First line above the plot; the second is the CDP.
+    simulated : bool
+        Whether the picture says that the bench is simulated.
+    reference : (float, str), optional
+        Another contrast to mark, and its text in the legend.
     """
     figure = new_figure(8.0, 4.8, simulated)
     axes = figure.add_subplot()
-    edges = 100 * row.distribution.edges
-    share = np.diff(row.distribution.cumulative)
+    edges = 100 * distribution.edges
+    share = np.diff(distribution.cumulative)
     density = share / share.max() if share.any() else share
-    axes.plot(edges, row.distribution.cumulative, color=BLUE, linewidth=1.8, label="cumulative probability")
+    axes.plot(edges, distribution.cumulative, color=BLUE, linewidth=1.8, label="cumulative probability")
     axes.stairs(density, edges, fill=True, color="0.6", label="density, scaled to 1")
-    low, high = row.cdp.interval
+    low, high = result.interval
     detected = f"detected: {percent(low)} to {percent(high)}"
     axes.axvspan(100 * low, 100 * high, color=ORANGE, alpha=0.25, linewidth=0, zorder=0, label=detected)
-    asked = percent(row.cdp.contrast)
-    axes.axvline(100 * row.cdp.contrast, color="black", linestyle="--", label=f"asked for: {asked}")
-    measured = contrast_with_half_width(row.measured_contrast, row.measured_standard_uncertainty)
-    axes.axvline(100 * row.measured_contrast, color=GREEN, linestyle="-.", label=f"by the meter: {measured} %")
+    asked = percent(result.contrast)
+    axes.axvline(100 * result.contrast, color="black", linestyle="--", label=f"asked for: {asked}")
+    if reference is not None:
+        axes.axvline(100 * reference[0], color=GREEN, linestyle="-.", label=reference[1])
     axes.set_ylim(0.0, 1.05)
     axes.set_xlim(edges[0], edges[-1])
-    cdp = fixed(row.cdp.cdp, cdp_decimals(row.cdp))
-    title = f"{shortened(pair_name(row), 60)}\nCDP {cdp} (95 %: {cdp_interval(row.cdp)})"
-    label(axes, "Weber contrast in %", "probability", title)
+    cdp = f"CDP {fixed(result.cdp, cdp_decimals(result))}"
+    if isfinite(result.standard_error):
+        cdp += f" (95 %: {cdp_interval(result)})"
+    label(axes, "Weber contrast in %", "probability", f"{title}\n{cdp}")
     figure.legend(loc="outside lower center", ncols=3, fontsize=SMALL_SIZE)
     return png(figure)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
 from ..json_text import results_json
-from ..session.files import write_whole
 from .figures import draw_figures
+from .folder import write_files
 from .page import html_page
 from .spreadsheet import spreadsheet
 
@@ -43,23 +41,7 @@ def write_results(evaluation: SessionEvaluation, folder: str | PathLike[str]) ->
     InputError
         If the folder cannot be made or a file cannot be written.
     """
-    folder = Path(folder)
-    path = folder / _FIGURES
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        files = _files(evaluation)
-        for old in path.iterdir():
-            if re.fullmatch(r"contrast-\d+\.png", old.name) and f"{_FIGURES}/{old.name}" not in files:
-                old.unlink()
-        for name, data in files.items():
-            path = folder / name
-            write_whole(folder, name, data)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with "
-            "enough space"
-        ) from error
-    return [folder / name for name in files]
+    return write_files(Path(folder), _files(evaluation), r"contrast-\d+\.png")
 
 
 def _files(evaluation: SessionEvaluation) -> dict[str, bytes]:

@@ -10,7 +10,7 @@ import cv2
 import pytest
 import serial
 
-from labcdp.chain import manta_g505
+from labcdp.chain import load
 from labcdp.session import Session, SessionConfiguration, example_session
 
 COMMANDS = ("demo", "devices", "snap", "acquire", "calibrate", "evaluate", "replay", "simulate-bench")
@@ -131,7 +131,7 @@ def test_a_session_between_two_programs(labcdp, labcdp_path, running_bench, tmp_
     done = labcdp("calibrate", "two", "--json")
     assert done.returncode == 0, done.stderr
     # What the simulated chain is made of, read with a meter that shows 0.6 % too much.
-    true = manta_g505().conversion(temperature_c=35.0).responsivity_dn_s_cd_m2
+    true = load("manta-g505").camera().conversion(temperature_c=35.0).responsivity_dn_s_cd_m2
     fitted = json.loads(done.stdout)["responsivity_dn_s_cd_m2"]
     assert fitted == pytest.approx(true / 1.006, rel=0.002)
 

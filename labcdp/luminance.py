@@ -89,8 +89,10 @@ class Cos4Vignetting:
         scale = self.pixel_pitch_m / self.focal_length_m
         y = (np.arange(height) - (height - 1) / 2) * scale
         x = (np.arange(width) - (width - 1) / 2) * scale
-        result: NDArray[np.float64] = (1 + y[:, None] ** 2 + x[None, :] ** 2) ** -2
-        return result
+        result: NDArray[np.float64] = np.add.outer(1 + y**2, x**2)
+        # In place: for a large sensor each intermediate would be a third of all memory.
+        result *= result
+        return np.reciprocal(result, out=result)
 
 
 class Conversion(Protocol):

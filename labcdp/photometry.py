@@ -30,6 +30,11 @@ WAVELENGTH_RANGE_NM = (380.0, 780.0)
 #: One quantum efficiency for all wavelengths, or (wavelength_nm, value) pairs with rising wavelength.
 QuantumEfficiency = float | tuple[tuple[float, float], ...]
 
+#: Name of the thesis' conversion: light of 500 nm at 1000 lm/W, more than the 683 lm/W there can be (L. Ebbert,
+#: Implementierung von CDP, 2018); 2.517e15 photons s^-1 m^-2 sr^-1 per cd/m^2.
+THESIS_SPECTRUM = "thesis-2018"
+_THESIS_WAVELENGTH_NM, _THESIS_EFFICACY_LM_W = 500.0, 1000.0
+
 _MONOCHROMATIC = re.compile(r"monochromatic (\d+(?:\.\d+)?) nm")
 _OBSERVER = "CIE 1924 Photopic Standard Observer"
 
@@ -41,7 +46,7 @@ def photon_radiance_per_cd_m2(spectrum: str) -> float:
     ----------
     spectrum : str
         A CIE illuminant as colour-science names it (``D65``, ``A``, ``LED-B1``), or ``monochromatic 555 nm``
-        with any wavelength from 380 to 780 nm.
+        with any wavelength from 380 to 780 nm, or ``thesis-2018`` (`THESIS_SPECTRUM`) to repeat published values.
 
     Returns
     -------
@@ -69,9 +74,12 @@ def electron_radiance_per_cd_m2(spectrum: str, quantum_efficiency: float | Seque
     Raises
     ------
     InputError
-        If the spectrum is not known, or the quantum efficiency not usable.
+        If the spectrum is not known, or the quantum efficiency not usable or 0 for all of this light.
     """
-    return _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
+    electrons = _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
+    if electrons == 0:
+        raise InputError(f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there")
+    return electrons
 
 
 def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> QuantumEfficiency:
@@ -83,9 +91,11 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
         If a value is not from 0 to 1, or the table has fewer than two pairs or wavelengths that do not rise.
     """
     try:
-        table = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+        table = np.asarray(value)
+    except ValueError:
         table = np.empty((0, 0))
+    # NumPy would take text and booleans for numbers.
+    table = table.astype(float) if table.dtype.kind in "iuf" else np.empty((0, 0))
     if table.ndim == 0:
         if not 0 < table <= 1:
             raise InputError(f"quantum_efficiency is {value}: give a fraction above 0, up to 1")
@@ -120,6 +130,9 @@ def _weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], N
     first, last = WAVELENGTH_RANGE_NM
     illuminants, observer = _colour_tables()
     line = _MONOCHROMATIC.fullmatch(spectrum)
+    if spectrum == THESIS_SPECTRUM:
+        efficacy = np.array([_THESIS_EFFICACY_LM_W / LUMINOUS_EFFICACY_LM_W])
+        return np.array([_THESIS_WAVELENGTH_NM]), np.ones(1), efficacy
     if line:
         wavelength_nm = np.array([float(line[1])])
         power = np.ones(1)
@@ -132,7 +145,10 @@ def _weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], N
         power = np.interp(wavelength_nm, table.wavelengths, table.values, left=0, right=0)
     else:
         known = ", ".join(illuminants)
-        raise InputError(f"spectrum is {spectrum!r}, which is not known: give 'monochromatic 555 nm' or one of {known}")
+        raise InputError(
+            f"spectrum is {spectrum!r}, which is not known: give 'monochromatic 555 nm', {THESIS_SPECTRUM!r} or one "
+            f"of {known}"
+        )
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
 
 

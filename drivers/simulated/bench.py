@@ -10,7 +10,7 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from ...chain import ImagingChain, Optics, PatchScene, manta_g505
+from ...chain import ImagingChain, Optics, PatchScene, load
 from ...chain import Patch as ScenePatch
 from ...errors import ConfigurationError
 from ...session import Patch, SessionConfiguration
@@ -51,7 +51,8 @@ class BenchDevices:
     @classmethod
     def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006) -> BenchDevices:
         """Return a Manta G-505B and a meter that reads 0.6 % too much, well within its 2 %."""
-        return cls(manta_g505(), MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed), seed=seed)
+        meter = MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed)
+        return cls(load("manta-g505").camera(), meter, seed=seed)
 
 
 class SimulatedBench:
@@ -181,7 +182,7 @@ class _Source:
     def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
         """Render exposure number `index`."""
         if self._electron_rate is None:
-            self._electron_rate = self._chain.electron_rate(self._scene.luminance_cd_m2())
+            self._electron_rate = self._chain.electron_rate(self._scene.luminance_map())
         return self._chain.expose(
             0.0 if self.covered else self._electron_rate,
             exposure_s,

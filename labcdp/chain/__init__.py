@@ -1,11 +1,69 @@
-"""The imaging chain, simulated: scene, windscreen, optics and sensor, each with its inverse."""
+"""The imaging chain, simulated: scene, windscreen, optics, sensor, HDR merge and tone curve, each with its inverse."""
 
-from .imaging import ImagingChain as ImagingChain
-from .optics import Optics as Optics
-from .presets import manta_g505 as manta_g505
-from .scene import Patch as Patch
-from .scene import PatchScene as PatchScene
-from .scene import luminance_map as luminance_map
-from .scene import with_patches as with_patches
-from .sensor import Sensor as Sensor
-from .windscreen import Windscreen as Windscreen
+from .camera_model import CameraModel
+from .capture import Capture, SensorModel
+from .chain import Chain, ChainRun
+from .chain_file import chain_from_document, chain_from_toml, replaced
+from .exposure import ExposureSettings
+from .hdr import Hdr
+from .image_scene import ImageScene
+from .imaging import ImagingChain
+from .isp import ToneCurve
+from .optics import Optics
+from .patches import Patch, luminance_map, with_patches
+from .presets import load, preset_names, preset_text
+from .registry import register
+from .scene import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
+from .sensor import Sensor
+from .signal import Context, Signal, Stage
+from .thesis_sensor import ThesisSensor
+from .windscreen import ThesisWindscreen, Windscreen
+
+register("scene", Flat, "flat")
+register("scene", Checkerboard, "checkerboard")
+register("scene", StepChart, "step-chart")
+register("scene", PatchScene, "patches")
+register("scene", ImageScene, "image")
+register("windscreen", Windscreen)
+register("windscreen", ThesisWindscreen, "thesis-2018")
+register("optics", Optics)
+register("sensor", Sensor, "emva1288")
+register("sensor", ThesisSensor, "thesis-2018")
+register("isp", ToneCurve)
+
+__all__ = [
+    "CameraModel",
+    "Capture",
+    "Chain",
+    "ChainRun",
+    "Checkerboard",
+    "Context",
+    "ExposureSettings",
+    "Flat",
+    "Hdr",
+    "ImageScene",
+    "ImagingChain",
+    "Level",
+    "Optics",
+    "Patch",
+    "PatchScene",
+    "Scene",
+    "Sensor",
+    "SensorModel",
+    "Signal",
+    "Stage",
+    "StepChart",
+    "ThesisSensor",
+    "ThesisWindscreen",
+    "ToneCurve",
+    "Windscreen",
+    "chain_from_document",
+    "chain_from_toml",
+    "load",
+    "luminance_map",
+    "preset_names",
+    "preset_text",
+    "register",
+    "replaced",
+    "with_patches",
+]

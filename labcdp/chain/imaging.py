@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..luminance import LinearConversion
 from ..photometry import photon_radiance_per_cd_m2
 from .optics import Optics
-from .scene import luminance_map
+from .patches import luminance_map
 from .sensor import Sensor
 from .windscreen import Windscreen
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..luminance import Cos4Vignetting
 from .parameters import check_number
+from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -44,8 +46,9 @@ class Optics:
         N, 0.5 to 128; a lens in air cannot be below 0.5.
     transmittance : float
         t, fraction of the light the lens passes, above 0 up to 1.
-    focal_length_m : float
-        Focal length in metres; with the pixel pitch it gives theta.
+    focal_length_m : float or None
+        Focal length in metres; with the pixel pitch it gives theta. None for theta = 0 everywhere, a lens without
+        fall-off.
     magnification : float
         m, image size over object size, at least 0; 0 for a distant scene.
 
@@ -55,15 +58,19 @@ class Optics:
         If a value is out of its range.
     """
 
+    takes: ClassVar[str] = "luminance"
+    gives: ClassVar[str] = "illuminance"
+
     f_number: float
     transmittance: float
-    focal_length_m: float
+    focal_length_m: float | None = None
     magnification: float = 0.0
 
     def __post_init__(self) -> None:
         check_number("f_number", self.f_number, "", 0.5, 128)
         check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
-        check_number("focal_length_m", self.focal_length_m, "m", 0, above=True)
+        if self.focal_length_m is not None:
+            check_number("focal_length_m", self.focal_length_m, "m", 0, above=True)
         check_number("magnification", self.magnification, "(image over object)", 0)
 
     @property
@@ -71,8 +78,10 @@ class Optics:
         """Illuminance in lux on the axis for 1 cd/m^2."""
         return axial_illuminance_per_cd_m2(self.f_number, self.transmittance, self.magnification)
 
-    def vignetting(self, pixel_pitch_m: float) -> Cos4Vignetting:
-        """Fall-off cos^4(theta) on a sensor; the image lies f (1 + m) behind a thin lens."""
+    def vignetting(self, pixel_pitch_m: float) -> Cos4Vignetting | None:
+        """Fall-off cos^4(theta) on a sensor, or None; the image lies f (1 + m) behind a thin lens."""
+        if self.focal_length_m is None:
+            return None
         return Cos4Vignetting(self.focal_length_m * (1 + self.magnification), pixel_pitch_m)
 
     def apply(self, luminance_cd_m2: FloatArray, pixel_pitch_m: float) -> FloatArray:
@@ -83,8 +92,40 @@ class Optics:
         """Luminance in cd/m^2 each pixel sees, shape (height, width), from the illuminance on it."""
         return illuminance_lx / self._slope(illuminance_lx, pixel_pitch_m)
 
+    def process(self, signal: Signal, context: Context) -> Signal:
+        """Illuminance on the sensor, with its way back; levels of a scene are taken as on the axis.
+
+        Raises
+        ------
+        InputError
+            If the fall-off needs the pixel pitch of a sensor and there is none.
+        """
+        axial = self.axial_illuminance_per_cd_m2
+        pitch_m = context.pixel_pitch_m
+        if signal.shares is not None or self.focal_length_m is None:
+            return replace(
+                signal,
+                values=signal.values * axial,
+                quantity="illuminance",
+                to_luminance=lambda illuminance_lx: signal.to_luminance(illuminance_lx / axial),
+            )
+        if pitch_m is None:
+            raise InputError(
+                f"focal_length_m is {self.focal_length_m:g} m, but no sensor tells the pixel pitch: add a "
+                "sensor, or leave focal_length_m out"
+            )
+        return replace(
+            signal,
+            values=self.apply(signal.values, pitch_m),
+            quantity="illuminance",
+            # The map of the fall-off is made anew each time instead of being kept.
+            to_luminance=lambda illuminance_lx: signal.to_luminance(self.invert(illuminance_lx, pitch_m)),
+        )
+
     def _slope(self, like: FloatArray, pixel_pitch_m: float) -> FloatArray:
-        height, width = like.shape
-        slope = self.vignetting(pixel_pitch_m).relative_illuminance((height, width))
+        vignetting = self.vignetting(pixel_pitch_m)
+        if vignetting is None:
+            return np.full(like.shape, self.axial_illuminance_per_cd_m2, like.dtype)
+        slope = vignetting.relative_illuminance((like.shape[0], like.shape[1]))
         slope *= self.axial_illuminance_per_cd_m2
         return slope.astype(like.dtype, copy=False)

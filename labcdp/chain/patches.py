@@ -1,4 +1,4 @@
-"""Scene: the luminance in front of the camera, one value in cd/m^2 for each pixel."""
+"""Luminance in front of the camera, one value in cd/m^2 for each pixel, and patches laid over it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from .parameters import check_number, check_whole
 
+FloatMap = NDArray[np.float32]
 
-def luminance_map(luminance_cd_m2: ArrayLike) -> NDArray[np.float32]:
+#: Highest luminance of a scene: well above the sun's 1.6e9 cd/m^2, and low enough that no stage leaves float32.
+HIGHEST_CD_M2 = 1e12
+
+
+def luminance_map(luminance_cd_m2: ArrayLike) -> FloatMap:
     """Return any luminance map as the chain takes it.
 
     Parameters
@@ -27,15 +32,17 @@ def luminance_map(luminance_cd_m2: ArrayLike) -> NDArray[np.float32]:
     Raises
     ------
     InputError
-        If it is not a non-empty 2-D array of finite numbers of at least 0.
+        If it is not a non-empty 2-D array of numbers from 0 to `HIGHEST_CD_M2`.
     """
-    scene = np.asarray(luminance_cd_m2, dtype=np.float32)
+    with np.errstate(over="ignore"):
+        scene = np.asarray(luminance_cd_m2, dtype=np.float32)
     if scene.ndim != 2 or scene.size == 0:
         raise InputError(f"a scene is a non-empty 2-D map of luminance in cd/m^2, got the shape {scene.shape}")
     # A NaN makes the minimum NaN, which is not >= 0.
-    if not (scene.min() >= 0 and scene.max() < np.inf):
+    if not (scene.min() >= 0 and scene.max() <= HIGHEST_CD_M2):
         raise InputError(
-            f"a scene has luminance from {scene.min():g} to {scene.max():g} cd/m^2: give finite numbers of at least 0"
+            f"a scene has luminance from {scene.min():g} to {scene.max():g} cd/m^2: give numbers from 0 to "
+            f"{HIGHEST_CD_M2:g}"
         )
     return scene
 
@@ -70,10 +77,29 @@ class Patch:
             check_whole(name, getattr(self, name), "pixels", 0)
         for name in ("width", "height"):
             check_whole(name, getattr(self, name), "pixels", 1)
-        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0)
+        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
+
+    @property
+    def rows(self) -> slice:
+        """Its rows."""
+        return slice(self.y, self.y + self.height)
+
+    @property
+    def columns(self) -> slice:
+        """Its columns."""
+        return slice(self.x, self.x + self.width)
+
+    def check_inside(self, width: int, height: int) -> None:
+        """Refuse a patch that does not lie inside a scene of this size; raises InputError."""
+        right, bottom = self.x + self.width, self.y + self.height
+        if right > width or bottom > height:
+            raise InputError(
+                f"a patch spans x {self.x} to {right}, y {self.y} to {bottom}, but the scene is "
+                f"{width} x {height} pixels: move it inside"
+            )
 
 
-def with_patches(background_cd_m2: ArrayLike, patches: Iterable[Patch]) -> NDArray[np.float32]:
+def with_patches(background_cd_m2: ArrayLike, patches: Iterable[Patch]) -> FloatMap:
     """Lay rectangles over a luminance map; a later patch covers an earlier one.
 
     Parameters
@@ -95,45 +121,6 @@ def with_patches(background_cd_m2: ArrayLike, patches: Iterable[Patch]) -> NDArr
     scene = luminance_map(background_cd_m2).copy()
     height, width = scene.shape
     for patch in patches:
-        right, bottom = patch.x + patch.width, patch.y + patch.height
-        if right > width or bottom > height:
-            raise InputError(
-                f"a patch spans x {patch.x} to {right}, y {patch.y} to {bottom}, but the scene is "
-                f"{width} x {height} pixels: move it inside"
-            )
-        scene[patch.y : bottom, patch.x : right] = patch.luminance_cd_m2
+        patch.check_inside(width, height)
+        scene[patch.rows, patch.columns] = patch.luminance_cd_m2
     return scene
-
-
-@dataclass(frozen=True)
-class PatchScene:
-    """A target of rectangular patches on a uniform background; without patches, a flat field.
-
-    Parameters
-    ----------
-    width, height : int
-        Size in pixels.
-    background_cd_m2 : float
-        Luminance of the background in cd/m^2.
-    patches : tuple of Patch
-        The rectangles.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range.
-    """
-
-    width: int
-    height: int
-    background_cd_m2: float
-    patches: tuple[Patch, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1)
-        check_number("background_cd_m2", self.background_cd_m2, "cd/m^2", 0)
-
-    def luminance_cd_m2(self) -> NDArray[np.float32]:
-        """Luminance for each pixel, shape (height, width); raises InputError as `with_patches`."""
-        return with_patches(np.full((self.height, self.width), self.background_cd_m2, np.float32), self.patches)

@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from .blocks import Stream, block_generator, for_each_block
+from .capture import Capture, check_shape, settings_of
 from .fixed_pattern import FixedPattern, draw_dark_current, draw_offset, draw_photo_response
 from .parameters import check_number, check_whole
 from .readout import collect_electrons, digitise, read_out
+from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -233,6 +235,32 @@ class Sensor:
 
         for_each_block(self.height, expose_rows, threads)
         return dn
+
+    def capture(self, signal: Signal, context: Context, index: int) -> Capture:
+        """Take the exposure `index` of the context's settings; see `SensorModel.capture`."""
+        check_shape(signal, self.shape)
+        settings = settings_of(context)
+        exposure_s, gain_db, temperature_c = settings.exposure_s[index], settings.gain_db, settings.temperature_c
+        k_dn_per_e = self.system_gain_dn_per_e(gain_db)
+        dn = self.expose(
+            self.electron_rate(signal.values, context.spectrum),
+            exposure_s,
+            gain_db,
+            temperature_c=temperature_c,
+            seed=context.seed,
+            exposure_index=index,
+            threads=context.threads,
+        )
+        return Capture(
+            dn=dn,
+            exposure_s=exposure_s,
+            black_level_dn=self.black_level_dn,
+            dark_dn=self.black_level_dn + k_dn_per_e * self.dark_current_at(temperature_c) * exposure_s,
+            dn_per_lx=k_dn_per_e * self.electrons_per_lx_s(context.spectrum) * exposure_s,
+            saturation_dn=self.saturation_dn(gain_db),
+            k_dn_per_e=k_dn_per_e,
+            dark_noise_dn=self.dark_noise_dn(gain_db),
+        )
 
     def electron_rate_from_dn(
         self, dn: NDArray[Any], exposure_s: float, gain_db: float = 0.0, *, temperature_c: float

@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 
 from ..errors import ConfigurationError
 from ..roi import Roi
-from .toml_text import toml_text
+from ..toml_text import toml_text
 from .validation import validated
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp import Frame
-from labcdp.chain import ImagingChain, Optics, Sensor, Windscreen, manta_g505
+from labcdp.chain import ImagingChain, Optics, Sensor, Windscreen, load
 from labcdp.errors import InputError
 from labcdp.frame import CameraIdentity
 
@@ -16,7 +16,7 @@ TEMPERATURE_C = 35.0
 @pytest.fixture
 def chain() -> ImagingChain:
     """The bench's camera with a smaller sensor."""
-    camera = manta_g505()
+    camera = load("manta-g505").camera()
     return replace(camera, sensor=replace(camera.sensor, width=320, height=240))
 
 
@@ -126,7 +126,7 @@ def test_scene_of_another_size_is_refused(chain: ImagingChain) -> None:
 
 
 def test_manta_saturates_at_the_brightest_patch_in_a_few_milliseconds() -> None:
-    camera = manta_g505()
+    camera = load("manta-g505").camera()
     at_1_ms = camera.saturation_luminance_cd_m2(1e-3, temperature_c=TEMPERATURE_C)
     assert 1 < at_1_ms / 412 < 5
     assert camera.sensor.shape == (2056, 2452)

@@ -1,17 +1,22 @@
+from itertools import combinations
+from typing import Any
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from labcdp.chain import Patch, PatchScene, luminance_map, with_patches
+from labcdp.chain import Checkerboard, Flat, Level, Patch, PatchScene, Scene, StepChart, luminance_map, with_patches
 from labcdp.errors import InputError
 
 
 def test_without_patches_the_scene_is_flat() -> None:
-    scene = PatchScene(width=4, height=3, background_cd_m2=2.5).luminance_cd_m2()
+    scene = PatchScene(width=4, height=3, background_cd_m2=2.5).luminance_map()
     np.testing.assert_array_equal(scene, np.full((3, 4), 2.5))
 
 
 def test_patch_covers_its_pixels_and_no_other() -> None:
-    scene = PatchScene(5, 4, 1.0, (Patch(x=2, y=1, width=3, height=2, luminance_cd_m2=7.0),)).luminance_cd_m2()
+    scene = PatchScene(5, 4, 1.0, (Patch(x=2, y=1, width=3, height=2, luminance_cd_m2=7.0),)).luminance_map()
     expected = [[1, 1, 1, 1, 1], [1, 1, 7, 7, 7], [1, 1, 7, 7, 7], [1, 1, 1, 1, 1]]
     np.testing.assert_array_equal(scene, expected)
 
@@ -33,9 +38,11 @@ def test_patches_lie_over_any_map_and_leave_it_unchanged() -> None:
     [
         ([1.0, 2.0], r"non-empty 2-D map of luminance in cd/m\^2, got the shape \(2,\)"),
         (np.empty((0, 3)), r"got the shape \(0, 3\)"),
-        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m\^2: give finite numbers of at least 0"),
+        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m\^2: give numbers from 0 to 1e\+12"),
         ([[1.0, np.nan]], r"luminance from nan to nan cd/m\^2"),
         ([[1.0, np.inf]], r"luminance from 1 to inf cd/m\^2"),
+        ([[1.0, 1e39]], r"luminance from 1 to inf cd/m\^2"),  # too large for float32
+        ([[1.0, 2e12]], r"luminance from 1 to 2e\+12 cd/m\^2"),
     ],
 )
 def test_what_is_no_scene_is_refused(values: object, message: str) -> None:
@@ -44,9 +51,9 @@ def test_what_is_no_scene_is_refused(values: object, message: str) -> None:
 
 
 def test_patch_outside_the_scene_is_refused() -> None:
-    scene = PatchScene(10, 8, 1.0, (Patch(x=6, y=2, width=5, height=2, luminance_cd_m2=3.0),))
+    patch = Patch(x=6, y=2, width=5, height=2, luminance_cd_m2=3.0)
     with pytest.raises(InputError, match=r"a patch spans x 6 to 11, y 2 to 4, but the scene is 10 x 8 pixels"):
-        scene.luminance_cd_m2()
+        PatchScene(10, 8, 1.0, (patch,))
 
 
 @pytest.mark.parametrize(
@@ -55,9 +62,192 @@ def test_patch_outside_the_scene_is_refused() -> None:
         ({"x": -1}, r"x is -1: give a number of at least 0 pixels"),
         ({"y": 1.5}, r"y is 1.5: give a whole number of pixels"),
         ({"width": 0}, r"width is 0: give a number of at least 1 pixels"),
-        ({"luminance_cd_m2": -1.0}, r"luminance_cd_m2 is -1.0: give a number of at least 0 cd/m\^2"),
+        ({"luminance_cd_m2": -1.0}, r"luminance_cd_m2 is -1.0: give a number from 0 to 1e\+12 cd/m\^2"),
     ],
 )
 def test_patch_out_of_range_is_refused(change: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Patch(**({"x": 0, "y": 0, "width": 1, "height": 1, "luminance_cd_m2": 1.0} | change))  # type: ignore[arg-type]
+
+
+sides = st.integers(1, 23)
+luminances = st.floats(0, 1e6)
+
+
+@st.composite
+def patches_inside(draw: st.DrawFn, width: int, height: int) -> Patch:
+    x, y = draw(st.integers(0, width - 1)), draw(st.integers(0, height - 1))
+    return Patch(
+        x, y, draw(st.integers(1, width - x)), draw(st.integers(1, height - y)), luminance_cd_m2=draw(luminances)
+    )
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    """Any scene of any size, sizes that are no multiple of the squares or stripes among them."""
+    kind = draw(st.sampled_from(["flat", "checkerboard", "step chart", "patches"]))
+    width, height = draw(sides), draw(sides)
+    if kind == "flat":
+        return Flat(width, height, draw(luminances))
+    if kind == "step chart":
+        return StepChart(width, height, tuple(draw(st.lists(luminances, min_size=1, max_size=width))))
+    if kind == "patches":
+        patches = draw(st.lists(patches_inside(width, height), max_size=4))
+        return PatchScene(width, height, draw(luminances), tuple(patches))
+    width = max(width, 2)
+    return Checkerboard(
+        width, height, draw(luminances), draw(st.floats(1e-3, 100)), draw(st.integers(1, max(width, height) - 1))
+    )
+
+
+@given(scene=scenes())
+def test_map_and_regions_have_the_scenes_shape(scene: Scene) -> None:
+    image = scene.luminance_map()
+    assert image.dtype == np.float32
+    assert {image.shape} | {mask.shape for mask in scene.regions().values()} == {scene.shape}
+
+
+@given(scene=scenes())
+def test_no_pixel_is_in_two_regions_and_each_in_one(scene: Scene) -> None:
+    assert (sum(mask.astype(int) for mask in scene.regions().values()) == 1).all()
+
+
+@given(scene=scenes())
+def test_levels_are_what_the_map_has_in_the_regions(scene: Scene) -> None:
+    image, regions = scene.luminance_map(), scene.regions()
+    assert [level.name for level in scene.levels()] == list(regions)
+    for level in scene.levels():
+        np.testing.assert_array_equal(image[regions[level.name]], np.float32(level.luminance_cd_m2))
+
+
+@given(scene=scenes())
+def test_shares_of_the_levels_are_those_of_the_masks(scene: Scene) -> None:
+    masks = scene.regions()
+    shares = {level.name: level.share for level in scene.levels()}
+    assert shares == pytest.approx({name: mask.mean() for name, mask in masks.items()}, rel=1e-12)
+    assert sum(shares.values()) == pytest.approx(1, rel=1e-12)
+
+
+@given(scene=scenes())
+def test_the_darker_region_of_a_pair_comes_first(scene: Scene) -> None:
+    levels = {level.name: level.luminance_cd_m2 for level in scene.levels()}
+    assert all(levels[dark] <= levels[bright] for dark, bright in scene.pairs())
+
+
+@pytest.mark.parametrize(
+    "scene", [Flat(1, 1, 0.0), Checkerboard(2, 1, 1.0, 1.0), StepChart(1, 1, (1.0,)), PatchScene(1, 1, 0.0)]
+)
+def test_scenes_have_the_members_of_a_scene(scene: Scene) -> None:
+    assert isinstance(scene, Scene)
+
+
+def test_flat_field_has_one_level_and_no_pair() -> None:
+    scene = Flat(width=3, height=2, luminance_cd_m2=0.5)
+    np.testing.assert_array_equal(scene.luminance_map(), np.full((2, 3), 0.5))
+    assert scene.levels() == (Level("field", 0.5, 1.0),)
+    assert scene.pairs() == ()
+
+
+def test_checkerboard_is_dark_upper_left_and_ends_within_a_square() -> None:
+    scene = Checkerboard(width=5, height=3, luminance_cd_m2=10.0, contrast=0.5, square_px=2)
+    expected = [[10, 10, 15, 15, 10], [10, 10, 15, 15, 10], [15, 15, 10, 10, 15]]
+    np.testing.assert_array_equal(scene.luminance_map(), expected)
+    assert scene.pairs() == (("dark", "bright"),)
+
+
+def test_checkerboard_of_the_thesis_has_one_dark_pixel_for_each_bright_one() -> None:
+    image = Checkerboard(301, 420, 10.0, 1.0).luminance_map()
+    assert image.size == 126_420
+    assert (image == 10).sum() == (image == 20).sum() == 63_210
+    assert set(np.unique(np.abs(np.diff(image, axis=0)))) == {10.0}
+
+
+def test_step_chart_has_stripes_of_equal_width_up_to_a_column() -> None:
+    scene = StepChart(width=8, height=2, luminances_cd_m2=(1.0, 4.0, 2.0))
+    np.testing.assert_array_equal(scene.luminance_map(), [[1, 1, 1, 4, 4, 4, 2, 2]] * 2)
+    assert [level.share for level in scene.levels()] == [3 / 8, 3 / 8, 2 / 8]
+
+
+@given(width=sides, count=sides)
+def test_stripes_rise_from_left_to_right_and_differ_by_a_column_at_most(width: int, count: int) -> None:
+    count = min(count, width)
+    row = StepChart(width, 1, tuple(range(1, count + 1))).luminance_map()[0]
+    widths = [int((row == step).sum()) for step in range(1, count + 1)]
+    assert (np.diff(row) >= 0).all()
+    assert max(widths) - min(widths) <= 1
+
+
+def test_pairs_of_a_step_chart_are_neighbours_that_differ() -> None:
+    scene = StepChart(8, 1, (1.0, 4.0, 4.0, 2.0))
+    assert scene.pairs() == (("step 1", "step 2"), ("step 4", "step 3"))
+
+
+def test_pairs_of_one_patch_are_with_the_background() -> None:
+    assert PatchScene(4, 4, 5.0, (Patch(0, 0, 1, 1, 2.0),)).pairs() == (("patch 1", "background"),)
+
+
+def test_pairs_of_patches_are_neighbours_in_luminance() -> None:
+    patches = tuple(Patch(x, 0, 1, 1, luminance) for x, luminance in enumerate([30.0, 10.0, 20.0, 20.0]))
+    scene = PatchScene(6, 2, 1.0, patches)
+    assert scene.pairs() == (("patch 2", "patch 3"), ("patch 4", "patch 1"))
+
+
+def test_a_patch_under_another_is_no_region_and_in_no_pair() -> None:
+    scene = PatchScene(3, 3, 1.0, (Patch(1, 1, 1, 1, 7.0), Patch(1, 1, 2, 2, 9.0)))
+    assert list(scene.regions()) == ["background", "patch 2"]
+    assert scene.pairs() == (("background", "patch 2"),)
+
+
+_CHECKERBOARD: dict[str, Any] = {"width": 4, "height": 4, "luminance_cd_m2": 1.0, "contrast": 1.0}
+_CHART: dict[str, Any] = {"width": 4, "height": 4, "luminances_cd_m2": [1.0]}
+
+
+@pytest.mark.parametrize(
+    ("scene", "values", "message"),
+    [
+        (Flat, (0, 3, 1.0), r"^width is 0: give a number of at least 1 pixels"),
+        (Flat, (3, 2.0, 1.0), r"^height is 2.0: give a whole number of pixels"),
+        (Flat, (3, 3, -1.0), r"^luminance_cd_m2 is -1.0: give a number from 0 to 1e\+12 cd/m\^2"),
+        (Flat, (3, 3, np.nan), r"^luminance_cd_m2 is nan: give a number from 0 to 1e\+12 cd/m\^2"),
+        (Flat, (3, 3, np.inf), r"^luminance_cd_m2 is inf"),
+        (Flat, (3, 3, 1e13), r"^luminance_cd_m2 is 10000000000000.0: give a number from 0 to 1e\+12"),
+        (Flat, (3, 3, "1"), r"^luminance_cd_m2 is '1'"),
+        (Checkerboard, _CHECKERBOARD | {"contrast": 0}, r"^contrast is 0: give a number above 0 \(a fraction; 1.0 is"),
+        (Checkerboard, _CHECKERBOARD | {"contrast": -0.5}, r"^contrast is -0.5: give a number above 0"),
+        (Checkerboard, _CHECKERBOARD | {"luminance_cd_m2": np.nan}, r"^luminance_cd_m2 is nan"),
+        (Checkerboard, _CHECKERBOARD | {"square_px": 0}, r"^square_px is 0: give a number of at least 1 pixels"),
+        (
+            Checkerboard,
+            _CHECKERBOARD | {"square_px": 4},
+            r"^square_px is 4, and a scene of 4 x 4 pixels then is one square: give smaller squares",
+        ),
+        (
+            Checkerboard,
+            _CHECKERBOARD | {"contrast": 1e20},
+            r"^contrast is 1e\+20: the bright squares would have 1e\+20 cd/m\^2, give at most 1e\+12",
+        ),
+        (StepChart, _CHART | {"luminances_cd_m2": []}, r"^luminances_cd_m2 is \[\]: give a list of 1 to 4 luminances"),
+        (
+            StepChart,
+            _CHART | {"luminances_cd_m2": [1] * 5},
+            r"^luminances_cd_m2 is \[1, 1, 1, 1, 1\]: give a list of 1 ",
+        ),
+        (StepChart, _CHART | {"luminances_cd_m2": 3.0}, r"^luminances_cd_m2 is 3.0: give a list"),
+        (StepChart, _CHART | {"luminances_cd_m2": "123"}, r"^luminances_cd_m2 is '123': give a list"),
+        (StepChart, _CHART | {"luminances_cd_m2": [1, -2]}, r"^luminances_cd_m2 is -2: give a number from 0 to"),
+        (StepChart, _CHART | {"luminances_cd_m2": [np.nan]}, r"^luminances_cd_m2 is nan"),
+        (StepChart, _CHART | {"width": "4"}, r"^width is '4': give a whole number of pixels"),
+        (PatchScene, (3, 3, -1.0), r"^background_cd_m2 is -1.0: give a number from 0 to 1e\+12 cd/m\^2"),
+    ],
+)
+def test_scene_out_of_range_is_refused(scene: type, values: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        scene(**values) if isinstance(values, dict) else scene(*values)
+
+
+def test_masks_are_the_callers_own() -> None:
+    for scene in (Flat(3, 2, 1.0), Checkerboard(3, 2, 1.0, 1.0), StepChart(3, 2, (1.0, 2.0)), PatchScene(3, 2, 1.0)):
+        for first, second in combinations([*scene.regions().values(), *scene.regions().values()], 2):
+            assert not np.shares_memory(first, second)
+        scene.luminance_map()[:] = 0
+        assert scene.luminance_map().any()

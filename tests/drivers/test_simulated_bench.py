@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import serial
 
-from labcdp.chain import manta_g505
+from labcdp.chain import load
 from labcdp.drivers.aravis_camera import AravisCamera
 from labcdp.drivers.camera import CameraError, CameraSettingError
 from labcdp.drivers.minolta_ls import MinoltaLS110
@@ -25,7 +25,7 @@ def bench(small_configuration):
 
 def test_camera_and_meter_agree_on_the_target(aravis, bench, small_configuration):
     """What the chain says a patch of that luminance gives is what arrives over GigE Vision, within noise."""
-    specimen = manta_g505()
+    specimen = load("manta-g505").camera()
     conversion = replace(specimen, sensor=replace(specimen.sensor, width=480, height=400)).conversion(temperature_c=35)
     vignetting = Cos4Vignetting(6e-3, 3.45e-6).relative_illuminance(SHAPE)
     with bench.gige_camera(), AravisCamera() as camera, bench.pty_meter(0) as pty, MinoltaLS110(pty.port) as meter:
@@ -154,7 +154,7 @@ def moved(configuration, rois):
 def test_close_patches_keep_their_luminance(small_configuration):
     close = moved(small_configuration, [(100.0, 100.0, 60.0, 60.0), (162.0, 100.0, 60.0, 60.0)])
     bench = SimulatedBench(close, BenchDevices.standard(), SHAPE)
-    scene = bench._source._scene.luminance_cd_m2()
+    scene = bench._source._scene.luminance_map()
     for patch in close.target.patches:
         assert set(patch.region().select(scene)) == {np.float32(bench.luminance_cd_m2[patch.name])}
 

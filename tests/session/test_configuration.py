@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from labcdp.errors import ConfigurationError
 from labcdp.roi import Roi
 from labcdp.session import GuessConfiguration, PlanConfiguration, SessionConfiguration
-from labcdp.session.toml_text import toml_text
+from labcdp.toml_text import toml_text
 
 GUESS = """
 [guess]

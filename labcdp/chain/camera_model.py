@@ -1,0 +1,84 @@
+"""A sensor with its settings and what is made of its exposures: all that fixes the values of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from ..errors import InputError
+from .exposure import ExposureSettings
+from .hdr import Hdr
+from .isp import ToneCurve
+from .merge import ExposureLadder
+from .sensor import Sensor
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Sensor, exposures, merge and tone curve.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor.
+    settings : ExposureSettings
+        How it is exposed.
+    hdr : Hdr or None
+        How the exposures are merged; None for a single one.
+    tone_curve : ToneCurve or None
+        Encodes the merged DN, or the DN of a single exposure with its black level. The code is decoded again.
+
+    Raises
+    ------
+    InputError
+        If there are several exposures without `hdr`.
+    """
+
+    sensor: Sensor
+    settings: ExposureSettings
+    hdr: Hdr | None = None
+    tone_curve: ToneCurve | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.settings.exposure_s)
+        if self.hdr is None and count > 1:
+            raise InputError(f"there are {count} exposures and nothing merges them: give one exposure, or an Hdr")
+
+    @cached_property
+    def exposures_s(self) -> tuple[float, ...]:
+        """Exposure times in seconds, longest first."""
+        return tuple(sorted(self.settings.exposure_s, reverse=True))
+
+    @property
+    def k_dn_per_e(self) -> float:
+        """Overall system gain at the gain of the settings."""
+        return self.sensor.system_gain_dn_per_e(self.settings.gain_db)
+
+    @property
+    def dn_per_e_s(self) -> float:
+        """Slope of the mean DN over the rate of photo-electrons: K times the longest exposure."""
+        return self.k_dn_per_e * self.exposures_s[0]
+
+    @property
+    def dark_e_s(self) -> float:
+        """Mean dark current at the temperature of the settings, electrons per second."""
+        return self.sensor.dark_current_at(self.settings.temperature_c)
+
+    @property
+    def dark_dn(self) -> float:
+        """Mean DN of darkness, on the scale of the values."""
+        black_dn = self.sensor.black_level_dn if self.hdr is None else 0.0
+        return black_dn + self.dark_e_s * self.dn_per_e_s
+
+    @property
+    def saturation_dn(self) -> float:
+        """DN from which a pixel counts as saturated, before the tone curve."""
+        if self.hdr is None:
+            return self.sensor.saturation_dn(self.settings.gain_db)
+        return self.hdr.saturation_dn(self.ladder)
+
+    @cached_property
+    def ladder(self) -> ExposureLadder:
+        """The exposures for merging."""
+        net_dn = self.sensor.saturation_dn(self.settings.gain_db) - self.sensor.black_level_dn
+        return ExposureLadder(self.exposures_s, net_dn, self.k_dn_per_e)

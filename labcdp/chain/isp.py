@@ -1,0 +1,105 @@
+"""ISP: the logarithmic tone curve that brings a large range into few bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from .parameters import check_whole
+from .signal import Context, Signal
+
+
+@dataclass(frozen=True)
+class ToneCurve:
+    """Logarithmic tone curve: code = floor(log(1 + DN) 2^bits / log(2^isp_bits)), clipped to 0 .. 2^bits - 1.
+
+    Parameters
+    ----------
+    isp_bits : int
+        Bits of the DN going in, 1 to 48.
+    bits : int
+        Bits of the codes coming out, 1 to 16.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+
+    Notes
+    -----
+    L. Ebbert, Implementierung von CDP, 2018, eq. 3.4, with its misplaced bracket put right. Without the clip, which is
+    ours, the largest DN 2^isp_bits - 1 would have the code 2^bits.
+    """
+
+    takes: ClassVar[str] = "digital number"
+    gives: ClassVar[str] = "digital number"
+
+    isp_bits: int = 20
+    bits: int = 8
+
+    def __post_init__(self) -> None:
+        check_whole("isp_bits", self.isp_bits, "bits", 1, 48)
+        check_whole("bits", self.bits, "bits", 1, 16)
+
+    def encode(self, dn: ArrayLike) -> NDArray[np.uint16]:
+        """Return the codes of DN of any shape, whole or not; DN below 0 have the code 0."""
+        position = np.log2(1 + np.maximum(np.asarray(dn, dtype=np.float64), 0.0))
+        position *= 2**self.bits / self.isp_bits
+        return np.minimum(position, 2**self.bits - 1).astype(np.uint16)
+
+    def decode(self, code: ArrayLike) -> NDArray[np.float64]:
+        """Return the middle of the DN that have a code, so that decoding has no bias within a code.
+
+        It is the mean of all whole DN with that code. At the dark end one DN more skips several codes; these, which
+        only DN that are not whole have, decode to the middle of their interval.
+
+        Raises
+        ------
+        InputError
+            If a code is not a whole number from 0 to 2^bits - 1.
+        """
+        codes = np.asarray(code)
+        if codes.dtype.kind not in "iu":
+            raise InputError(f"codes have the type {codes.dtype}: give whole numbers")
+        if codes.size and not (codes.min() >= 0 and codes.max() < 2**self.bits):
+            raise InputError(f"codes are from {codes.min()} to {codes.max()}: give 0 to {2**self.bits - 1}")
+        decoded: NDArray[np.float64] = self._middles[codes]
+        return decoded
+
+    def process(self, signal: Signal, _context: Context) -> Signal:
+        """Return the codes of a signal in DN, with their way back."""
+        return replace(
+            signal,
+            values=self.encode(signal.values),
+            to_luminance=lambda codes: signal.to_luminance(self.decode(codes)),
+        )
+
+    @cached_property
+    def first_dn(self) -> NDArray[np.float64]:
+        """DN at which each code begins, shape (2^bits,)."""
+        edges: NDArray[np.float64] = np.exp2(np.arange(2**self.bits) * (self.isp_bits / 2**self.bits)) - 1
+        return edges
+
+    @cached_property
+    def _middles(self) -> NDArray[np.float64]:
+        end = np.append(self.first_dn[1:], 2.0**self.isp_bits)
+        first_whole = self._first_whole()
+        last_whole = np.append(first_whole[1:], 2.0**self.isp_bits) - 1
+        middles: NDArray[np.float64] = np.where(
+            last_whole >= first_whole, (first_whole + last_whole) / 2, (self.first_dn + end) / 2
+        )
+        return middles
+
+    def _first_whole(self) -> NDArray[np.float64]:
+        """Lowest whole DN with each code or a higher one, by `encode` itself where rounding could decide."""
+        guess = np.rint(self.first_dn)
+        codes: NDArray[Any] = np.arange(2**self.bits)
+        lowest = guess + 1
+        for candidate in (guess, guess - 1):
+            lowest = np.where((candidate >= 0) & (self.encode(candidate) >= codes), candidate, lowest)
+        return lowest

@@ -1,0 +1,295 @@
+"""Probabilities of merged values: the exposures of a pixel share its fixed pattern and are independent otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .merge import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
+from .piecewise import Cumulative, merged
+from .value_bins import Noise, ValueBins, Zone, zones
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+FloatArray = NDArray[np.float64]
+
+# DN of each exposure that occur, and their probabilities, shape (DN, pixels).
+_Dense: TypeAlias = Sequence[tuple[slice, FloatArray]]
+
+#: Probability below which an outcome is left out.
+_NEGLIGIBLE = 1e-13
+
+#: Rates tabulated together, enough for NumPy's calls to pay off.
+_ROWS = 32
+
+#: Least standard deviation of a lattice, in steps, from which it can be smoothed, and number of values from which the
+#: values of an exposure are replaced by fewer nodes.
+_SMOOTH_STEPS, _MANY = 1.5, 64
+
+#: Most values of a zone that are all calculated.
+_LONGEST = 6000
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureRows:
+    """Probabilities of the DN of each exposure for a list of rates, at several offsets of the pixel.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of csr_array
+        ``rows[offset][exposure]``, shape (rates, DN), longest exposure first.
+    offset_shares : ndarray, shape (offsets,)
+        Share of the pixels with each offset.
+    net_dn : ndarray, shape (DN,)
+        DN above black level.
+    noise : Noise
+        Read noise and spread of the offsets.
+    """
+
+    rows: Sequence[Sequence[csr_array]]
+    offset_shares: FloatArray
+    net_dn: FloatArray
+    noise: Noise
+
+    def dense(self, exposure: int, part: slice) -> tuple[slice, FloatArray]:
+        """DN that occur, and their probabilities, shape (DN, offsets * rates)."""
+        parts = [rows[exposure][part] for rows in self.rows]
+        low = min(int(one.indices.min()) for one in parts)
+        high = max(int(one.indices.max()) for one in parts) + 1
+        dense = np.concatenate([one[:, low:high].toarray() for one in parts])
+        return slice(low, high), np.ascontiguousarray(dense.T)
+
+    def over_offsets(self, below: FloatArray) -> FloatArray:
+        """Mean over the offsets, from shape (k, offsets * rates) to (k, rates)."""
+        return np.tensordot(below.reshape(below.shape[0], self.offset_shares.size, -1), self.offset_shares, (1, 0))
+
+
+def merged_rows(
+    method: Method, ladder: ExposureLadder, exposures: ExposureRows, edges: FloatArray, nodes: NDArray[np.intp]
+) -> list[tuple[int, FloatArray]]:
+    """Probability of each bin of the merged value by "linear" or "weighted".
+
+    Parameters
+    ----------
+    method : {"linear", "weighted"}
+        How the exposures are merged.
+    ladder : ExposureLadder
+        The exposures, at least two.
+    exposures : ExposureRows
+        Their probabilities.
+    edges : ndarray, shape (k + 1,)
+        Bins of the merged value, rising; they hold all values.
+    nodes : ndarray of int
+        Number of each rate in its grid, rising.
+
+    Returns
+    -------
+    list of (int, ndarray)
+        For each rate the first bin that occurs, and the probabilities from it on.
+    """
+    stage_edges = [edges]
+    stage_edges += [
+        ValueBins.of_merge(method, ladder, exposures.noise, start=i).edges for i in range(1, len(ladder) - 1)
+    ]
+    merge = _Merge(method, ladder, exposures, stage_edges, zones(method, ladder, exposures.noise.black_level_dn))
+    # Rates that are far apart have no DN in common.
+    runs = np.split(np.arange(nodes.size), np.flatnonzero(np.diff(nodes) > 1) + 1)
+    parts = [slice(int(run[i]), int(run[-1]) + 1) for run in runs for i in range(0, run.size, _ROWS)]
+    parts = [slice(part.start, min(part.start + _ROWS, part.stop)) for part in parts]
+    with ThreadPoolExecutor() as pool:
+        blocks = pool.map(merge.rows, parts)
+        return [row for block in blocks for row in block]
+
+
+@dataclass(frozen=True, eq=False)
+class _Merge:
+    """A merge of tabulated exposures; `edges` are the bins of what is merged from each exposure on."""
+
+    method: Method
+    ladder: ExposureLadder
+    exposures: ExposureRows
+    edges: Sequence[FloatArray]
+    zones: Sequence[Zone]
+
+    def rows(self, part: slice) -> list[tuple[int, FloatArray]]:
+        """Probabilities of the bins of the whole merge, for some rates."""
+        dense = [self.exposures.dense(i, part) for i in range(len(self.ladder))]
+        done = self._linear_zones(dense) if self.method == "linear" else self._weighted_zone(dense)
+        return _bins(done or self._stage_by_stage(dense), self.edges[0], self.exposures)
+
+    def _weighted_zone(self, dense: _Dense) -> list[Cumulative]:
+        """All values one by one where no exposure fades; empty where one does, or where they are too many."""
+        first = 0
+        while first < len(dense) - 1 and self._open_share(dense[first]) < _NEGLIGIBLE:
+            first += 1
+        fading = self.ladder.saturation_dn * FADE_FROM
+        limits = [fading] * (len(dense) - 1) + [self.ladder.saturation_dn]
+        if any(self._net_dn(one)[-1] >= limit for one, limit in zip(dense[first:], limits[first:], strict=True)):
+            return []
+        return self._sums(first, dense[first:])
+
+    def _linear_zones(self, dense: _Dense) -> list[Cumulative]:
+        """All values one by one, by the longest exposure that is not clipped; empty if they are too many."""
+        done = [self._clipped_in_all(dense[-1])]
+        for first in range(len(dense)):
+            open_ = [self._cut(one, clipped=False) for one in dense[first:]]
+            if any(share.max(initial=0) < _NEGLIGIBLE for _, share in open_):
+                continue
+            if first > 0:
+                chance = self._cut(dense[first - 1], clipped=True)[1].sum(axis=0)
+                if chance.max() < _NEGLIGIBLE:
+                    break
+                open_[0] = (open_[0][0], open_[0][1] * chance)
+            sums = self._sums(first, open_)
+            if not sums:
+                return []
+            done += sums
+        return done
+
+    def _sums(self, first: int, dense: _Dense) -> list[Cumulative]:
+        """Distribution of the sum of DN with constant factors, by convolution."""
+        from scipy.fft import irfft, next_fast_len, rfft
+
+        zone = next((zone for zone in self.zones if zone.first == first), None)
+        if zone is None:
+            return []
+        spans = [step * (window.stop - window.start - 1) for step, (window, _) in zip(zone.steps, dense, strict=True)]
+        if sum(spans) > _LONGEST:
+            return []
+        length = sum(spans) + 1
+        fast = next_fast_len(length, real=True)
+        product: Any = 1.0
+        for step, span, (_, share) in zip(zone.steps, spans, dense, strict=True):
+            # Pixels in rows, as transforms are fastest along contiguous values.
+            spaced = np.zeros((share.shape[1], span + 1))
+            spaced[:, ::step] = share.T
+            product = product * rfft(spaced, fast)
+        sums = irfft(product, fast)[:, :length].T
+        lowest = sum(step * window.start for step, (window, _) in zip(zone.steps, dense, strict=True))
+        return [Cumulative.of_values(zone.origin + zone.unit * (lowest + np.arange(length)), sums)]
+
+    def _stage_by_stage(self, dense: _Dense) -> list[Cumulative]:
+        """Parts of the distribution, merged from the shortest exposure on."""
+        last = len(dense) - 1
+        done: list[Cumulative] = []
+        if self.method == "linear":
+            done.append(self._clipped_in_all(dense[last]))
+            window, share = self._cut(dense[last], clipped=False)
+            values = self.exposures.net_dn[window] * self.ladder.ratios[last]
+        else:
+            values, _ = weighted_stage(self._net_dn(dense[last]), last, self.ladder)
+            share = dense[last][1]
+        if values.size == 0:
+            return done
+        rest = Cumulative.of_values(values, share)
+        for i in reversed(range(last)):
+            if self.method == "linear":
+                # What an exposure is too long for stays as it is, without any longer one.
+                clipped = self._cut(dense[i], clipped=True)[1].sum(axis=0)
+                done.append(Cumulative(rest.places, rest.below * clipped, rest.steps))
+            if self._open_share(dense[i]) < _NEGLIGIBLE:
+                if self.method == "linear":
+                    return done
+                continue
+            window, share = dense[i] if self.method == "weighted" else self._cut(dense[i], clipped=False)
+            rest = _with_exposure(
+                self.method, self.ladder, i, rest, self.exposures.net_dn[window], share, self.edges[i]
+            )
+        return [*done, rest]
+
+    def _net_dn(self, one: tuple[slice, FloatArray]) -> FloatArray:
+        return self.exposures.net_dn[one[0]]
+
+    def _open_share(self, one: tuple[slice, FloatArray]) -> float:
+        """Largest probability of a DN that is not clipped."""
+        return float(self._cut(one, clipped=False)[1].max(initial=0))
+
+    def _cut(self, one: tuple[slice, FloatArray], *, clipped: bool) -> tuple[slice, FloatArray]:
+        """Return the clipped DN, or those that are not."""
+        window, share = one
+        bound = window.start + int(np.searchsorted(self._net_dn(one), self.ladder.saturation_dn))
+        if clipped:
+            return slice(bound, window.stop), share[bound - window.start :]
+        return slice(window.start, bound), share[: bound - window.start]
+
+    def _clipped_in_all(self, shortest: tuple[slice, FloatArray]) -> Cumulative:
+        share = self._cut(shortest, clipped=True)[1].sum(axis=0, keepdims=True)
+        return Cumulative.of_values(np.array([self.ladder.merged_saturation_dn]), share)
+
+
+def _with_exposure(
+    method: Method,
+    ladder: ExposureLadder,
+    i: int,
+    rest: Cumulative,
+    net_dn: FloatArray,
+    share: FloatArray,
+    edges: FloatArray,
+) -> Cumulative:
+    """Merge the given values of exposure `i` into the rest."""
+    own_weight = 1 / (len(ladder) - i) if method == "linear" else float(faded_share(net_dn[:1], i, ladder)[0])
+    if net_dn.size > _MANY:
+        spread = rest.smallest_spread()
+        if rest.even and spread >= _SMOOTH_STEPS * (rest.places[1] - rest.places[0]):
+            rest = rest.smoothed()
+        if not rest.steps:
+            width = (1 - own_weight) * spread / (max(own_weight, 1e-9) * ladder.ratios[i])
+            net_dn, share = _fewer(net_dn, share, width)
+    if method == "linear":
+        own_part = own_weight * ladder.ratios[i] * net_dn
+        factor = np.full(net_dn.size, 1 - own_weight)
+    else:
+        own_part, factor = weighted_stage(net_dn, i, ladder)
+    return merged(rest, own_part, factor, share, edges)
+
+
+def _fewer(net_dn: FloatArray, share: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Replace values by four nodes a block of `width`, for functions that are smooth over it.
+
+    The function is replaced by a cubic polynomial through the Gauss-Legendre nodes of each block, whatever the
+    probabilities; its error has a mean of 0 where they are even.
+    """
+    blocks = ceil(net_dn.size / max(width, 1.0))
+    if 4 * blocks >= net_dn.size:
+        return net_dn, share
+    bounds = np.linspace(0, net_dn.size, blocks + 1).astype(int)
+    legendre, _ = np.polynomial.legendre.leggauss(4)
+    nodes, shares = [], []
+    for begin, end in pairwise(bounds):
+        block = net_dn[begin:end]
+        middle, half = (block[0] + block[-1]) / 2, (block[-1] - block[0] + 1) / 2
+        x = (block - middle) / half
+        weight = np.ones((4, block.size))
+        for j in range(4):
+            for k in range(4):
+                if k != j:
+                    weight[j] *= (x - legendre[k]) / (legendre[j] - legendre[k])
+        nodes.append(middle + half * legendre)
+        shares.append(weight @ share[begin:end])
+    return np.concatenate(nodes), np.concatenate(shares)
+
+
+def _bins(done: Sequence[Cumulative], edges: FloatArray, exposures: ExposureRows) -> list[tuple[int, FloatArray]]:
+    """Probabilities of the bins in all parts of the distribution together, for each rate."""
+    lowest = min(one.places[0] for one in done)
+    highest = max(one.places[-1] for one in done)
+    first = max(int(np.searchsorted(edges, lowest, side="right")) - 1, 0)
+    end = min(int(np.searchsorted(edges, highest, side="right")) + 1, edges.size)
+    window = edges[first:end]
+    below = np.zeros((window.size, done[0].below.shape[1]))
+    for one in done:
+        below += one.at(window)
+    share = np.maximum(np.diff(exposures.over_offsets(below), axis=0), 0)
+    rows = []
+    for row in share.T:
+        occurs = np.flatnonzero(row > _NEGLIGIBLE)
+        rows.append((first + int(occurs[0]), row[occurs[0] : occurs[-1] + 1].copy()))
+    return rows

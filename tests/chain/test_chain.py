@@ -1,0 +1,369 @@
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labcdp.chain import (
+    Chain,
+    ChainRun,
+    Context,
+    ExposureSettings,
+    Flat,
+    Optics,
+    Signal,
+    ThesisWindscreen,
+    Windscreen,
+    chain_from_document,
+    load,
+    preset_names,
+    replaced,
+)
+from labcdp.errors import ConfigurationError, InputError
+
+SENSOR: dict[str, Any] = {
+    "pixel_pitch_m": 3e-6,
+    "quantum_efficiency": 0.5,
+    "full_well_e": 10_000,
+    "k_dn_per_e": 0.25,
+    "read_noise_e": 3.0,
+    "dark_current_e_s": 20.0,
+    "bits": 12,
+    "black_level_dn": 16.0,
+}
+# Rows of more than one block of random numbers.
+DOCUMENT: dict[str, Any] = {
+    "scene": {
+        "type": "checkerboard",
+        "width": 40,
+        "height": 150,
+        "luminance_cd_m2": 20.0,
+        "contrast": 1.0,
+        "square_px": 7,
+    },
+    "windscreen": {"transmittance": 0.9, "glare_fraction": 0.2},
+    "optics": {"f_number": 2.0, "transmittance": 0.9, "focal_length_m": 6e-3},
+    "exposure": {"exposure_s": 0.01},
+    "sensor": SENSOR,
+}
+HDR_AND_ISP: dict[str, Any] = {"hdr": {"method": "normal", "bits": 20}, "isp": {"isp_bits": 20, "bits": 8}}
+BRACKET = {"exposure": {"exposure_s": [0.003, 0.0155]}}
+
+
+def chain_of(*changes: Mapping[str, Any], without: tuple[str, ...] = ()) -> Chain:
+    document = dict(DOCUMENT)
+    for change in changes:
+        document |= change
+    return chain_from_document({key: value for key, value in document.items() if key not in without}, "test")
+
+
+def small(preset: str) -> Chain:
+    """A preset of few pixels; odd sizes have a pixel on the axis."""
+    name = "scene" if preset.startswith("thesis") else "sensor"
+    return replaced(load(preset), {f"{name}.width": 31, f"{name}.height": 21, "scene.square_px": 3})
+
+
+def same_values(first: ChainRun, second: ChainRun) -> dict[str, bool]:
+    return {name: bool((first[name].values == second[name].values).all()) for name in first}
+
+
+TWO_SENSORS = {"sensor": [SENSOR | {"name": "left"}, SENSOR | {"name": "right", "pixel_pitch_m": 6e-6}]}
+
+
+@pytest.mark.parametrize(
+    ("chain", "names"),
+    [
+        (chain_of(), ["scene", "windscreen", "optics", "sensor"]),
+        (chain_of(without=("windscreen",)), ["scene", "optics", "sensor"]),
+        (chain_of(without=("windscreen", "optics", "exposure", "sensor")), ["scene"]),
+        (chain_of({"optics": {"f_number": 2.0, "transmittance": 1.0}}, without=("exposure", "sensor")), None),
+        (chain_of(BRACKET), ["scene", "windscreen", "optics", "sensor 3 ms", "sensor 15.5 ms"]),
+        (
+            chain_of(BRACKET, HDR_AND_ISP),
+            ["scene", "windscreen", "optics", "sensor 3 ms", "sensor 15.5 ms", "hdr", "isp"],
+        ),
+        (chain_of({"isp": {"isp_bits": 12}}), ["scene", "windscreen", "optics", "sensor", "isp"]),
+        (
+            chain_of(BRACKET, TWO_SENSORS, {"hdr": {"method": "linear"}}),
+            [
+                "scene",
+                "windscreen",
+                "optics",
+                "sensor 3 ms (left)",
+                "sensor 15.5 ms (left)",
+                "hdr (left)",
+                "sensor 3 ms (right)",
+                "sensor 15.5 ms (right)",
+                "hdr (right)",
+            ],
+        ),
+    ],
+)
+def test_a_run_has_the_signal_behind_each_stage_in_order(chain: Chain, names: list[str] | None) -> None:
+    run = chain.run()
+    assert list(run) == list(chain.stage_names) == (names or ["scene", "windscreen", "optics"])
+    assert len(run) == len(chain.stage_names)
+    assert {run[name].values.shape for name in run} == {chain.scene.shape}
+
+
+def test_units_change_at_optics_and_sensor() -> None:
+    run = chain_of(BRACKET, HDR_AND_ISP).run()
+    assert [run[name].unit for name in run] == ["cd/m^2", "cd/m^2", "lx", "DN", "DN", "DN", "DN"]
+
+
+def test_stage_that_is_not_there() -> None:
+    run = chain_of().run()
+    with pytest.raises(InputError, match=r"^stage is 'hdr': give one of scene, windscreen, optics, sensor$"):
+        run["hdr"]
+    assert "hdr" not in run
+    assert "sensor" in run
+    assert run.get("hdr") is None
+    assert run.get("sensor") is run["sensor"]
+
+
+def test_same_seed_same_values_on_any_number_of_threads() -> None:
+    chain = chain_of(BRACKET, HDR_AND_ISP)
+    assert all(same_values(chain.run(3, threads=1), chain.run(3, threads=2)).values())
+
+
+def test_another_seed_changes_what_is_behind_the_sensor_only() -> None:
+    chain = chain_of(BRACKET, HDR_AND_ISP)
+    same = same_values(chain.run(3), chain.run(4))
+    assert [name for name in same if same[name]] == ["scene", "windscreen", "optics"]
+
+
+def test_exposures_of_one_run_have_noise_of_their_own() -> None:
+    run = chain_of({"exposure": {"exposure_s": [0.01, 0.0101]}}).run()
+    noise = [run[name].luminance_cd_m2 - run["scene"].values for name in ("sensor 10 ms", "sensor 10.1 ms")]
+    correlation = np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]
+    assert abs(correlation) < 5 / np.sqrt(40 * 150)
+
+
+def test_two_seeds_share_the_fixed_pattern_of_one_device_and_not_that_of_another() -> None:
+    chain = chain_of(
+        {"scene": {"type": "flat", "width": 40, "height": 150, "luminance_cd_m2": 5.0}},
+        {"sensor": SENSOR | {"dsnu_e": 100.0, "device_seed": 7}},
+    )
+    other = replaced(chain, {"sensor.device_seed": 8})
+    one, two, foreign = (run["sensor"].luminance_cd_m2.ravel() for run in (chain.run(1), chain.run(2), other.run(2)))
+    # The pattern of 100 e- is far above shot and read noise of some 20 e-.
+    assert np.corrcoef(one, two)[0, 1] > 0.9
+    assert abs(np.corrcoef(one, foreign)[0, 1]) < 5 / np.sqrt(one.size)
+
+
+def test_each_sensor_sees_the_image_for_its_own_pixels() -> None:
+    chain = chain_of({"scene": {"type": "flat", "width": 41, "height": 151, "luminance_cd_m2": 50.0}}, TWO_SENSORS)
+    run = chain.run()
+    alone = {
+        name: chain_of(
+            {"scene": {"type": "flat", "width": 41, "height": 151, "luminance_cd_m2": 50.0}, "sensor": dict(table)}
+        ).run()
+        for name, table in (("left", TWO_SENSORS["sensor"][0]), ("right", TWO_SENSORS["sensor"][1]))
+    }
+    for name, single in alone.items():
+        np.testing.assert_array_equal(run[f"sensor ({name})"].values, single["sensor"].values)
+        np.testing.assert_array_equal(run[f"sensor ({name})"].luminance_cd_m2, single["sensor"].luminance_cd_m2)
+    np.testing.assert_array_equal(run["optics"].values, alone["left"]["optics"].values)
+
+
+def test_signals_know_which_pixels_are_saturated() -> None:
+    run = chain_of({"exposure": {"exposure_s": [0.002, 0.05]}}, HDR_AND_ISP).run()
+    bright = run.chain.scene.regions()["bright"]
+    assert run["sensor 50 ms"].saturated[bright].mean() > 0.9
+    for name in ("sensor 2 ms", "hdr", "isp"):
+        assert not run[name].saturated.any()
+    assert run["optics"].saturated is None
+
+
+@pytest.mark.parametrize("preset", preset_names())
+def test_without_noise_each_stage_of_a_preset_gives_back_the_scene(preset: str) -> None:
+    chain = small(preset)
+    run = chain.run()
+    scene = run["scene"].values.astype(np.float64)
+    expected = scene
+    windscreen = dict(chain.before).get("windscreen")
+    if isinstance(windscreen, ThesisWindscreen):
+        tau = windscreen.transmittance
+        expected = tau * scene + windscreen.glare_fraction * scene.mean() * (tau - 1 / tau)
+    np.testing.assert_array_equal(run["scene"].luminance_cd_m2, run["scene"].values)
+    for name, _ in chain.before:
+        np.testing.assert_allclose(run[name].luminance_cd_m2, expected, rtol=1e-5)
+    sensor = chain.sensors[0][1]
+    context = Context(chain.spectrum, 0, sensor.pixel_pitch_m, chain.settings)
+    captures = [sensor.capture(run["optics"], context, index) for index in range(len(chain.settings.exposure_s))]
+    if chain.hdr is not None:
+        captures.append(chain.hdr.merge(captures))
+    for name, shot in zip(chain.recorded_names, captures, strict=False):
+        noise_free = shot.dark_dn + shot.dn_per_lx * run["optics"].values.astype(np.float64)
+        np.testing.assert_allclose(run[name].to_luminance(noise_free), expected, rtol=1e-4)
+
+
+def test_without_noise_a_code_gives_back_the_scene_within_its_step() -> None:
+    chain = small("thesis-2018")
+    run, curve = chain.run(), dict(chain.behind)["isp"]
+    # Codes are 20/256 of a doubling apart, and whole DN apart in the dark.
+    dn = run["hdr"].values
+    back, direct = run["isp"].to_luminance(curve.encode(dn)), run["hdr"].luminance_cd_m2
+    cd_m2_per_dn = np.diff(run["hdr"].to_luminance(np.array([0.0, 1.0])))[0]
+    step_dn = np.maximum(1.0, (1 + dn) * (2 ** (20 / 256) - 1))
+    assert (np.abs(back - direct) <= step_dn * cd_m2_per_dn).all()
+
+
+def test_the_mean_over_the_noise_gives_back_the_scene() -> None:
+    run = chain_of().run()
+    luminance = run["sensor"].luminance_cd_m2
+    for level in run.chain.scene.levels():
+        pixels = luminance[run.chain.scene.regions()[level.name]]
+        tolerance = 5 * pixels.std() / np.sqrt(pixels.size)
+        assert pixels.mean() == pytest.approx(level.luminance_cd_m2, abs=tolerance)
+
+
+@pytest.mark.parametrize("preset", preset_names())
+def test_levels_take_the_way_of_the_image_on_the_axis(preset: str) -> None:
+    chain = small(preset)
+    run = chain.run()
+    levels = chain.scene.levels()
+    front = chain.front(
+        np.array([[level.luminance_cd_m2 for level in levels]]), np.array([[level.share for level in levels]])
+    )
+    on_axis = np.zeros(chain.scene.shape, bool)
+    on_axis[10, 15] = True
+    lens = dict(chain.before)["optics"]
+    checked = 0
+    for number, level in enumerate(levels):
+        region = chain.scene.regions()[level.name] & (on_axis | (lens.focal_length_m is None))
+        for got in run["optics"].values[region]:
+            assert got == pytest.approx(front.values[0, number], rel=1e-5)
+            checked += 1
+        for got in run["optics"].luminance_cd_m2[region]:
+            assert got == pytest.approx(front.luminance_cd_m2[0, number], rel=1e-5)
+    assert checked > 0
+
+
+def test_rows_of_levels_are_scenes_of_their_own() -> None:
+    chain = chain_of()
+    shares = np.array([[0.5, 0.5], [0.1, 0.9]])
+    both = chain.front(np.array([[1.0, 2.0], [10.0, 30.0]]), shares)
+    second = chain.front(np.array([[10.0, 30.0]]), shares[1:])
+    np.testing.assert_array_equal(both.values[1:], second.values)
+    np.testing.assert_allclose(both.luminance_cd_m2, [[1.0, 2.0], [10.0, 30.0]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "0", None])
+def test_seed_that_is_none_is_refused_whatever_the_sensor(seed: Any) -> None:
+    for chain in (chain_of(), small("thesis-2018"), chain_of(without=("exposure", "sensor", "optics"))):
+        with pytest.raises(InputError, match=r"^seed is "):
+            chain.run(seed)
+
+
+def test_number_of_threads_below_1_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^threads is 0: give a number of at least 1$"):
+        chain_of().run(threads=0)
+
+
+def test_fall_off_without_a_sensor_is_refused() -> None:
+    with pytest.raises(InputError, match=r"focal_length_m is 0.006 m, but no sensor tells the pixel pitch"):
+        chain_of(without=("exposure", "sensor")).run()
+
+
+def test_a_sensor_that_does_not_see_the_light_is_refused() -> None:
+    chain = replaced(
+        chain_of(), {"sensor.quantum_efficiency": [[400, 0.5], [500, 0.5]], "spectrum": "monochromatic 600 nm"}
+    )
+    message = r"^quantum_efficiency is 0 wherever 'monochromatic 600 nm' has light: give values there$"
+    with pytest.raises(InputError, match=message):
+        chain.run()
+
+
+@pytest.mark.parametrize(
+    ("changes", "without", "message"),
+    [
+        ({"isp": {}}, ("sensor", "exposure"), "isp takes digital number in DN, but what comes to it is illuminance in"),
+        ({}, ("sensor",), "there is no sensor to expose: add a sensor, or leave out what follows it"),
+        ({"hdr": {"method": "normal"}}, ("sensor", "exposure"), "there is no sensor to expose"),
+        (
+            {},
+            ("optics",),
+            r"the sensor takes illuminance in lx, but what comes to it is luminance in cd/m\^2: add optics in front of",
+        ),
+        ({}, ("exposure",), r"exposure is missing: add a table \[exposure\] with exposure_s, in s"),
+        (
+            BRACKET | {"isp": {}},
+            (),
+            r"exposure\.exposure_s has 2 times and nothing merges them: add a table \[hdr\], or give one time",
+        ),
+        ({"spectrum": "D66"}, (), "spectrum is 'D66', which is not known: give 'monochromatic 555 nm'"),
+        (
+            {"exposure": {"exposure_s": [0.01, 0.010000001]}},
+            (),
+            "two signals would have the name 'sensor 10 ms': give each its own, and exposure times that differ",
+        ),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(changes: dict[str, Any], without: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^test: {message}"):
+        chain_of(changes, without=without)
+
+
+def test_parts_put_together_by_hand_are_checked_too() -> None:
+    chain = chain_of()
+    with pytest.raises(
+        InputError, match=r"^windscreen takes luminance in cd/m\^2, but what comes to it is illuminance"
+    ):
+        replace(chain, before=(("optics", Optics(2.0, 0.9)), ("windscreen", Windscreen(0.9))))
+    with pytest.raises(
+        InputError, match=r"^optics takes luminance in cd/m\^2, but what comes to it is digital number in"
+    ):
+        replace(chain, behind=(("optics", Optics(2.0, 0.9)),))
+    sensor = chain.sensors[0][1]
+    with pytest.raises(InputError, match=r"^two signals would have the name 'sensor \(a\)': give each its own"):
+        replace(chain, sensors=(("a", sensor), ("a", sensor)))
+    with pytest.raises(
+        InputError, match=r"^the scene has the shape \(2, 3\), the sensor has \(150, 40\): give both the"
+    ):
+        replace(chain, scene=Flat(3, 2, 1.0)).run()
+
+
+def test_one_exposure_can_be_merged_and_encoded() -> None:
+    run = chain_of(HDR_AND_ISP).run()
+    np.testing.assert_allclose(run["hdr"].luminance_cd_m2, run["sensor"].luminance_cd_m2, rtol=1e-5, atol=1e-4)
+
+
+def test_a_longer_exposure_at_a_higher_gain_is_the_same_luminance() -> None:
+    chain = chain_of({"scene": {"type": "flat", "width": 40, "height": 150, "luminance_cd_m2": 10.0}})
+    settings = ExposureSettings((0.03,), gain_db=6.0, temperature_c=60.0)
+    for one in (chain, replace(chain, settings=settings)):
+        luminance = one.run()["sensor"].luminance_cd_m2
+        assert luminance.mean() == pytest.approx(10, abs=5 * luminance.std() / np.sqrt(luminance.size))
+
+
+def test_camera_takes_windscreen_optics_and_sensor_of_the_chain() -> None:
+    chain = chain_of()
+    camera = chain.camera()
+    assert (camera.windscreen, camera.optics) == tuple(stage for _, stage in chain.before)
+    assert camera.sensor is chain.sensors[0][1]
+    scene = chain.scene.luminance_map()
+    dn = camera.expose(camera.electron_rate(scene), 0.01, temperature_c=25.0, seed=5, exposure_index=0)
+    np.testing.assert_array_equal(dn, chain.run(5)["sensor"].values)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [load("thesis-2018"), chain_of(TWO_SENSORS), chain_of(without=("sensor", "exposure"))],
+    ids=["thesis", "two sensors", "no sensor"],
+)
+def test_camera_of_another_chain_is_refused(chain: Chain) -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"is no camera for a bench: give at most a windscreen, optics and one"
+    ):
+        chain.camera()
+
+
+def test_running_changes_neither_scene_nor_document() -> None:
+    chain = chain_of()
+    before = repr(chain.document)
+    run = chain.run()
+    signal: Signal = run["scene"]
+    np.testing.assert_array_equal(signal.values, chain.scene.luminance_map())
+    assert repr(chain.document) == before

@@ -1,0 +1,126 @@
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from labcdp.chain import Context, Optics, Signal, Stage, ThesisWindscreen, Windscreen
+from labcdp.errors import InputError
+
+CONTEXT = Context("D65", pixel_pitch_m=3.45e-6)
+maps = arrays(np.float64, (3, 5), elements=st.floats(0, 1e5))
+transmittances = st.floats(0.01, 1)
+glares = st.floats(0, 2)
+
+
+def scene_signal(luminance_cd_m2: np.ndarray, shares: np.ndarray | None = None) -> Signal:
+    return Signal(np.asarray(luminance_cd_m2, float), "luminance", lambda values: values, shares)
+
+
+@pytest.mark.parametrize("stage", [Windscreen(0.9), ThesisWindscreen(0.9), Optics(2.0, 0.9)])
+def test_it_is_a_stage(stage: Stage) -> None:
+    assert isinstance(stage, Stage)
+
+
+def test_mean_of_an_image_is_a_number_and_that_of_levels_one_for_each_scene() -> None:
+    assert scene_signal([[1.0, 2.0], [3.0, 6.0]]).scene_mean() == 3.0
+    shares = np.array([[0.25, 0.75], [1.0, 0.0]])
+    np.testing.assert_allclose(scene_signal([[1.0, 2.0], [3.0, 6.0]], shares).scene_mean(), [[1.75], [3.0]])
+
+
+def test_windscreen_takes_light_and_adds_a_share_of_the_mean() -> None:
+    behind = Windscreen(0.5, glare_fraction=0.1).process(scene_signal([[1.0, 3.0]]), CONTEXT)
+    np.testing.assert_allclose(behind.values, [[0.5 * 1.2, 0.5 * 3.2]], rtol=1e-15)
+    assert (behind.quantity, behind.unit) == ("luminance", "cd/m^2")
+
+
+def test_glare_of_levels_is_of_the_mean_by_their_shares() -> None:
+    shares = np.array([[0.25, 0.75], [0.5, 0.5]])
+    behind = Windscreen(0.5, 1.0).process(scene_signal([[1.0, 3.0], [1.0, 3.0]], shares), CONTEXT)
+    np.testing.assert_allclose(behind.values, [[1.75, 2.75], [1.5, 2.5]], rtol=1e-15)
+    np.testing.assert_array_equal(behind.shares, shares)
+
+
+@given(scene=maps, transmittance=transmittances, glare=glares)
+def test_windscreen_is_undone_by_its_way_back(scene: np.ndarray, transmittance: float, glare: float) -> None:
+    behind = Windscreen(transmittance, glare).process(scene_signal(scene), CONTEXT)
+    np.testing.assert_allclose(behind.luminance_cd_m2, scene, rtol=1e-9, atol=1e-9 * scene.max())
+
+
+@given(scene=maps, transmittance=transmittances, glare=glares)
+def test_the_thesis_windscreen_lets_through_what_the_standard_one_does(
+    scene: np.ndarray, transmittance: float, glare: float
+) -> None:
+    behind = ThesisWindscreen(transmittance, glare).process(scene_signal(scene), CONTEXT)
+    np.testing.assert_array_equal(
+        behind.values, Windscreen(transmittance, glare).process(scene_signal(scene), CONTEXT).values
+    )
+
+
+@given(scene=maps, transmittance=transmittances, fraction=glares)
+def test_the_thesis_way_back_leaves_a_known_error(scene: np.ndarray, transmittance: float, fraction: float) -> None:
+    behind = ThesisWindscreen(transmittance, fraction).process(scene_signal(scene), CONTEXT)
+    glare = fraction * scene.mean()
+    expected = transmittance * scene + glare * (transmittance - 1 / transmittance)
+    np.testing.assert_allclose(behind.luminance_cd_m2, expected, rtol=1e-9, atol=1e-11 * scene.max() / transmittance)
+
+
+def test_optics_without_focal_length_are_the_same_everywhere_and_need_no_sensor() -> None:
+    image = Optics(2.0, 0.9).process(scene_signal(np.full((3, 5), 10.0)), Context("D65"))
+    np.testing.assert_allclose(image.values, 10 * 0.9 * pi / 16, rtol=1e-15)
+    assert (image.quantity, image.unit) == ("illuminance", "lx")
+
+
+def test_optics_with_focal_length_fall_off_with_the_fourth_power_of_the_cosine() -> None:
+    # The corner of 3 x 5 pixels of 1 mm lies sqrt(1^2 + 2^2) mm off the axis.
+    context = Context("D65", pixel_pitch_m=1e-3)
+    image = Optics(2.0, 0.9, focal_length_m=6e-3).process(scene_signal(np.full((3, 5), 10.0)), context)
+    assert image.values[1, 2] == pytest.approx(10 * 0.9 * pi / 16, rel=1e-12)
+    assert image.values[0, 0] == pytest.approx(10 * 0.9 * pi / 16 * (36 / 41) ** 2, rel=1e-12)
+
+
+@given(scene=maps, focal_length_m=st.none() | st.floats(1e-3, 1.0), magnification=st.floats(0, 2))
+def test_optics_are_undone_by_their_way_back(
+    scene: np.ndarray, focal_length_m: float | None, magnification: float
+) -> None:
+    image = Optics(1.6, 0.8, focal_length_m, magnification).process(scene_signal(scene), CONTEXT)
+    np.testing.assert_allclose(image.luminance_cd_m2, scene, rtol=1e-12, atol=1e-300)
+
+
+def test_levels_are_imaged_on_the_axis() -> None:
+    levels = scene_signal([[10.0, 20.0]], np.array([[0.5, 0.5]]))
+    with_lens = Optics(2.0, 0.9, focal_length_m=6e-3).process(levels, Context("D65"))
+    np.testing.assert_allclose(with_lens.values, [[9 * pi / 16, 18 * pi / 16]], rtol=1e-15)
+    np.testing.assert_allclose(with_lens.luminance_cd_m2, levels.values, rtol=1e-15)
+
+
+def test_fall_off_without_a_sensor_is_refused() -> None:
+    message = r"focal_length_m is 0.006 m, but no sensor tells the pixel pitch: add a sensor, or leave focal_"
+    with pytest.raises(InputError, match=message):
+        Optics(2.0, 0.9, focal_length_m=6e-3).process(scene_signal([[1.0]]), Context("D65"))
+
+
+@given(scene=maps)
+def test_ways_back_compose(scene: np.ndarray) -> None:
+    behind = Windscreen(0.9, 0.3).process(scene_signal(scene), CONTEXT)
+    image = Optics(2.0, 0.9, focal_length_m=6e-3).process(behind, CONTEXT)
+    np.testing.assert_allclose(image.luminance_cd_m2, scene, rtol=1e-9, atol=1e-9 * scene.max())
+
+
+def test_stages_leave_the_signal_before_them_as_it_is() -> None:
+    given = replace(scene_signal([[1.0, 3.0]]), saturated=np.array([[True, False]]))
+    for stage in (Windscreen(0.5, 0.5), ThesisWindscreen(0.5, 0.5), Optics(2.0, 0.9), Optics(2.0, 0.9, 6e-3)):
+        result = stage.process(given, CONTEXT)
+        assert result.saturated is given.saturated
+        np.testing.assert_array_equal(given.values, [[1.0, 3.0]])
+        assert result.values is not given.values
+
+
+def test_float32_stays_float32() -> None:
+    given = Signal(np.ones((2, 2), np.float32), "luminance", lambda values: values)
+    for stage in (Windscreen(0.5, 0.5), ThesisWindscreen(0.5, 0.5), Optics(2.0, 0.9), Optics(2.0, 0.9, 6e-3)):
+        result = stage.process(given, CONTEXT)
+        assert result.values.dtype == result.luminance_cd_m2.dtype == np.float32

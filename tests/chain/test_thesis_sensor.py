@@ -1,0 +1,205 @@
+from math import sqrt
+from statistics import fmean, stdev
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labcdp.chain import ExposureSettings, Sensor, SensorModel, ThesisSensor, load, replaced
+from labcdp.chain.capture import Capture
+from labcdp.chain.signal import Context, Signal
+from labcdp.contrast import cdp_neighbours
+from labcdp.errors import InputError
+from labcdp.photometry import photon_radiance_per_cd_m2
+
+#: Photons s^-1 m^-2 per lux: 500 nm at 1000 lm/W.
+PHOTONS = 500e-9 / (6.62607015e-34 * 299792458 * 1000)
+
+NO_DARK_CURRENT: dict[str, float] = {
+    "dark_current_e_s": 0.0,
+    "row_dark_current_e_s": 0.0,
+    "column_dark_current_e_s": 0.0,
+    "pixel_pattern_e_s": 0.0,
+    "row_pattern_e_s": 0.0,
+    "column_pattern_e_s": 0.0,
+}
+
+
+def thesis_sensor(**changes: Any) -> ThesisSensor:
+    """The sensor of the thesis' table 5.2 with one DN per electron and a range that clips nothing."""
+    values: dict[str, Any] = {
+        "pixel_pitch_m": 2e-6,
+        "width": 300,
+        "height": 200,
+        "quantum_efficiency": 0.7,
+        "full_well_e": 60_000,
+        "k_dn_per_e": 1.0,
+        "dark_current_e_s": 35,
+        "row_dark_current_e_s": 5,
+        "column_dark_current_e_s": 10,
+        "doubling_temperature_c": 10,
+        "bits": 16,
+    }
+    return ThesisSensor(**(values | changes))
+
+
+def illuminance_of(electrons: np.ndarray, exposure_s: float) -> np.ndarray:
+    return electrons / (PHOTONS * 0.7 * 2e-6**2 * exposure_s)
+
+
+def capture(
+    sensor: ThesisSensor,
+    electrons: np.ndarray | float = 0.0,
+    exposure_s: float = 0.5,
+    *,
+    index: int = 0,
+    seed: int = 1,
+    times: tuple[float, ...] = (),
+    **settings: float,
+) -> Capture:
+    lux = illuminance_of(np.broadcast_to(np.asarray(electrons, float), sensor.shape), exposure_s)
+    signal = Signal(lux, "illuminance", lambda values: values)
+    settings_s = ExposureSettings(times or (exposure_s,), **settings)
+    return sensor.capture(signal, Context("thesis-2018", seed, sensor.pixel_pitch_m, settings_s), index)
+
+
+def test_it_is_a_sensor_model() -> None:
+    assert isinstance(thesis_sensor(), SensorModel)
+
+
+def test_the_thesis_takes_2_517e15_photons_for_a_candela_per_square_metre() -> None:
+    assert photon_radiance_per_cd_m2("thesis-2018") == pytest.approx(PHOTONS, rel=1e-12)
+    assert photon_radiance_per_cd_m2("thesis-2018") == pytest.approx(2.517e15, rel=2e-4)
+
+
+@pytest.mark.parametrize(("temperature_c", "factor"), [(25.0, 1.0), (35.0, 2.0), (65.0, 16.0)])
+def test_darkness_has_the_mean_of_the_three_dark_currents(temperature_c: float, factor: float) -> None:
+    exposure_s = 16.0
+    dn = capture(thesis_sensor(), exposure_s=exposure_s, temperature_c=temperature_c).dn
+    # Poisson and pattern of pixels, rows and columns; what is cut off is 1/2 DN on average.
+    spread_e_s = sqrt((35 + 5**2) / dn.size + (5 + 5**2) / 200 + (10 + 10**2) / 300)
+    scale = factor * exposure_s
+    assert dn.mean() == pytest.approx(50 * scale - 0.5, abs=5 * spread_e_s * scale)
+
+
+def test_darkness_varies_over_rows_columns_and_pixels_as_the_rate_does() -> None:
+    scale = 8.0  # s, at 25 degC: the noise is drawn for a second, then scaled
+    dn = capture(thesis_sensor(), exposure_s=scale).dn.astype(float)
+    rows, columns = dn.mean(axis=1), dn.mean(axis=0)
+    pixels = dn - rows[:, None] - columns + dn.mean()
+    for values, variance, freedom in (
+        (rows, 5 + 5**2 + (35 + 5**2) / 300, 199),
+        (columns, 10 + 10**2 + (35 + 5**2) / 200, 299),
+        (pixels, 35 + 5**2, 199 * 299),
+    ):
+        measured = ((values - values.mean()) ** 2).sum() / freedom
+        # The excess of a Poisson number, 1 / mean, is small beside the 2 of the normal distribution.
+        assert measured == pytest.approx(variance * scale**2, rel=5 * sqrt(2.5 / freedom))
+
+
+def test_light_has_no_shot_noise_and_is_cut_off_not_rounded() -> None:
+    sensor = thesis_sensor(**NO_DARK_CURRENT)
+    electrons = np.linspace(0.05, 1000.0, sensor.width * sensor.height).reshape(sensor.shape)
+    dn = capture(sensor, electrons).dn
+    away = np.abs(electrons - np.rint(electrons)) > 1e-6
+    np.testing.assert_array_equal(dn[away], np.floor(electrons)[away])
+
+
+def test_gain_of_20_db_is_ten_times_the_dn() -> None:
+    sensor = thesis_sensor(**NO_DARK_CURRENT)
+    one = capture(sensor, 100.05, gain_db=20.0)
+    assert set(one.dn.ravel()) == {1000}
+    assert one.k_dn_per_e == pytest.approx(10)
+
+
+def test_the_converter_ends_at_2_to_the_bits() -> None:
+    shot = capture(thesis_sensor(bits=8), 1000.0)
+    assert shot.dn.max() == shot.dn.min() == shot.saturation_dn == 256
+    assert shot.saturated.all()
+
+
+def test_the_full_well_ends_the_range_before_the_converter() -> None:
+    shot = capture(thesis_sensor(full_well_e=1000, k_dn_per_e=0.25), 5000.0)
+    assert shot.dn.max() == shot.dn.min() == shot.saturation_dn == 250
+    assert not capture(thesis_sensor(full_well_e=1000, k_dn_per_e=0.25), 900.0, 1e-3).saturated.any()
+
+
+def test_darkness_below_zero_is_zero() -> None:
+    currents = {"dark_current_e_s": 0, "row_dark_current_e_s": 0, "column_dark_current_e_s": 0}
+    dn = capture(thesis_sensor(**currents), exposure_s=1.0).dn
+    assert dn.min() == 0
+    assert dn.max() > 0
+
+
+def test_the_pattern_is_drawn_anew_for_each_exposure() -> None:
+    first, second = (capture(thesis_sensor(), index=index, times=(0.5, 0.6)).dn.astype(float) for index in (0, 1))
+    for axis, count in ((0, 300), (1, 200)):
+        correlation = np.corrcoef(first.mean(axis=axis), second.mean(axis=axis))[0, 1]
+        assert abs(correlation) < 5 / sqrt(count)
+
+
+def test_same_seed_same_exposure_and_other_seed_another() -> None:
+    first = capture(thesis_sensor()).dn
+    np.testing.assert_array_equal(first, capture(thesis_sensor()).dn)
+    assert (first != capture(thesis_sensor(), seed=2).dn).any()
+
+
+def test_way_back_takes_off_the_dark_signal_drawn() -> None:
+    sensor = thesis_sensor()
+    electrons = np.linspace(500.0, 900.0, sensor.width * sensor.height).reshape(sensor.shape)
+    shot = capture(sensor, electrons)
+    difference = shot.illuminance_lx(shot.dn) - illuminance_of(electrons, 0.5)
+    # What is left is what is cut off; the mean of the noise is known to the way back.
+    assert difference.mean() == pytest.approx(illuminance_of(np.float64(-0.5), 0.5), rel=0.02)
+
+
+def test_capture_states_its_scale() -> None:
+    shot = capture(thesis_sensor(k_dn_per_e=0.25))
+    assert shot.exposure_s == 0.5
+    assert shot.black_level_dn == 0
+    assert shot.dn_per_lx == pytest.approx(0.25 * PHOTONS * 0.7 * 4e-12 * 0.5)
+    # The patterns of 300 columns and 200 rows have the spread of their sample.
+    assert shot.dark_noise_dn == pytest.approx(0.25 * 0.5 * sqrt(35 + 5 + 10 + 25 + 25 + 100), rel=5 / sqrt(2 * 200))
+
+
+def test_scene_of_another_size_is_refused() -> None:
+    signal = Signal(np.ones((2, 3)), "illuminance", lambda values: values)
+    with pytest.raises(InputError, match=r"the scene has the shape \(2, 3\), the sensor has \(200, 300\): give both"):
+        thesis_sensor().capture(signal, Context("thesis-2018", settings=ExposureSettings((1.0,))), 0)
+
+
+def test_missing_settings_are_refused(sensor: Sensor) -> None:
+    for model in (thesis_sensor(), sensor):
+        signal = Signal(np.ones(model.shape), "illuminance", lambda values: values)
+        with pytest.raises(InputError, match=r"no exposure is set: add exposure_s, one time in s or several"):
+            model.capture(signal, Context("thesis-2018"), 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bits": 0}, r"^bits is 0: give a number from 1 to 16 bits"),
+        ({"bits": 17}, r"^bits is 17: give a number from 1 to 16 bits"),
+        ({"bits": 12.0}, r"^bits is 12.0: give a whole number of bits"),
+        ({"quantum_efficiency": 0}, r"^quantum_efficiency is 0: give a number above 0 to 1 \(a fraction\)"),
+        ({"quantum_efficiency": 1.1}, r"^quantum_efficiency is 1.1: give a number above 0 to 1"),
+        ({"pixel_pitch_m": 2.0}, r"^pixel_pitch_m is 2.0: give a number above 0 to 0.001 m"),
+        ({"dark_current_e_s": -1}, r"^dark_current_e_s is -1: give a number from 0 to 1e\+09 e-/s"),
+        ({"row_pattern_e_s": np.nan}, r"^row_pattern_e_s is nan: give a number from 0 to 1e\+09 e-/s"),
+        ({"doubling_temperature_c": 0}, r"^doubling_temperature_c is 0: give a number from 1 to 100 K"),
+        ({"width": 0}, r"^width is 0: give a number of at least 1 pixels"),
+        ({"full_well_e": 0}, r"^full_well_e is 0: give a number above 0 to 1e\+07 e-"),
+    ],
+)
+def test_value_out_of_range_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        thesis_sensor(**change)
+
+
+def test_row_3_of_the_published_table_is_repeated() -> None:
+    # L. Ebbert, Implementierung von CDP, 2018, table 5.3: K = 100 %, 10 cd/m^2, 100 degC, 10 ms, 2 um. Of the 252 119
+    # places of its array of contrasts 418 are never filled and count as not detected.
+    chain = replaced(load("thesis-2018"), {"exposure.exposure_s": 0.01, "exposure.temperature_c": 100.0})
+    filled = 1 - 418 / 252_119
+    shares = [filled * cdp_neighbours(chain.run(seed)["sensor"].luminance_cd_m2, 1.0, 0.5).cdp for seed in range(15)]
+    assert fmean(shares) == pytest.approx(0.6816225, abs=2 * stdev(shares))

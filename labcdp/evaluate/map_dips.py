@@ -1,0 +1,244 @@
+"""Dips of SNR or CDP along the luminance, as an HDR sensor has them where it changes to a shorter exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, log10, nan, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .map_axes import At, MapAxis, map_axis, sections
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Standard errors of a difference by which a fall or rise must exceed the smallest one asked for. The extremes of 100
+#: points of equal noise lie 5 standard deviations apart on average, 3.5 of their difference; 4 leaves a margin.
+_NOISE_MARGIN = 4.0
+
+#: Share of saturated pixels from which the bright region counts as saturated.
+_SATURATED_SHARE = 0.01
+
+#: Median absolute deviation of a normal distribution, in standard deviations.
+_MAD_OF_NORMAL = 0.6744897501960817
+
+
+@dataclass(frozen=True)
+class SnrDip:
+    """A dip of a variable along an axis: it falls although the luminance rises, and rises again.
+
+    Parameters
+    ----------
+    at : dict of str to (float or str)
+        Values of the other parameters.
+    variable : str
+        What dips.
+    start, position : float
+        Where it is highest before the fall and lowest after it, in the unit of the axis.
+    highest : float
+        Value of the variable before the fall.
+    depth_ratio, depth_db : float
+        Highest over lowest value, and 20 log10 of that.
+    recovery : float
+        Where it is again as high as before the fall; nan if it is not inside the map.
+    lowest_cdp, lowest_cdp_at : float
+        Lowest CDP from the start to the recovery or to the next dip's start, and where it is.
+    expected : float
+        Luminance of the change of exposure that the dip belongs to; nan if none of those given fits.
+    """
+
+    at: At
+    variable: str
+    start: float
+    position: float
+    highest: float
+    depth_ratio: float
+    depth_db: float
+    recovery: float
+    lowest_cdp: float
+    lowest_cdp_at: float
+    expected: float
+
+
+def find_dips(
+    dataset: Dataset,
+    axis: str,
+    variable: str = "snr_dark",
+    min_fall: float = 0.1,
+    expected: Sequence[float] = (),
+) -> tuple[SnrDip, ...]:
+    """Find dips along an axis, for each value of the other parameters.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The map. Standard errors of the variable are taken from `<variable>_standard_error` (of CDP from
+        `standard_error`); without them, those of a simulated map are estimated from its roughness.
+    axis : str
+        Name of an axis of numbers, the luminance.
+    variable : str
+        `snr_dark`, `snr_bright`, `csnr` or `cdp`.
+    min_fall : float
+        Smallest fall, relative to the value before it, above 0 and below 1. The rise after it is as large.
+    expected : sequence of float
+        Luminances at which the sensor changes exposure, on the scale of the axis.
+
+    Returns
+    -------
+    tuple of SnrDip
+        By section, then rising along the axis.
+
+    Raises
+    ------
+    InputError
+        If the axis or variable is missing, or `min_fall` is out of range.
+
+    Notes
+    -----
+    A fall and the rise after it must exceed `min_fall` by four standard errors of the difference. What follows the
+    luminance from which on the bright region is saturated (more than 1 % of its pixels, if the map tells) is left
+    out, and so is a last fall without a rise, unless an expected change of exposure explains it. An expected
+    luminance belongs to the dip whose fall it lies in, give or take a grid step; each explains one dip.
+    """
+    along = map_axis(dataset, axis)
+    if not along.numeric:
+        raise InputError(f"axis {axis} has no dips: choose an axis of numbers")
+    if variable not in dataset.data_vars:
+        raise InputError(f"the map has no variable {variable!r}: choose one of {sorted(map(str, dataset.data_vars))}")
+    if not 0 < min_fall < 1:
+        raise InputError(f"min_fall is {min_fall}: give a fraction above 0 and below 1")
+    return tuple(
+        dip
+        for at, section in sections(dataset, (axis,))
+        for dip in _dips_of(_Curve.of(section, along, variable), at, variable, min_fall, sorted(expected))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """The points of a section that count: places on the axis, values, their standard errors, and CDP; shape (n,)."""
+
+    axis: MapAxis
+    places: NDArray[np.float64]
+    values: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    cdp: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, section: Dataset, axis: MapAxis, variable: str) -> _Curve:
+        values = section[variable].values.astype(np.float64)
+        counts = np.isfinite(values) & (values >= 0)
+        if "saturated_share" in section:
+            unsaturated = np.flatnonzero(~(section["saturated_share"].values > _SATURATED_SHARE))
+            counts[unsaturated[-1] + 1 if unsaturated.size else 0 :] = False
+        error_name = "standard_error" if variable == "cdp" else f"{variable}_standard_error"
+        errors = np.zeros_like(values)
+        if error_name in section and np.isfinite(section[error_name].values[counts]).any():
+            errors = np.nan_to_num(section[error_name].values.astype(np.float64), posinf=0.0)
+        elif section.attrs.get("method") == "simulated":
+            errors[counts] = values[counts] * _roughness(values[counts])
+        return cls(axis, axis.values[counts], values[counts], errors[counts], section["cdp"].values[counts])
+
+    def lies_below(self, low: int, high: int, min_fall: float) -> bool:
+        """Whether one point lies below another by more than noise explains."""
+        noise = _NOISE_MARGIN * float(np.hypot(self.errors[low], self.errors[high]))
+        return bool(self.values[low] < (1 - min_fall) * self.values[high] - noise)
+
+
+def _roughness(values: NDArray[np.float64]) -> float:
+    """Relative standard deviation of values around a smooth curve, by second differences, which few jumps do not move.
+
+    A second difference of independent values has 6 times their variance.
+    """
+    positive = values[values > 0]
+    if positive.size < 5:
+        return 0.0
+    bends = np.diff(np.log(positive), n=2)
+    return float(np.median(np.abs(bends - np.median(bends)))) / _MAD_OF_NORMAL / sqrt(6)
+
+
+def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: list[float]) -> list[SnrDip]:
+    falls, last_fall_ends = _falls(curve, min_fall)
+    explained = _explained(curve, falls, expected)
+    if falls and not last_fall_ends and len(falls) - 1 not in explained:
+        falls = falls[:-1]
+    dips = []
+    for number, (peak, trough) in enumerate(falls):
+        recovery = _recovery(curve, peak, trough)
+        next_peak = falls[number + 1][0] if number + 1 < len(falls) else curve.places.size - 1
+        inside = np.flatnonzero((curve.places >= curve.places[peak]) & ~(curve.places > recovery))
+        inside = inside[(inside <= next_peak) & np.isfinite(curve.cdp[inside])]
+        lowest = int(inside[np.argmin(curve.cdp[inside])]) if inside.size else None
+        ratio = float(curve.values[peak] / curve.values[trough]) if curve.values[trough] > 0 else inf
+        dips.append(
+            SnrDip(
+                at=at,
+                variable=variable,
+                start=float(curve.places[peak]),
+                position=float(curve.places[trough]),
+                highest=float(curve.values[peak]),
+                depth_ratio=ratio,
+                depth_db=20 * log10(ratio),
+                recovery=recovery,
+                lowest_cdp=nan if lowest is None else float(curve.cdp[lowest]),
+                lowest_cdp_at=nan if lowest is None else float(curve.places[lowest]),
+                expected=explained.get(number, nan),
+            )
+        )
+    return dips
+
+
+def _falls(curve: _Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]:
+    """Find indices of peak and trough of each fall, and whether the last one is followed by a rise."""
+    falls: list[tuple[int, int]] = []
+    peak = trough = 0
+    falling = False
+    for i in range(1, curve.values.size):
+        if falling:
+            if curve.values[i] <= curve.values[trough]:
+                trough = i
+            elif curve.lies_below(trough, i, min_fall):
+                falls.append((peak, trough))
+                falling, peak = False, i
+        elif curve.values[i] >= curve.values[peak]:
+            peak = i
+        elif curve.lies_below(i, peak, min_fall):
+            falling, trough = True, i
+    if falling:
+        falls.append((peak, trough))
+    return falls, not falling
+
+
+def _explained(curve: _Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
+    """Which fall belongs to which expected luminance; the nearest pairs first, each once."""
+    scaled = curve.axis.scaled
+    pairs = []
+    for number, (peak, trough) in enumerate(falls):
+        low, high = curve.places[max(peak - 1, 0)], curve.places[min(trough + 1, curve.places.size - 1)]
+        middle = scaled(curve.places[[peak, trough]]).mean()
+        pairs += [
+            (abs(float(scaled(np.array([value]))[0] - middle)), number, value)
+            for value in expected
+            if low <= value <= high
+        ]
+    found: dict[int, float] = {}
+    for _, number, value in sorted(pairs):
+        if number not in found and value not in found.values():
+            found[number] = float(value)
+    return found
+
+
+def _recovery(curve: _Curve, peak: int, trough: int) -> float:
+    """Where the curve is again as high as at the peak, between grid points; nan if nowhere."""
+    goal = curve.values[peak]
+    above = np.flatnonzero(curve.values[trough + 1 :] >= goal)
+    if not above.size:
+        return nan
+    i = trough + 1 + int(above[0])
+    share = (goal - curve.values[i - 1]) / (curve.values[i] - curve.values[i - 1])
+    left, right = curve.axis.scaled(curve.places[[i - 1, i]])
+    return float(curve.axis.unscaled(left + share * (right - left)))

@@ -1,0 +1,145 @@
+"""Usable range: over which part of an axis CDP is high enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf, log10
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .map_axes import At, MapAxis, map_axis, sections
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+@dataclass(frozen=True)
+class UsableInterval:
+    """A part of an axis on which CDP is high enough.
+
+    Parameters
+    ----------
+    low, high : float
+        Its ends, in the unit of the axis.
+    low_open, high_open : bool
+        Whether the end is that of the map, or lies beside a missing value, so that the range may go on beyond it.
+
+    Attributes
+    ----------
+    decades : float
+        log10(high / low); infinity if `low` is not above 0.
+    range_db : float
+        20 log10(high / low), as dynamic range is given by EMVA 1288.
+    """
+
+    low: float
+    high: float
+    low_open: bool
+    high_open: bool
+    decades: float = field(init=False)
+    range_db: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        decades = log10(self.high / self.low) if self.low > 0 else inf
+        object.__setattr__(self, "decades", decades)
+        object.__setattr__(self, "range_db", 20 * decades)
+
+
+@dataclass(frozen=True)
+class UsableRange:
+    """All parts of an axis on which CDP is high enough, at one value of all other parameters.
+
+    Parameters
+    ----------
+    at : dict of str to (float or str)
+        Values of the other parameters.
+    axis : str
+        Name of the axis.
+    level : float
+        CDP that is high enough.
+    intervals : tuple of UsableInterval
+        In rising order; empty if CDP is nowhere high enough.
+
+    Attributes
+    ----------
+    widest : UsableInterval or None
+        The one of the largest ratio of its ends, or of the largest difference where an end is not above 0.
+    """
+
+    at: At
+    axis: str
+    level: float
+    intervals: tuple[UsableInterval, ...]
+    widest: UsableInterval | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        widest = max(self.intervals, key=lambda one: (one.decades, one.high - one.low), default=None)
+        object.__setattr__(self, "widest", widest)
+
+
+def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
+    """Find where CDP is at least `level` along an axis, for each value of the other parameters.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The map.
+    axis : str
+        Name of an axis of numbers, best the luminance.
+    level : float
+        Lowest CDP that is high enough, above 0, up to 1.
+
+    Returns
+    -------
+    tuple of UsableRange
+        One for each section of the map.
+
+    Raises
+    ------
+    InputError
+        If the axis is missing or not of numbers, or the level is out of range.
+
+    Notes
+    -----
+    Between grid points CDP is taken as linear in the axis, or in its logarithm where the axis is logarithmic.
+    """
+    along = map_axis(dataset, axis)
+    if not along.numeric:
+        raise InputError(f"axis {axis} has no range: choose an axis of numbers")
+    if not 0 < level <= 1:
+        raise InputError(f"level is {level}: give a CDP above 0, up to 1")
+    return tuple(
+        UsableRange(at, axis, float(level), _intervals(along, section["cdp"].values, level))
+        for at, section in sections(dataset, (axis,))
+    )
+
+
+def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
+    """Return the range whose widest interval is the widest of all; None if all are empty."""
+    found = [(one.widest.decades, one.widest.high - one.widest.low, one) for one in ranges if one.widest]
+    return max(found, key=lambda entry: entry[:2])[2] if found else None
+
+
+def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tuple[UsableInterval, ...]:
+    enough = np.concatenate(([False], values >= level, [False]))
+    starts, stops = np.flatnonzero(~enough[:-1] & enough[1:]), np.flatnonzero(enough[:-1] & ~enough[1:])
+    intervals = []
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        low, low_open = _end(axis, values, level, start, start - 1)
+        high, high_open = _end(axis, values, level, stop - 1, stop)
+        intervals.append(UsableInterval(low, high, low_open, high_open))
+    return tuple(intervals)
+
+
+def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> tuple[float, bool]:
+    """Where CDP crosses the level between two neighbouring grid points, and whether the end is open."""
+    if not 0 <= outside < values.size or not np.isfinite(values[outside]):
+        return float(axis.values[inside]), True
+    places = axis.scaled(axis.values[[outside, inside]])
+    share = (level - values[outside]) / (values[inside] - values[outside])
+    if share == 1:  # no rounding where the grid point itself is the end
+        return float(axis.values[inside]), False
+    return float(axis.unscaled(places[0] + share * (places[1] - places[0]))), False

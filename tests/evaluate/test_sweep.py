@@ -1,0 +1,191 @@
+import numpy as np
+import pytest
+
+from labcdp.chain import chain_from_toml, replaced
+from labcdp.errors import ConfigurationError, InputError
+from labcdp.evaluate import Axis, Sweep, predict_chain, run_sweep
+from labcdp.evaluate.simulation import evaluate_pair
+from labcdp.evaluate.sweep import VARIABLES
+from labcdp.evaluate.sweep_journal import FILE_NAME
+
+CHAIN = """
+name = "small"
+spectrum = "monochromatic 555 nm"
+[scene]
+type = "checkerboard"
+width = 60
+height = 40
+luminance_cd_m2 = 20.0
+contrast = 0.5
+square_px = 10
+[windscreen]
+transmittance = 0.9
+glare_fraction = 0.5
+[optics]
+f_number = 2.0
+transmittance = 0.9
+[exposure]
+exposure_s = [0.01, 0.001]
+temperature_c = 40.0
+[sensor]
+pixel_pitch_m = 4e-6
+quantum_efficiency = 0.6
+full_well_e = 10000
+k_dn_per_e = 0.3
+read_noise_e = 4.0
+dark_current_e_s = 50.0
+bits = 12
+black_level_dn = 32.0
+prnu_rel = 0.01
+dsnu_e = 2.0
+[hdr]
+method = "weighted"
+[isp]
+isp_bits = 16
+bits = 10
+"""
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return chain_from_toml(CHAIN, "small")
+
+
+LUMINANCE = Axis("scene.luminance_cd_m2", (2.0, 20.0, 200.0))
+CONTRAST = Axis("scene.contrast", (0.2, 1.0))
+TEMPERATURE = Axis("exposure.temperature_c", (20.0, 60.0))
+
+
+def test_simulated_cell_is_the_run_of_its_chain(chain):
+    sweep = Sweep(chain, (LUMINANCE, TEMPERATURE), exact=False, stage="hdr", seed=5)
+    result = run_sweep(sweep)
+    assert result["cdp"].dims == ("scene.luminance_cd_m2", "exposure.temperature_c")
+    seed = int(np.random.SeedSequence(5, spawn_key=(3,)).generate_state(1)[0])
+    run = replaced(chain, {"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0}).run(seed)
+    pair, dark, bright = evaluate_pair(run, "hdr")
+    cell = result.sel({"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0})
+    assert float(cell["cdp"]) == pair.cdp.cdp
+    assert float(cell["standard_error"]) == pair.cdp.standard_error
+    assert float(cell["snr_dark"]) == dark.luminance_snr.value
+    assert float(cell["saturated_share"]) == bright.saturated_share
+
+
+@pytest.mark.parametrize("stage", ["sensor 10 ms", "sensor 1 ms", "hdr", "isp"])
+def test_exact_and_simulated_agree(chain, stage):
+    axes = (LUMINANCE, CONTRAST, TEMPERATURE)
+    exact = run_sweep(Sweep(chain, axes, exact=True, stage=stage))
+    simulated = run_sweep(Sweep(chain, axes, exact=False, stage=stage, seed=1))
+    distance = abs(exact["cdp"] - simulated["cdp"])
+    # One fixed pattern for all cells, so they are not independent; 5 standard errors for 12 cells.
+    assert (distance <= 5 * simulated["standard_error"] + 1e-3).all()
+
+
+def test_exact_cells_do_not_depend_on_what_they_are_calculated_with(chain):
+    result = run_sweep(Sweep(chain, (TEMPERATURE, CONTRAST, LUMINANCE), exact=True))
+    one = predict_chain(
+        replaced(chain, {"exposure.temperature_c": 60.0, "scene.contrast": 0.2, "scene.luminance_cd_m2": 200.0})
+    )
+    cell = result.isel({"exposure.temperature_c": 1, "scene.contrast": 0, "scene.luminance_cd_m2": 2})
+    assert float(cell["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
+    assert np.isnan(result["standard_error"]).all()
+
+
+def test_scene_axis_before_another_axis(chain):
+    first = run_sweep(Sweep(chain, (LUMINANCE, TEMPERATURE), exact=True))
+    second = run_sweep(Sweep(chain, (TEMPERATURE, LUMINANCE), exact=True))
+    np.testing.assert_allclose(first["cdp"].values, second["cdp"].values.T, atol=1e-6)
+
+
+def test_result_says_what_it_is(chain):
+    result = run_sweep(Sweep(chain, (LUMINANCE, CONTRAST), exact=True))
+    assert set(result.data_vars) == set(VARIABLES)
+    assert result["scene.luminance_cd_m2"].attrs == {"unit": "cd/m^2", "long_name": "scene luminance"}
+    assert result.attrs["method"] == "exact"
+    assert result.attrs["stage"] == "isp"
+    assert np.isnan(result.attrs["contrast"])
+    assert chain_from_toml(result.attrs["chain"], "again").scene == chain.scene
+
+
+def test_text_axis(chain):
+    result = run_sweep(Sweep(chain, (Axis("hdr.method", ("linear", "weighted")),), exact=True))
+    assert result["hdr.method"].values.tolist() == ["linear", "weighted"]
+    assert result.attrs["contrast"] == 0.5
+
+
+def test_contrast_asked_for(chain):
+    own = run_sweep(Sweep(chain, (LUMINANCE,), exact=True))
+    asked = run_sweep(Sweep(chain, (LUMINANCE,), exact=True, contrast=2.0))
+    assert (asked["cdp"] < own["cdp"]).all()
+
+
+class Killed(BaseException):
+    """Stands for a signal that ends the process between two cells."""
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_broken_off_sweep_goes_on(chain, tmp_path, exact):
+    sweep = Sweep(chain, (TEMPERATURE, LUMINANCE), exact=exact, seed=3)
+    whole = run_sweep(sweep)
+
+    def kill(done, total):
+        raise Killed
+
+    with pytest.raises(Killed):
+        run_sweep(sweep, tmp_path, kill)
+    kept = (tmp_path / FILE_NAME).read_text().count("\n") - 1
+    assert kept >= 1
+    calculated = []
+    again = run_sweep(sweep, tmp_path, lambda done, total: calculated.append(done))
+    # What was kept was not calculated again.
+    assert calculated[0] > 1
+    assert again.identical(whole)
+
+
+def test_finished_sweep_calculates_nothing(chain, tmp_path):
+    sweep = Sweep(chain, (LUMINANCE,), exact=False)
+    first = run_sweep(sweep, tmp_path)
+
+    def never(done, total):
+        pytest.fail("a cell was calculated")
+
+    assert run_sweep(sweep, tmp_path, never).identical(first)
+
+
+def test_folder_of_another_sweep_is_refused(chain, tmp_path):
+    run_sweep(Sweep(chain, (LUMINANCE,), exact=True), tmp_path)
+    with pytest.raises(InputError, match=r"holds another sweep"):
+        run_sweep(Sweep(chain, (LUMINANCE,), exact=True, seed=1), tmp_path)
+
+
+def test_unknown_parameter(chain):
+    with pytest.raises(
+        ConfigurationError, match=r"scene\.luminance is not a known key: did you mean luminance_cd_m2\?"
+    ):
+        Sweep(chain, (Axis("scene.luminance", (1.0,)),), exact=True)
+
+
+def test_every_value_is_checked_before_the_first_cell(chain):
+    with pytest.raises(ConfigurationError, match=r"sensor\.bits is 20: give a number from 1 to 16 bits"):
+        Sweep(chain, (Axis("sensor.bits", (10, 20)),), exact=True)
+
+
+def test_parameter_twice(chain):
+    with pytest.raises(InputError, match=r"the axes are scene\.contrast, scene\.contrast: give each parameter once"):
+        Sweep(chain, (CONTRAST, CONTRAST), exact=True)
+
+
+def test_no_axis(chain):
+    with pytest.raises(InputError, match=r"there is nothing to sweep over: give at least one axis"):
+        Sweep(chain, (), exact=True)
+
+
+def test_unknown_stage(chain):
+    with pytest.raises(InputError, match=r"stage is 'lens': give one of scene, windscreen, optics, sensor 10 ms"):
+        Sweep(chain, (CONTRAST,), exact=True, stage="lens")
+
+
+def test_thesis_sensor_cannot_be_predicted():
+    from labcdp.chain import load
+
+    with pytest.raises(InputError, match=r"thesis-2018 has 1 sensors, 0 of them EMVA 1288"):
+        run_sweep(Sweep(load("thesis-2018"), (CONTRAST,), exact=True))

@@ -74,12 +74,9 @@ def electron_radiance_per_cd_m2(spectrum: str, quantum_efficiency: float | Seque
     Raises
     ------
     InputError
-        If the spectrum is not known, or the quantum efficiency not usable or 0 for all of this light.
+        If the spectrum is not known, or the quantum efficiency not usable.
     """
-    electrons = _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
-    if electrons == 0:
-        raise InputError(f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there")
-    return electrons
+    return _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
 
 
 def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> QuantumEfficiency:

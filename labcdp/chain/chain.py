@@ -50,6 +50,8 @@ class Chain:
         Stages behind sensor and merge, in order.
     document : mapping
         The tables of the chain file it was made from.
+    source : str
+        What messages call the chain: its preset or file.
     folder : Path
         Folder that paths in the tables are relative to.
 
@@ -69,6 +71,7 @@ class Chain:
     hdr: Hdr | None
     behind: tuple[tuple[str, Stage], ...]
     document: Mapping[str, Any]
+    source: str = "chain"
     folder: Path = Path()
 
     def __post_init__(self) -> None:
@@ -140,7 +143,7 @@ class Chain:
                 stages.setdefault(name, signal)
             if sensor is not None:
                 behind = self._behind_sensor(sensor, signal, context)
-                stages |= {self._of_sensor(name, sensor_name): result for name, result in behind.items()}
+                stages |= {self.of_sensor(name, sensor_name): result for name, result in behind.items()}
         return ChainRun(self, seed, stages)
 
     @property
@@ -157,9 +160,10 @@ class Chain:
     def stage_names(self) -> tuple[str, ...]:
         """Names of the signals of a run, in order."""
         front = ("scene", *(name for name, _ in self.before))
-        return (*front, *(self._of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
+        return (*front, *(self.of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
 
-    def _of_sensor(self, name: str, sensor_name: str) -> str:
+    def of_sensor(self, name: str, sensor_name: str) -> str:
+        """Name in a run of what one sensor gives."""
         return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name
 
     def front(self, levels_cd_m2: NDArray[np.float64], shares: NDArray[np.float64]) -> Signal:

@@ -44,7 +44,7 @@ def chain_from_document(document: _Table, source: str, folder: Path = Path()) ->
         Naming source, table and key of the first thing that cannot be used.
     """
     try:
-        return _chain(document, folder)
+        return _chain(document, source, folder)
     except InputError as error:
         raise ConfigurationError(f"{source}: {error}") from error
 
@@ -53,7 +53,8 @@ def chain_from_toml(text: str, source: str, folder: Path = Path()) -> Chain:
     """Make a chain of the text of a chain file; raises ConfigurationError as `chain_from_document`."""
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
+        # Beside TOML's own errors there are numbers with more digits than Python takes.
         raise ConfigurationError(f"{source} is not TOML: {error}") from error
     return chain_from_document(document, source, folder)
 
@@ -77,7 +78,7 @@ def replaced(chain: Chain, values: Mapping[str, Any]) -> Chain:
     document = {key: _copied(value) for key, value in chain.document.items()}
     for path, value in values.items():
         _set(document, path, value)
-    return chain_from_document(document, chain.name or "chain", chain.folder)
+    return chain_from_document(document, chain.source, chain.folder)
 
 
 def _copied(value: Any) -> Any:
@@ -94,6 +95,8 @@ def _set(document: dict[str, Any], path: str, value: Any) -> None:
     if not key and table in _TEXTS:
         document[table] = value
         return
+    if not key and table in tables:
+        raise ConfigurationError(f"{path!r} is a table: give one of its keys too, such as scene.luminance_cd_m2")
     if not key or table not in tables:
         close = get_close_matches(table, tables, n=1)
         hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(tables)}"
@@ -116,7 +119,7 @@ def _set(document: dict[str, Any], path: str, value: Any) -> None:
         raise ConfigurationError(f"{path!r}: there is no {table} {chosen!r}, give one of {', '.join(names)}")
 
 
-def _chain(document: _Table, folder: Path) -> Chain:
+def _chain(document: _Table, source: str, folder: Path) -> Chain:
     texts = {}
     for key in _TEXTS:
         texts[key] = document.get(key, _DEFAULT_SPECTRUM if key == "spectrum" else "")
@@ -160,6 +163,7 @@ def _chain(document: _Table, folder: Path) -> Chain:
         hdr=None if hdr is None else _made_of_table(Hdr, "hdr", hdr, folder),
         behind=tuple(behind),
         document=document,
+        source=source,
         folder=folder,
     )
 

@@ -53,8 +53,9 @@ class ImageScene:
     def _luminance(self) -> FloatMap:
         values = _read(self.path)
         try:
-            # In float64, so that what is too large for float32 is refused with its value.
-            scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
+            # What becomes infinite is refused then.
+            with np.errstate(over="ignore"):
+                scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
         except InputError as error:
             raise InputError(f"path is {str(self.path)!r}: {error}") from error
         for name in self.regions_xywh:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
-from math import ceil
+from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .merge import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
-from .piecewise import Cumulative, merged
-from .value_bins import Noise, ValueBins, Zone, zones
+from .lagrange import lagrange_weights
+from .piecewise import Cumulative, merged, merged_evenly
+from .value_bins import BINS, Noise, ValueBins, Zone, is_smooth, zones
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -27,15 +27,15 @@ _Dense: TypeAlias = Sequence[tuple[slice, FloatArray]]
 #: Probability below which an outcome is left out.
 _NEGLIGIBLE = 1e-13
 
-#: Rates tabulated together, enough for NumPy's calls to pay off.
-_ROWS = 32
+#: Pixels (rates times offsets) tabulated together, enough for NumPy's calls to pay off.
+_PIXELS = 96
 
 #: Least standard deviation of a lattice, in steps, from which it can be smoothed, and number of values from which the
 #: values of an exposure are replaced by fewer nodes.
 _SMOOTH_STEPS, _MANY = 1.5, 64
 
-#: Most values of a zone that are all calculated.
-_LONGEST = 6000
+#: Most values of a zone that are all calculated, where they could be binned as well and where not.
+_LONGEST, _LONGEST_LUMPED = 3000, 16_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +102,12 @@ def merged_rows(
     merge = _Merge(method, ladder, exposures, stage_edges, zones(method, ladder, exposures.noise.black_level_dn))
     # Rates that are far apart have no DN in common.
     runs = np.split(np.arange(nodes.size), np.flatnonzero(np.diff(nodes) > 1) + 1)
-    parts = [slice(int(run[i]), int(run[-1]) + 1) for run in runs for i in range(0, run.size, _ROWS)]
-    parts = [slice(part.start, min(part.start + _ROWS, part.stop)) for part in parts]
+    count = max(_PIXELS // exposures.offset_shares.size, 1)
+    parts = [
+        slice(begin, min(begin + count, int(run[-1]) + 1))
+        for run in runs
+        for begin in range(int(run[0]), int(run[-1]) + 1, count)
+    ]
     with ThreadPoolExecutor() as pool:
         blocks = pool.map(merge.rows, parts)
         return [row for block in blocks for row in block]
@@ -122,19 +126,40 @@ class _Merge:
     def rows(self, part: slice) -> list[tuple[int, FloatArray]]:
         """Probabilities of the bins of the whole merge, for some rates."""
         dense = [self.exposures.dense(i, part) for i in range(len(self.ladder))]
-        done = self._linear_zones(dense) if self.method == "linear" else self._weighted_zone(dense)
-        return _bins(done or self._stage_by_stage(dense), self.edges[0], self.exposures)
+        parts = self._linear_zones(dense) if self.method == "linear" else self._weighted(dense)
+        return _bins(parts or self._linear_by_stages(dense), self.edges[0], self.exposures)
 
-    def _weighted_zone(self, dense: _Dense) -> list[Cumulative]:
-        """All values one by one where no exposure fades; empty where one does, or where they are too many."""
-        first = 0
-        while first < len(dense) - 1 and self._open_share(dense[first]) < _NEGLIGIBLE:
-            first += 1
+    def _weighted(self, dense: _Dense) -> list[Cumulative]:
+        """Parts of the distribution: of what does not fade all sums, and the exposures that do merged into it."""
+        first, rest = self._without_fading(dense)
+        for i in reversed(range(first)):
+            window, share = self._cut(dense[i], clipped=False)
+            if share.max(initial=0) < _NEGLIGIBLE:
+                continue
+            clipped = self._cut(dense[i], clipped=True)[1].sum(axis=0)
+            net_dn = self.exposures.net_dn[window]
+            if i == 0:
+                left = Cumulative(rest.places, rest.below * clipped, rest.steps)
+                return [left, self._with_exposure(i, rest, net_dn, share)]
+            # Clipped values all leave the rest as it is.
+            net_dn = np.append(net_dn, self.ladder.saturation_dn)
+            rest = self._with_exposure(i, rest, net_dn, np.concatenate([share, clipped[None]]))
+        return [rest]
+
+    def _without_fading(self, dense: _Dense) -> tuple[int, Cumulative]:
+        """Longest exposure from which on none fades, and the distribution of what is merged from there on."""
+        last = len(dense) - 1
         fading = self.ladder.saturation_dn * FADE_FROM
-        limits = [fading] * (len(dense) - 1) + [self.ladder.saturation_dn]
-        if any(self._net_dn(one)[-1] >= limit for one, limit in zip(dense[first:], limits[first:], strict=True)):
-            return []
-        return self._sums(first, dense[first:])
+        for first in range(last):
+            if all(self._net_dn(one)[-1] < fading for one in dense[first:last]) and (
+                self._net_dn(dense[last])[-1] < self.ladder.saturation_dn
+            ):
+                alone = all(self._cut(one, clipped=False)[1].max(initial=0) < _NEGLIGIBLE for one in dense[:first])
+                sums = self._sums(first, dense[first:], longest=_LONGEST if alone else 0)
+                if sums:
+                    return first, sums[0]
+        values, _ = weighted_stage(self._net_dn(dense[last]), last, self.ladder)
+        return last, Cumulative.of_values(values, dense[last][1])
 
     def _linear_zones(self, dense: _Dense) -> list[Cumulative]:
         """All values one by one, by the longest exposure that is not clipped; empty if they are too many."""
@@ -154,15 +179,18 @@ class _Merge:
             done += sums
         return done
 
-    def _sums(self, first: int, dense: _Dense) -> list[Cumulative]:
-        """Distribution of the sum of DN with constant factors, by convolution."""
+    def _sums(self, first: int, dense: _Dense, longest: int = _LONGEST) -> list[Cumulative]:
+        """Distribution of the sum of DN with constant factors, by convolution.
+
+        Empty if there are more than `longest` sums that could be binned as well, or far too many.
+        """
         from scipy.fft import irfft, next_fast_len, rfft
 
         zone = next((zone for zone in self.zones if zone.first == first), None)
         if zone is None:
             return []
         spans = [step * (window.stop - window.start - 1) for step, (window, _) in zip(zone.steps, dense, strict=True)]
-        if sum(spans) > _LONGEST:
+        if sum(spans) > (longest if is_smooth(zone.steps, _variances(dense)) else _LONGEST_LUMPED):
             return []
         length = sum(spans) + 1
         fast = next_fast_len(length, real=True)
@@ -176,41 +204,49 @@ class _Merge:
         lowest = sum(step * window.start for step, (window, _) in zip(zone.steps, dense, strict=True))
         return [Cumulative.of_values(zone.origin + zone.unit * (lowest + np.arange(length)), sums)]
 
-    def _stage_by_stage(self, dense: _Dense) -> list[Cumulative]:
-        """Parts of the distribution, merged from the shortest exposure on."""
+    def _linear_by_stages(self, dense: _Dense) -> list[Cumulative]:
+        """Parts of the distribution by the longest exposure that is not clipped, merged from the shortest on."""
         last = len(dense) - 1
-        done: list[Cumulative] = []
-        if self.method == "linear":
-            done.append(self._clipped_in_all(dense[last]))
-            window, share = self._cut(dense[last], clipped=False)
-            values = self.exposures.net_dn[window] * self.ladder.ratios[last]
-        else:
-            values, _ = weighted_stage(self._net_dn(dense[last]), last, self.ladder)
-            share = dense[last][1]
-        if values.size == 0:
+        done = [self._clipped_in_all(dense[last])]
+        window, share = self._cut(dense[last], clipped=False)
+        if share.size == 0:
             return done
-        rest = Cumulative.of_values(values, share)
+        rest = Cumulative.of_values(self.exposures.net_dn[window] * self.ladder.ratios[last], share)
         for i in reversed(range(last)):
-            if self.method == "linear":
-                # What an exposure is too long for stays as it is, without any longer one.
-                clipped = self._cut(dense[i], clipped=True)[1].sum(axis=0)
-                done.append(Cumulative(rest.places, rest.below * clipped, rest.steps))
-            if self._open_share(dense[i]) < _NEGLIGIBLE:
-                if self.method == "linear":
-                    return done
-                continue
-            window, share = dense[i] if self.method == "weighted" else self._cut(dense[i], clipped=False)
-            rest = _with_exposure(
-                self.method, self.ladder, i, rest, self.exposures.net_dn[window], share, self.edges[i]
-            )
+            # What an exposure is too long for stays as it is, without any longer one.
+            clipped = self._cut(dense[i], clipped=True)[1].sum(axis=0)
+            done.append(Cumulative(rest.places, rest.below * clipped, rest.steps))
+            window, share = self._cut(dense[i], clipped=False)
+            if share.max(initial=0) < _NEGLIGIBLE:
+                return done
+            rest = self._with_exposure(i, rest, self.exposures.net_dn[window], share)
         return [*done, rest]
+
+    def _with_exposure(self, i: int, rest: Cumulative, net_dn: FloatArray, share: FloatArray) -> Cumulative:
+        """Merge the given values of exposure `i` into the rest."""
+        ladder, ratio = self.ladder, self.ladder.ratios[i]
+        own_weight = np.full(net_dn.size, 1 / (len(ladder) - i))
+        if self.method == "weighted":
+            own_weight = faded_share(net_dn, i, ladder)
+            if net_dn[-1] < FADE_FROM * ladder.saturation_dn:
+                step = own_weight[0] * ratio
+                parts = ceil(BINS / sqrt(max(min(_variances([(slice(0), share)])), 1 / 12)))
+                return merged_evenly(rest, step * net_dn[0], step, 1 - own_weight[0], share, parts)
+        if net_dn.size > _MANY:
+            spread = rest.smallest_spread()
+            if rest.even and spread >= _SMOOTH_STEPS * (rest.places[1] - rest.places[0]):
+                rest = rest.smoothed()
+            if not rest.steps:
+                width = (1 - own_weight) * spread / (np.maximum(own_weight, 1e-3) * ratio)
+                net_dn, share = _fewer(net_dn, share, width)
+        if self.method == "linear":
+            own_part, factor = own_weight[0] * ratio * net_dn, np.full(net_dn.size, 1 - own_weight[0])
+        else:
+            own_part, factor = weighted_stage(net_dn, i, ladder)
+        return merged(rest, own_part, factor, share, self.edges[i])
 
     def _net_dn(self, one: tuple[slice, FloatArray]) -> FloatArray:
         return self.exposures.net_dn[one[0]]
-
-    def _open_share(self, one: tuple[slice, FloatArray]) -> float:
-        """Largest probability of a DN that is not clipped."""
-        return float(self._cut(one, clipped=False)[1].max(initial=0))
 
     def _cut(self, one: tuple[slice, FloatArray], *, clipped: bool) -> tuple[slice, FloatArray]:
         """Return the clipped DN, or those that are not."""
@@ -225,55 +261,35 @@ class _Merge:
         return Cumulative.of_values(np.array([self.ladder.merged_saturation_dn]), share)
 
 
-def _with_exposure(
-    method: Method,
-    ladder: ExposureLadder,
-    i: int,
-    rest: Cumulative,
-    net_dn: FloatArray,
-    share: FloatArray,
-    edges: FloatArray,
-) -> Cumulative:
-    """Merge the given values of exposure `i` into the rest."""
-    own_weight = 1 / (len(ladder) - i) if method == "linear" else float(faded_share(net_dn[:1], i, ladder)[0])
-    if net_dn.size > _MANY:
-        spread = rest.smallest_spread()
-        if rest.even and spread >= _SMOOTH_STEPS * (rest.places[1] - rest.places[0]):
-            rest = rest.smoothed()
-        if not rest.steps:
-            width = (1 - own_weight) * spread / (max(own_weight, 1e-9) * ladder.ratios[i])
-            net_dn, share = _fewer(net_dn, share, width)
-    if method == "linear":
-        own_part = own_weight * ladder.ratios[i] * net_dn
-        factor = np.full(net_dn.size, 1 - own_weight)
-    else:
-        own_part, factor = weighted_stage(net_dn, i, ladder)
-    return merged(rest, own_part, factor, share, edges)
+def _variances(dense: _Dense) -> list[float]:
+    """Smallest variance of any pixel's DN, for each exposure."""
+    variances = []
+    for _, share in dense:
+        dn = np.arange(share.shape[0])[:, None]
+        total = np.maximum(share.sum(axis=0), 1e-300)
+        mean = (share * dn).sum(axis=0) / total
+        variances.append(float(((share * (dn - mean) ** 2).sum(axis=0) / total).min()))
+    return variances
 
 
-def _fewer(net_dn: FloatArray, share: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Replace values by four nodes a block of `width`, for functions that are smooth over it.
+def _fewer(net_dn: FloatArray, share: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Replace values by four nodes a block, for functions that are smooth over `width` values at each of them.
 
     The function is replaced by a cubic polynomial through the Gauss-Legendre nodes of each block, whatever the
     probabilities; its error has a mean of 0 where they are even.
     """
-    blocks = ceil(net_dn.size / max(width, 1.0))
-    if 4 * blocks >= net_dn.size:
-        return net_dn, share
-    bounds = np.linspace(0, net_dn.size, blocks + 1).astype(int)
     legendre, _ = np.polynomial.legendre.leggauss(4)
-    nodes, shares = [], []
-    for begin, end in pairwise(bounds):
-        block = net_dn[begin:end]
-        middle, half = (block[0] + block[-1]) / 2, (block[-1] - block[0] + 1) / 2
-        x = (block - middle) / half
-        weight = np.ones((4, block.size))
-        for j in range(4):
-            for k in range(4):
-                if k != j:
-                    weight[j] *= (x - legendre[k]) / (legendre[j] - legendre[k])
-        nodes.append(middle + half * legendre)
-        shares.append(weight @ share[begin:end])
+    nodes, shares, begin = [], [], 0
+    while begin < net_dn.size:
+        end = min(begin + max(int(width[begin]), 4), net_dn.size)
+        block, part = net_dn[begin:end], share[begin:end]
+        begin = end
+        if block.size > 4:
+            middle, half = (block[0] + block[-1]) / 2, (block[-1] - block[0] + 1) / 2
+            part = lagrange_weights(middle + half * legendre, block).T @ part
+            block = middle + half * legendre
+        nodes.append(block)
+        shares.append(part)
     return np.concatenate(nodes), np.concatenate(shares)
 
 
@@ -283,11 +299,10 @@ def _bins(done: Sequence[Cumulative], edges: FloatArray, exposures: ExposureRows
     highest = max(one.places[-1] for one in done)
     first = max(int(np.searchsorted(edges, lowest, side="right")) - 1, 0)
     end = min(int(np.searchsorted(edges, highest, side="right")) + 1, edges.size)
-    window = edges[first:end]
-    below = np.zeros((window.size, done[0].below.shape[1]))
+    below: Any = 0.0
     for one in done:
-        below += one.at(window)
-    share = np.maximum(np.diff(exposures.over_offsets(below), axis=0), 0)
+        below = below + Cumulative(one.places, exposures.over_offsets(one.below), one.steps).at(edges[first:end])
+    share = np.maximum(np.diff(below, axis=0), 0)
     rows = []
     for row in share.T:
         occurs = np.flatnonzero(row > _NEGLIGIBLE)

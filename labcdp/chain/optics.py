@@ -70,8 +70,8 @@ class Optics:
         check_number("f_number", self.f_number, "", 0.5, 128)
         check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
         if self.focal_length_m is not None:
-            check_number("focal_length_m", self.focal_length_m, "m", 0, above=True)
-        check_number("magnification", self.magnification, "(image over object)", 0)
+            check_number("focal_length_m", self.focal_length_m, "m", 1e-4, 100)
+        check_number("magnification", self.magnification, "(image over object)", 0, 1e3)
 
     @property
     def axial_illuminance_per_cd_m2(self) -> float:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import operator
 from math import inf, isfinite
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+
+#: Most pixels of a side of a scene or sensor; a larger frame would not fit into any memory.
+LARGEST_SIDE = 20_000
 
 
 def check_number(name: str, value: Any, unit: str, low: float, high: float = inf, *, above: bool = False) -> None:
@@ -19,22 +21,27 @@ def check_number(name: str, value: Any, unit: str, low: float, high: float = inf
     InputError
         Naming the key, its value, the range and the unit.
     """
-    if (
-        not isinstance(value, int | float | np.integer | np.floating)
-        or not isfinite(value)
-        or not low <= value <= high
-        or (above and value == low)
-    ):
-        raise InputError(f"{name} is {value!r}: give {_interval(low, high, above)}{unit and ' '}{unit}")
+    if not _is_number(value) or not low <= value <= high or (above and value == low):
+        raise InputError(f"{name} is {_shown(value)}: give {_interval(low, high, above)}{unit and ' '}{unit}")
 
 
 def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -> None:
     """Refuse a value that is not a whole number from `low` to `high`; raises InputError as `check_number`."""
-    try:
-        operator.index(value)
-    except TypeError:
-        raise InputError(f"{name} is {value!r}: give a whole number{unit and ' of '}{unit}") from None
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        raise InputError(f"{name} is {_shown(value)}: give a whole number{unit and ' of '}{unit}")
     check_number(name, value, unit, low, high)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a finite number; a truth value is none, nor a whole number too large for a float."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    return isfinite(value) if not isinstance(value, int) else abs(value) < 2**1000
+
+
+def _shown(value: Any) -> str:
+    text = repr(value) if not isinstance(value, int) or abs(value) < 10**30 else "a very large whole number"
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _interval(low: float, high: float, above: bool) -> str:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, floor
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+#: Probability that changes nothing.
+_NEGLIGIBLE = 1e-15
 
 #: Parts a step of a lattice is cut into where the lattice is smoothed.
 _PARTS = 8
@@ -43,16 +48,18 @@ class Cumulative:
         """P(value < x) at each x, shape (places, pixels)."""
         if self.steps:
             # Indexing of whole rows is several times slower than `take`.
-            return self.below.take(np.searchsorted(self.places, places, side="left"), axis=0)
+            below: FloatArray = self.below.take(np.searchsorted(self.places, places, side="left"), axis=0)
+            return below
         left = np.clip(np.searchsorted(self.places, places, side="right") - 1, 0, self.places.size - 2)
         part = (places - self.places[left]) / (self.places[left + 1] - self.places[left])
-        part = np.clip(part, 0.0, 1.0)[:, None]
-        low = self.below.take(left, axis=0)
-        high = self.below.take(left + 1, axis=0)
-        high -= low
-        high *= part
-        high += low
-        return high
+        result: FloatArray = self._rise.take(left, axis=0)
+        result *= np.clip(part, 0.0, 1.0)[:, None]
+        result += self.below.take(left, axis=0)
+        return result
+
+    @cached_property
+    def _rise(self) -> FloatArray:
+        return np.diff(self.below, axis=0)
 
     @property
     def total(self) -> FloatArray:
@@ -135,7 +142,7 @@ def merged(
     below = np.zeros((window.size, share.shape[1]))
     jumps = np.zeros_like(below)
     for a, b, p, begin, end in zip(own_part, factor, share, first, last, strict=True):
-        if end > begin:
+        if end > begin and p.max() > _NEGLIGIBLE:
             part = rest.at((window[begin:end] - a) / b)
             part *= p
             below[begin:end] += part
@@ -143,3 +150,41 @@ def merged(
     jumps *= rest.total
     below += np.cumsum(jumps, axis=0, out=jumps)
     return Cumulative(window, below, False)
+
+
+def merged_evenly(
+    rest: Cumulative, first: float, step: float, factor: float, share: FloatArray, parts: int
+) -> Cumulative:
+    """As `merged`, for values whose own parts are even steps and leave the rest with one factor, by convolution.
+
+    Parameters
+    ----------
+    rest : Cumulative
+        Value merged from all shorter exposures.
+    first, step : float
+        What the first value of the other exposure adds, and how much more each next one.
+    factor : float
+        Factor of the rest, above 0.
+    share : ndarray, shape (k, pixels)
+        Probability of each value.
+    parts : int
+        Bins of the result in a step.
+
+    Returns
+    -------
+    Cumulative
+    """
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    width = step / parts
+    low, high = floor(factor * rest.places[0] / width), ceil(factor * rest.places[-1] / width)
+    edges = (np.arange(low, high + 2) - 0.5) * width
+    rest_share = np.diff(rest.at(edges / factor), axis=0).T
+    spaced = np.zeros((share.shape[1], (share.shape[0] - 1) * parts + 1))
+    spaced[:, ::parts] = share.T
+    count = spaced.shape[1] + rest_share.shape[1] - 1
+    length = next_fast_len(count, real=True)
+    sums = irfft(rfft(spaced, length) * rfft(rest_share, length), length)[:, :count]
+    below = np.zeros((count + 1, share.shape[1]))
+    np.cumsum(sums.T, axis=0, out=below[1:])
+    return Cumulative(first + edges[0] + np.arange(count + 1) * width, below, False)

@@ -9,6 +9,8 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from .lagrange import lagrange_weights
+
 FloatArray = NDArray[np.float64]
 
 #: Distance of nodes in standard deviations of the shot noise, and nodes used by one interpolation. What is tabulated
@@ -74,14 +76,4 @@ class RateGrid:
         place = np.minimum(first, roots.size - _POINTS)[:, None] + np.arange(_POINTS)
         index = np.abs(place)
         node = np.where(place < 0, -roots[index], roots[index])
-        return index, _lagrange(node, at)
-
-
-def _lagrange(node: FloatArray, at: FloatArray) -> FloatArray:
-    """Weights of the polynomial through the nodes of each row, shape as `node`, at one place each."""
-    weight = np.ones_like(node)
-    for j in range(node.shape[1]):
-        for k in range(node.shape[1]):
-            if k != j:
-                weight[:, j] *= (at - node[:, k]) / (node[:, j] - node[:, k])
-    return weight
+        return index, lagrange_weights(node, at)

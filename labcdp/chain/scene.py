@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .parameters import check_number, check_whole
+from .parameters import LARGEST_SIDE, check_number, check_whole
 from .patches import HIGHEST_CD_M2, FloatMap, Patch, with_patches
 
 Mask = NDArray[np.bool_]
@@ -61,8 +61,8 @@ class Scene(Protocol):
 
 
 def _check_size(width: Any, height: Any) -> None:
-    check_whole("width", width, "pixels", 1)
-    check_whole("height", height, "pixels", 1)
+    check_whole("width", width, "pixels", 1, LARGEST_SIDE)
+    check_whole("height", height, "pixels", 1, LARGEST_SIDE)
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Checkerboard:
     def __post_init__(self) -> None:
         _check_size(self.width, self.height)
         check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, above=True)
+        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 1e6, above=True)
         check_whole("square_px", self.square_px, "pixels", 1)
         if self.bright_cd_m2 > HIGHEST_CD_M2:
             raise InputError(
@@ -184,8 +184,8 @@ class Checkerboard:
         return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return the one pair."""
-        return (("dark", "bright"),)
+        """Return the one pair; darkness has none."""
+        return (("dark", "bright"),) if self.luminance_cd_m2 > 0 else ()
 
     def _odd(self, size: int) -> int:
         """Pixels of a side that lie in every second square."""

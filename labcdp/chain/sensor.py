@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..photometry import QuantumEfficiency, as_quantum_efficiency, electron_radi
 from .blocks import Stream, block_generator, for_each_block
 from .capture import Capture, check_shape, settings_of
 from .fixed_pattern import FixedPattern, draw_dark_current, draw_offset, draw_photo_response
-from .parameters import check_number, check_whole
+from .parameters import LARGEST_SIDE, check_number, check_whole
 from .readout import collect_electrons, digitise, read_out
 from .signal import Context, Signal
 
@@ -29,17 +29,17 @@ _RANGES: tuple[tuple[str, str, float, float, bool], ...] = (
     ("pixel_pitch_m", "m", 0, 1e-3, True),
     # float32 holds whole numbers up to 1.6e7.
     ("full_well_e", "e-", 0, 1e7, True),
-    ("k_dn_per_e", "DN/e-", 0, inf, True),
-    ("read_noise_e", "e-", 0, inf, False),
-    ("dark_current_e_s", "e-/s", 0, inf, False),
+    ("k_dn_per_e", "DN/e-", 1e-6, 1e6, False),
+    ("read_noise_e", "e-", 0, 1e6, False),
+    ("dark_current_e_s", "e-/s", 0, 1e9, False),
     ("reference_temperature_c", "degC", -100, 200, False),
     ("doubling_temperature_c", "K", 1, 100, False),
     # A gain of 0 is ten sigma away.
     ("prnu_rel", "(a fraction)", 0, 0.1, False),
-    ("dsnu_e", "e-", 0, inf, False),
-    ("dsnu_e_s", "e-/s", 0, inf, False),
-    ("column_dsnu_e", "e-", 0, inf, False),
-    ("row_dsnu_e", "e-", 0, inf, False),
+    ("dsnu_e", "e-", 0, 1e6, False),
+    ("dsnu_e_s", "e-/s", 0, 1e9, False),
+    ("column_dsnu_e", "e-", 0, 1e6, False),
+    ("row_dsnu_e", "e-", 0, 1e6, False),
 )
 
 
@@ -107,7 +107,7 @@ class Sensor:
         for name, unit, low, high, above in _RANGES:
             check_number(name, getattr(self, name), unit, low, high, above=above)
         for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1)
+            check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
         check_whole("bits", self.bits, "bits", 1, 16)
         check_whole("device_seed", self.device_seed, "", 0)
         check_number("black_level_dn", self.black_level_dn, "DN", 0, 2**self.bits - 1)
@@ -164,8 +164,17 @@ class Sensor:
         return float(min(2**self.bits - 1, full_dn))
 
     def electrons_per_lx_s(self, spectrum: str) -> float:
-        """Photo-electrons one pixel collects in a second at 1 lux; raises InputError for an unknown spectrum."""
-        return electron_radiance_per_cd_m2(spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
+        """Photo-electrons one pixel collects in a second at 1 lux.
+
+        Raises
+        ------
+        InputError
+            If the spectrum is not known, or the sensor sees nothing of it.
+        """
+        electrons = electron_radiance_per_cd_m2(spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
+        if electrons == 0:
+            raise InputError(f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there")
+        return electrons
 
     def electron_rate(self, illuminance_lx: FloatArray, spectrum: str) -> FloatArray:
         """Mean photo-electrons per second and pixel, shape as the illuminance in lux."""

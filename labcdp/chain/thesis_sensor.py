@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from ..photometry import electron_radiance_per_cd_m2
 from .blocks import Stream, block_generator
 from .capture import Capture, check_shape, settings_of
-from .parameters import check_number, check_whole
+from .parameters import LARGEST_SIDE, check_number, check_whole
 from .signal import Context, Signal
 
 _RANGES: tuple[tuple[str, str, float, float, bool], ...] = (
     ("pixel_pitch_m", "m", 0, 1e-3, True),
     ("quantum_efficiency", "(a fraction)", 0, 1, True),
     ("full_well_e", "e-", 0, 1e7, True),
-    ("k_dn_per_e", "DN/e-", 0, 1e6, True),
+    ("k_dn_per_e", "DN/e-", 1e-6, 1e6, False),
     ("dark_current_e_s", "e-/s", 0, 1e9, False),
     ("row_dark_current_e_s", "e-/s", 0, 1e9, False),
     ("column_dark_current_e_s", "e-/s", 0, 1e9, False),
@@ -90,7 +90,7 @@ class ThesisSensor:
         for name, unit, low, high, above in _RANGES:
             check_number(name, getattr(self, name), unit, low, high, above=above)
         for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1)
+            check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
         check_whole("bits", self.bits, "bits", 1, 16)
 
     @property

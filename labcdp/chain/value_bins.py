@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, hypot, lcm
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from .merge import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 FloatArray = NDArray[np.float64]
 
 #: Bins in a standard deviation of the value. What is lost is of second order, below 1e-4 of a CDP.
-_BINS = 20
+BINS = 20
 
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
 #: interval then matter less than 2e-4.
@@ -76,6 +77,19 @@ def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list
     return found
 
 
+def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
+    """Whether the distribution of a sum of DN has no lumps.
+
+    The values of each exposure, its step apart, must be filled by the noise of the others. At half a step of standard
+    deviation a ripple of exp(-2 (pi / 2)^2) = 0.7 % is left.
+    """
+    parts = [step**2 * variance for step, variance in zip(steps, variances, strict=True)]
+    smooth: Any = True
+    for step, part in zip(steps, parts, strict=True):
+        smooth = smooth & (sum(parts) - part >= step**2 / 4)
+    return smooth
+
+
 def _factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
     """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
     ratios = ladder.ratios[first:]
@@ -118,28 +132,33 @@ class ValueBins:
         all_dn = hypot(noise.read_dn, noise.offset_dn)
         spread = _spread(method, ladder, start, dn, noise.read_dn if start else all_dn)
         place = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
-        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * _BINS) + 1), place, dn)
+        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * BINS) + 1), place, dn)
         inner[-1] = top
         # No value is below that of the least DN of all exposures.
         depth = (9 * all_dn + 1) * ladder.ratios[-1]
-        below = np.arange(ceil(depth / spread[0] * _BINS), 0, -1) * (spread[0] / _BINS)
+        below = np.arange(ceil(depth / spread[0] * BINS), 0, -1) * (spread[0] / BINS)
         bins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
         bins.values[-1], bins.exact[-1] = top, True
         bins.values[below.size], bins.exact[below.size] = 0.0, True
         if start == 0:
             for zone in zones(method, ladder, noise.black_level_dn):
-                coarse = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & (spread > _FINE * zone.unit))
-                high = dn[coarse[0]] if coarse.size else zone.high
-                bins = bins._with_lattice(zone, high)
+                shorter = ladder.ratios[zone.first :]
+                variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
+                coarse = (spread > _FINE * zone.unit) & is_smooth(zone.steps, variances)
+                fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
+                bins = bins._with_lattice(
+                    zone, max(zone.low, -10 * spread[0]), dn[fine[0]] if fine.size else zone.high
+                )
         return bins
 
     @classmethod
     def _between(cls, edges: FloatArray) -> Self:
         return cls(edges, (edges[1:] + edges[:-1]) / 2, np.zeros(edges.size - 1, dtype=np.bool_))
 
-    def _with_lattice(self, zone: Zone, high: float) -> ValueBins:
-        """Replace the bins of a zone up to `high` by one for each value."""
-        low = max(zone.low, self.edges[0])
+    def _with_lattice(self, zone: Zone, low: float, high: float) -> ValueBins:
+        """Replace the bins of a zone between two values by one for each value."""
+        if high <= max(low, 0.0):
+            return self
         number = np.arange(ceil((low - zone.origin) / zone.unit), ceil((high - zone.origin) / zone.unit))
         if number.size == 0:
             return self

@@ -67,7 +67,7 @@ class Windscreen:
 
     def __post_init__(self) -> None:
         check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
-        check_number("glare_fraction", self.glare_fraction, "(a fraction)", 0)
+        check_number("glare_fraction", self.glare_fraction, "(a fraction)", 0, 1e6)
 
     def glare_cd_m2(self, luminance_cd_m2: FloatArray) -> float:
         """Veiling luminance for a scene, in cd/m^2."""

@@ -61,13 +61,16 @@ def main() -> None:
     try:
         app()
         sys.stdout.flush()
+    except MemoryError:
+        say("labcdp: there is not enough memory for this: give fewer pixels or fewer values")
+        sys.exit(1)
     except LabcdpError as error:
         say(f"labcdp: {' '.join(str(error).split())}")
         sys.exit(1)
     except SystemExit as end:
         # Typer turns Ctrl-C into this status without a word.
         if end.code == _INTERRUPTED:
-            say("labcdp: stopped; what was recorded is safe, and acquire goes on with it")
+            say("labcdp: stopped; what was recorded is safe, and the same command goes on with it")
         raise
     except BrokenPipeError:
         # The reader of a pipe went away, for example `head`.

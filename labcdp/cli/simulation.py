@@ -100,7 +100,12 @@ def sweep(
         help="Parameter and its values: NAME=a,b,c or NAME=start:stop:count or NAME=start:stop:count:log, "
         "for example scene.contrast=10%:100%:50; may be repeated.",
     ),
-    exact: bool = typer.Option(False, "--exact", help="Predict without random numbers instead of simulating."),
+    exact: bool = typer.Option(
+        False,
+        "--exact",
+        help="Predict without random numbers instead of simulating: on the optical axis, for one pair of uniform "
+        "patches behind an EMVA 1288 sensor.",
+    ),
     stage: str | None = typer.Option(None, help="Stage to evaluate, for example sensor or hdr; default: the last."),
     output: Path | None = typer.Option(
         None, "--output", "-o", help="Folder for the results.", show_default="CHAIN-sweep"
@@ -115,7 +120,7 @@ def sweep(
 
     Writes NetCDF, a picture, an interactive page and a spreadsheet.
     """
-    from ..evaluate import Sweep, analyse_map, parse_axis, run_sweep, transition_luminances
+    from ..evaluate import Sweep, analyse_map, parse_axis, run_sweep
     from ..report import map_notes, map_values, usable_table, write_map
 
     loaded = _chain(chain, changes)
@@ -124,7 +129,9 @@ def sweep(
     folder = output or Path(f"{Path(chain).stem if chain.endswith('.toml') else chain}-sweep")
     with progress_bars() as bars:
         result = run_sweep(wanted, folder, lambda done, total: bars.update("Cells", done, total))
-    expected = transition_luminances(loaded) if exact else ()
+    if exact and any(getattr(part, "focal_length_m", None) for _, part in loaded.before):
+        say("Note: --exact is for the optical axis; the lens' fall-off towards the corners is left out")
+    expected = _transitions(loaded, wanted.stage)
     write_map(result, folder, expected=expected)
     analysis = analyse_map(result, expected=expected)
     if as_json:
@@ -135,21 +142,24 @@ def sweep(
         print_table("Usable range", *table)
     for note in map_notes(result, analysis):
         say(note)
+    say(f"CDP behind {wanted.stage}, {'predicted' if exact else 'simulated'}")
     say(f"Map: {folder / 'map.html'}; also map.png, map.xlsx, map.nc and map.json")
 
 
 def reproduce(
     what: str = typer.Argument(help="What to reproduce: thesis."),
-    seeds: int = typer.Option(30, help="Number of seeds.", min=2),
+    seeds: int = typer.Option(30, help="Number of seeds; few tell little of the scatter.", min=5),
     output: Path = typer.Option(Path("thesis-reproduction"), "--output", "-o", help="Folder for the results."),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Compute the published values of the 2018 thesis anew, with its physics and with the correct one."""
     from ..evaluate import reproduce_thesis
-    from ..report import figure_table, thesis_table, thesis_values, write_thesis
+    from ..report import figure_table, prepare_folder, thesis_table, thesis_values, write_thesis
 
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
+    # Not after minutes of work.
+    prepare_folder(output)
     with progress_bars() as bars:
         result = reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total))
     write_thesis(result, output)
@@ -170,10 +180,22 @@ def _chain(name: str, changes: list[str]) -> Chain:
 
     values = {}
     for text in changes:
+        if "=" not in text:
+            raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
     chain = load(name)
     return replaced(chain, values) if values else chain
+
+
+def _transitions(chain: Chain, stage: str | None) -> tuple[float, ...]:
+    """Luminances at which the merge changes exposure, if they can be known."""
+    from ..evaluate import transition_luminances
+
+    try:
+        return transition_luminances(chain, stage)
+    except InputError:
+        return ()
 
 
 def _asked(contrast: str | None) -> float | None:

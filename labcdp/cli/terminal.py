@@ -26,6 +26,9 @@ class _Say(logging.Handler):
 
 def log_to_terminal(verbose: bool) -> None:
     """Show the warnings, or with `verbose` all messages, of the parts that work with devices and files."""
+    # A damaged TIFF file is reported as an error of ours.
+    logging.getLogger("tifffile").addHandler(logging.NullHandler())
+    logging.getLogger("tifffile").propagate = False
     library = logging.getLogger("labcdp")
     library.addHandler(logging.NullHandler())
     library.propagate = False

@@ -102,7 +102,8 @@ def confidence_interval(share: float, variance: float, smaller_size: float) -> t
     z2 = _Z_95**2 / trials
     centre = (share + z2 / 2) / (1 + z2)
     half_width = sqrt(share * (1 - share) * z2 + z2**2 / 4) / (1 + z2)
-    return max(centre - half_width, 0.0), min(centre + half_width, 1.0)
+    # Rounding must not put the share itself outside.
+    return max(min(centre - half_width, share), 0.0), min(max(centre + half_width, share), 1.0)
 
 
 def scatter(shares: NDArray[np.float64], counts: NDArray[np.float64], centre: float) -> float:

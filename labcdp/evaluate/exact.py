@@ -65,8 +65,8 @@ class ExactPrediction:
         `mean_contrast` over the standard deviation of the contrast (contrast signal-to-noise ratio).
     snr_dark, snr_bright : ndarray
         Mean over standard deviation of the linear signal of each patch; inf without noise.
-    saturated_share : ndarray
-        Share of saturated pixels in the bright patch.
+    saturated_share, saturated_share_dark : ndarray
+        Share of saturated pixels in the bright and in the dark patch.
     """
 
     cdp: FloatArray
@@ -77,6 +77,7 @@ class ExactPrediction:
     snr_dark: FloatArray
     snr_bright: FloatArray
     saturated_share: FloatArray
+    saturated_share_dark: FloatArray
 
 
 def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon: float = 0.5) -> ExactPrediction:

@@ -54,8 +54,8 @@ def predict_chain(
     InputError
         If the chain cannot be predicted so, or a value is out of its range.
     """
-    sensor = _sensor(chain)
-    camera = _camera(chain, sensor, stage or chain.stage_names[-1])
+    sensor, name = _sensor(chain, stage or chain.stage_names[-1])
+    camera = _camera(chain, sensor, name)
     levels, shares, pair = _levels(_scenes(chain.scene, scenes or {}))
     front = chain.front(levels, shares)
     per_lx_s = sensor.electrons_per_lx_s(chain.spectrum)
@@ -65,8 +65,15 @@ def predict_chain(
     return predict(camera, rates, asked, epsilon)
 
 
-def transition_luminances(chain: Chain) -> tuple[float, ...]:
-    """Luminances of the dark region at which each exposure but the shortest saturates; () without a merge.
+def transition_luminances(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
+    """Luminances of the dark region at which a merge leaves each exposure but the shortest; () without a merge.
+
+    Parameters
+    ----------
+    chain : Chain
+        As for `predict_chain`.
+    stage : str or None
+        Which stage, None for the last.
 
     Raises
     ------
@@ -75,36 +82,43 @@ def transition_luminances(chain: Chain) -> tuple[float, ...]:
     """
     if chain.hdr is None or chain.settings is None:
         return ()
-    sensor, settings = _sensor(chain), chain.settings
+    sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
+    camera = CameraModel(sensor, chain.settings, chain.hdr)
     levels, shares, (dark, _) = _levels([chain.scene])
     front = chain.front(levels, shares)
     electrons_s = float(front.values[0, dark]) * sensor.electrons_per_lx_s(chain.spectrum)
     if electrons_s == 0:
         return ()
-    full_dn = sensor.saturation_dn(settings.gain_db) - sensor.black_level_dn
-    full_e = full_dn / sensor.system_gain_dn_per_e(settings.gain_db)
-    dark_e_s = sensor.dark_current_at(settings.temperature_c)
-    times = sorted(settings.exposure_s, reverse=True)[:-1]
-    # Light and glare grow with the scene.
-    return tuple(float(levels[0, dark]) * (full_e / time - dark_e_s) / electrons_s for time in times)
+    count = len(camera.exposures_s)
+    found = []
+    for place, time in enumerate(camera.exposures_s[:-1]):
+        net_dn = camera.ladder.saturation_dn
+        if chain.hdr.method == "normal":
+            net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (place + 1)) * time / camera.exposures_s[0])
+        rate = net_dn / camera.k_dn_per_e / time - camera.dark_e_s
+        # Light and glare grow with the scene.
+        found.append(float(levels[0, dark]) * rate / electrons_s)
+    return tuple(luminance for luminance in found if luminance > 0)
 
 
-def _sensor(chain: Chain) -> Sensor:
-    sensors = [sensor for _, sensor in chain.sensors if isinstance(sensor, Sensor)]
-    if len(sensors) != 1 or len(chain.sensors) != 1:
-        raise InputError(
-            f"{chain.name or 'the chain'} has {len(chain.sensors)} sensors, {len(sensors)} of them EMVA 1288: give one "
-            "of these to predict, or simulate"
-        )
-    return sensors[0]
+def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
+    """Sensor that a stage belongs to, and the stage's name without the sensor's."""
+    for own, sensor in chain.sensors:
+        for name in chain.recorded_names:
+            if chain.of_sensor(name, own) == stage:
+                if isinstance(sensor, Sensor):
+                    return sensor, name
+                raise InputError(
+                    f"sensor {own!r} is no EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
+                )
+    known = [chain.of_sensor(name, own) for own, _ in chain.sensors for name in chain.recorded_names]
+    raise InputError(f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}")
 
 
 def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     """Sensor, exposures, merge and tone curve up to a stage."""
     assert chain.settings is not None
     names = chain.recorded_names
-    if stage not in names:
-        raise InputError(f"stage is {stage!r}: give one of {', '.join(names)}")
     place = names.index(stage)
     if place < len(chain.settings.exposure_s):
         return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[place],)))

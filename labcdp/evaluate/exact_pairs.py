@@ -41,7 +41,17 @@ class Cells:
 
 
 #: Columns of what `evaluate_cells` returns.
-COLUMNS = ("cdp", "below", "above", "mean_contrast", "csnr", "snr_dark", "snr_bright", "saturated_share")
+COLUMNS = (
+    "cdp",
+    "below",
+    "above",
+    "mean_contrast",
+    "csnr",
+    "snr_dark",
+    "snr_bright",
+    "saturated_share",
+    "saturated_share_dark",
+)
 
 
 def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
@@ -56,15 +66,16 @@ def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
 
     Returns
     -------
-    ndarray, shape (n, 8)
+    ndarray, shape (n, 9)
         In the order of `COLUMNS`.
     """
     bright = _bright_patches(table, cells)
     result = np.empty((cells.zero.size, len(COLUMNS)))
     order = np.argsort(cells.dark_e_s, kind="stable")
-    for part, first, share, _ in table.blocks(cells.dark_e_s[order]):
+    for part, first, share, clipped in table.blocks(cells.dark_e_s[order]):
         chosen = order[part]
-        result[chosen] = _evaluate(table, cells.take(chosen), bright.take(chosen), first, share)
+        result[chosen, :-1] = _evaluate(table, cells.take(chosen), bright.take(chosen), first, share)
+        result[chosen, -1] = np.clip(clipped, 0.0, 1.0)
     return result
 
 
@@ -142,7 +153,7 @@ def _moments(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _evaluate(table: ValueTable, cells: Cells, bright: _BrightPatches, first: int, share: FloatArray) -> FloatArray:
-    """Evaluate cells whose dark patches have the probabilities `share` from the value `first` on."""
+    """Evaluate cells, all columns but the last, whose dark patches have the probabilities `share` from `first` on."""
     values = table.values[first : first + share.shape[1]]
     mean, variance = _moments(values, share)
     lit_share, signal = _lit(table, cells.zero, first, share)

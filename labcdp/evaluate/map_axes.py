@@ -20,6 +20,9 @@ At: TypeAlias = dict[str, float | str]
 
 _LUMINANCE_UNITS = ("cd/m^2", "cd/m²", "cd/m2", "cd m-2")
 
+#: Units of plain numbers, and of scales on which 0 is a place as any other.
+_PLAIN_UNITS, _SCALE_UNITS = ("", "1"), ("degC", "°C", "dB")
+
 
 @dataclass(frozen=True, eq=False)
 class MapAxis:
@@ -60,6 +63,23 @@ class MapAxis:
     def is_contrast(self) -> bool:
         """Whether the values are Weber contrasts (fractions)."""
         return self.numeric and self.name.rpartition(".")[2] == "contrast"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the values are whole numbers without a unit, as bits are, so that nothing lies between them."""
+        plain = self.numeric and self.unit in _PLAIN_UNITS and not self.is_contrast
+        return plain and bool((self.values == np.rint(self.values)).all())
+
+    @property
+    def of_ratios(self) -> bool:
+        """Whether a ratio of two values tells something: of luminances, and of what is varied by ratios."""
+        named = self.is_contrast or self.unit not in (*_PLAIN_UNITS, *_SCALE_UNITS)
+        return self.is_luminance or (self.log and named)
+
+    @property
+    def never_negative(self) -> bool:
+        """Whether values below 0 make no sense: of all but temperatures and levels in dB, unless the map has some."""
+        return self.numeric and self.unit not in _SCALE_UNITS and bool(self.values[0] >= 0)
 
     def scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the scale on which the axis is even: log10 of the values on a logarithmic axis."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, log10, nan, sqrt
+from math import inf, isnan, log10, nan
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,16 +13,20 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .map_axes import At, MapAxis, map_axis, sections
+from .map_snr import known_values
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Standard errors of a difference by which a fall or rise must exceed the smallest one asked for. The extremes of 100
-#: points of equal noise lie 5 standard deviations apart on average, 3.5 of their difference; 4 leaves a margin.
-_NOISE_MARGIN = 4.0
+#: Chance that noise alone makes a fall anywhere in a map; a dip needs a rise, too, so that its chance is less.
+_FALSE_ALARM = 0.01
 
 #: Share of saturated pixels from which the bright region counts as saturated.
 _SATURATED_SHARE = 0.01
+
+#: Points of a curve from which on its roughness is known so well, and moved so little by dips, that it is trusted more
+#: than a smaller standard error, which takes all pixels of a region as independent; and from which on there is any.
+_MANY_POINTS, _FEW_POINTS = 20, 5
 
 #: Median absolute deviation of a normal distribution, in standard deviations.
 _MAD_OF_NORMAL = 0.6744897501960817
@@ -77,7 +82,7 @@ def find_dips(
     ----------
     dataset : xarray.Dataset
         The map. Standard errors of the variable are taken from `<variable>_standard_error` (of CDP from
-        `standard_error`); without them, those of a simulated map are estimated from its roughness.
+        `standard_error`). Those of a simulated map are at least as large as its roughness tells.
     axis : str
         Name of an axis of numbers, the luminance.
     variable : str
@@ -99,10 +104,13 @@ def find_dips(
 
     Notes
     -----
-    A fall and the rise after it must exceed `min_fall` by four standard errors of the difference. What follows the
-    luminance from which on the bright region is saturated (more than 1 % of its pixels, if the map tells) is left
-    out, and so is a last fall without a rise, unless an expected change of exposure explains it. An expected
-    luminance belongs to the dip whose fall it lies in, give or take a grid step; each explains one dip.
+    A fall and the rise after it must exceed `min_fall` by so many standard errors of the difference that noise alone
+    makes such a fall in one of 100 maps of this size (Bonferroni's bound over all pairs of points of each section; 5.2
+    for 400 points). What follows the luminance from which on the bright region is saturated (more than 1 % of its
+    pixels, if the map tells) is left out, as are SNR above 1e6, and a last fall without a rise, unless an expected
+    change of exposure explains it. A fall before the variable has recovered from the one before belongs to the same
+    dip, unless each of them is an expected change of exposure. An expected luminance belongs to the dip whose fall it
+    lies in, give or take a grid step; each explains one dip.
     """
     along = map_axis(dataset, axis)
     if not along.numeric:
@@ -111,54 +119,71 @@ def find_dips(
         raise InputError(f"the map has no variable {variable!r}: choose one of {sorted(map(str, dataset.data_vars))}")
     if not 0 < min_fall < 1:
         raise InputError(f"min_fall is {min_fall}: give a fraction above 0 and below 1")
+    n_pairs = max(dataset["cdp"].size * (along.values.size - 1) / 2, 1)
+    margin = -NormalDist().inv_cdf(_FALSE_ALARM / n_pairs)
     return tuple(
         dip
         for at, section in sections(dataset, (axis,))
-        for dip in _dips_of(_Curve.of(section, along, variable), at, variable, min_fall, sorted(expected))
+        for dip in _dips_of(_Curve.of(section, along, variable, margin), at, variable, min_fall, sorted(expected))
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """The points of a section that count: places on the axis, values, their standard errors, and CDP; shape (n,)."""
+    """The points of a section that count: places on the axis, values, what noise may add or take, CDP; shape (n,)."""
 
     axis: MapAxis
     places: NDArray[np.float64]
     values: NDArray[np.float64]
-    errors: NDArray[np.float64]
+    noise: NDArray[np.float64]
     cdp: NDArray[np.float64]
 
     @classmethod
-    def of(cls, section: Dataset, axis: MapAxis, variable: str) -> _Curve:
-        values = section[variable].values.astype(np.float64)
+    def of(cls, section: Dataset, axis: MapAxis, variable: str, margin: float) -> _Curve:
+        values = known_values(variable, section[variable].values)
         counts = np.isfinite(values) & (values >= 0)
         if "saturated_share" in section:
             unsaturated = np.flatnonzero(~(section["saturated_share"].values > _SATURATED_SHARE))
             counts[unsaturated[-1] + 1 if unsaturated.size else 0 :] = False
-        error_name = "standard_error" if variable == "cdp" else f"{variable}_standard_error"
-        errors = np.zeros_like(values)
-        if error_name in section and np.isfinite(section[error_name].values[counts]).any():
-            errors = np.nan_to_num(section[error_name].values.astype(np.float64), posinf=0.0)
-        elif section.attrs.get("method") == "simulated":
-            errors[counts] = values[counts] * _roughness(values[counts])
-        return cls(axis, axis.values[counts], values[counts], errors[counts], section["cdp"].values[counts])
+        noise = margin * _standard_errors(section, variable, values, counts)
+        return cls(axis, axis.values[counts], values[counts], noise, section["cdp"].values[counts])
 
     def lies_below(self, low: int, high: int, min_fall: float) -> bool:
         """Whether one point lies below another by more than noise explains."""
-        noise = _NOISE_MARGIN * float(np.hypot(self.errors[low], self.errors[high]))
+        noise = float(np.hypot(self.noise[low], self.noise[high]))
         return bool(self.values[low] < (1 - min_fall) * self.values[high] - noise)
 
 
-def _roughness(values: NDArray[np.float64]) -> float:
-    """Relative standard deviation of values around a smooth curve, by second differences, which few jumps do not move.
+def _standard_errors(
+    section: Dataset, variable: str, values: NDArray[np.float64], counts: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Find standard errors of the points that count: the map's, or by the roughness if that is more; 0 if exact."""
+    name = "standard_error" if variable == "cdp" else f"{variable}_standard_error"
+    errors = np.zeros(counts.sum())
+    stated = False
+    if name in section:
+        errors = section[name].values[counts].astype(np.float64)
+        stated = bool(np.isfinite(errors).any())
+        # What the map does not tell of a few points is taken as bad as the worst.
+        errors = np.where(np.isfinite(errors), errors, errors[np.isfinite(errors)].max() if stated else 0.0)
+    if section.attrs.get("method") == "simulated" and errors.size >= (_MANY_POINTS if stated else _FEW_POINTS):
+        errors = np.maximum(errors, _roughness(values[counts]))
+    return errors
 
-    A second difference of independent values has 6 times their variance.
+
+def _roughness(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Estimate standard errors of values around a smooth curve, by second differences, which few jumps do not move.
+
+    The variance of mean over standard deviation of n normal values is (1 + SNR^2 / 2) / n (to first order in 1 / n);
+    n is what the second differences of the logarithms, of 1, 4 and 1 times the variances of their points, tell.
     """
-    positive = values[values > 0]
-    if positive.size < 5:
-        return 0.0
-    bends = np.diff(np.log(positive), n=2)
-    return float(np.median(np.abs(bends - np.median(bends)))) / _MAD_OF_NORMAL / sqrt(6)
+    unit = np.sqrt(1 + values**2 / 2)
+    above = values > 0
+    if above.sum() < _FEW_POINTS:
+        return np.zeros_like(values)
+    relative = (unit[above] / values[above]) ** 2
+    bends = np.diff(np.log(values[above]), n=2) / np.sqrt(relative[:-2] + 4 * relative[1:-1] + relative[2:])
+    return float(np.median(np.abs(bends - np.median(bends)))) / _MAD_OF_NORMAL * unit
 
 
 def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: list[float]) -> list[SnrDip]:
@@ -166,10 +191,11 @@ def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: li
     explained = _explained(curve, falls, expected)
     if falls and not last_fall_ends and len(falls) - 1 not in explained:
         falls = falls[:-1]
+    joined = _joined(curve, falls, explained)
     dips = []
-    for number, (peak, trough) in enumerate(falls):
+    for number, (peak, trough, expected_at) in enumerate(joined):
         recovery = _recovery(curve, peak, trough)
-        next_peak = falls[number + 1][0] if number + 1 < len(falls) else curve.places.size - 1
+        next_peak = joined[number + 1][0] if number + 1 < len(joined) else curve.places.size - 1
         inside = np.flatnonzero((curve.places >= curve.places[peak]) & ~(curve.places > recovery))
         inside = inside[(inside <= next_peak) & np.isfinite(curve.cdp[inside])]
         lowest = int(inside[np.argmin(curve.cdp[inside])]) if inside.size else None
@@ -186,7 +212,7 @@ def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: li
                 recovery=recovery,
                 lowest_cdp=nan if lowest is None else float(curve.cdp[lowest]),
                 lowest_cdp_at=nan if lowest is None else float(curve.places[lowest]),
-                expected=explained.get(number, nan),
+                expected=expected_at,
             )
         )
     return dips
@@ -230,6 +256,22 @@ def _explained(curve: _Curve, falls: list[tuple[int, int]], expected: list[float
         if number not in found and value not in found.values():
             found[number] = float(value)
     return found
+
+
+def _joined(curve: _Curve, falls: list[tuple[int, int]], explained: dict[int, float]) -> list[tuple[int, int, float]]:
+    """Peak, trough and expected luminance of each dip: falls that begin before the recovery from another are joined."""
+    joined: list[tuple[int, int, float]] = []
+    for number, (peak, trough) in enumerate(falls):
+        expected = explained.get(number, nan)
+        if joined:
+            first, lowest, known = joined[-1]
+            inside = curve.places[peak] < _recovery(curve, first, lowest)  # never, if it does not recover
+            if inside and (isnan(known) or isnan(expected)):
+                deepest = trough if curve.values[trough] < curve.values[lowest] else lowest
+                joined[-1] = (first, deepest, expected if isnan(known) else known)
+                continue
+        joined.append((peak, trough, expected))
+    return joined
 
 
 def _recovery(curve: _Curve, peak: int, trough: int) -> float:

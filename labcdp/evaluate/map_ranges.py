@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, log10
+from math import inf, log10, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,21 +16,32 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
+#: Largest step of CDP between two grid points for which a straight line tells where CDP crosses the level.
+_RESOLVED_STEP = 0.2
+
+
 @dataclass(frozen=True)
 class UsableInterval:
-    """A part of an axis on which CDP is high enough.
+    """A part of an axis on which CDP is high enough, no wider than the grid shows.
 
     Parameters
     ----------
     low, high : float
-        Its ends, in the unit of the axis.
+        Its ends, in the unit of the axis; of an end that is not resolved, the last grid point that is high enough.
     low_open, high_open : bool
         Whether the end is that of the map, or lies beside a missing value, so that the range may go on beyond it.
+    low_resolved, high_resolved : bool
+        Whether CDP changes so little from grid point to grid point, by at most 0.2, that the end is known. If not,
+        all that is known is that it lies in the bracket.
+    low_bracket, high_bracket : (float, float)
+        The grid points around the end, the lower one first; of an open end, the last grid point twice.
+    of_ratios : bool
+        Whether the ratio of the ends tells something, as for luminances.
 
     Attributes
     ----------
     decades : float
-        log10(high / low); infinity if `low` is not above 0.
+        log10(high / low); infinity if `low` is not above 0, nan if the ratio tells nothing.
     range_db : float
         20 log10(high / low), as dynamic range is given by EMVA 1288.
     """
@@ -39,13 +50,23 @@ class UsableInterval:
     high: float
     low_open: bool
     high_open: bool
+    low_resolved: bool
+    high_resolved: bool
+    low_bracket: tuple[float, float]
+    high_bracket: tuple[float, float]
+    of_ratios: bool
     decades: float = field(init=False)
     range_db: float = field(init=False)
 
     def __post_init__(self) -> None:
-        decades = log10(self.high / self.low) if self.low > 0 else inf
+        decades = nan if not self.of_ratios else log10(self.high / self.low) if self.low > 0 else inf
         object.__setattr__(self, "decades", decades)
         object.__setattr__(self, "range_db", 20 * decades)
+
+    @property
+    def width(self) -> tuple[float, float]:
+        """By which intervals are compared: decades if they tell something, then the difference of the ends."""
+        return (self.decades if self.of_ratios else 0.0, self.high - self.low)
 
 
 @dataclass(frozen=True)
@@ -66,7 +87,7 @@ class UsableRange:
     Attributes
     ----------
     widest : UsableInterval or None
-        The one of the largest ratio of its ends, or of the largest difference where an end is not above 0.
+        The one of the largest ratio of its ends, or of the largest difference where a ratio tells nothing.
     """
 
     at: At
@@ -76,7 +97,7 @@ class UsableRange:
     widest: UsableInterval | None = field(init=False)
 
     def __post_init__(self) -> None:
-        widest = max(self.intervals, key=lambda one: (one.decades, one.high - one.low), default=None)
+        widest = max(self.intervals, key=lambda one: one.width, default=None)
         object.__setattr__(self, "widest", widest)
 
 
@@ -104,7 +125,9 @@ def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[Usab
 
     Notes
     -----
-    Between grid points CDP is taken as linear in the axis, or in its logarithm where the axis is logarithmic.
+    Between grid points CDP is taken as linear in the axis, or in its logarithm where the axis is logarithmic; not so
+    between those of more than 0.2 difference, as where a sensor saturates, and on an axis of whole numbers: there the
+    range ends at the last grid point that is high enough.
     """
     along = map_axis(dataset, axis)
     if not along.numeric:
@@ -119,8 +142,8 @@ def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[Usab
 
 def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
     """Return the range whose widest interval is the widest of all; None if all are empty."""
-    found = [(one.widest.decades, one.widest.high - one.widest.low, one) for one in ranges if one.widest]
-    return max(found, key=lambda entry: entry[:2])[2] if found else None
+    found = [(one.widest.width, one) for one in ranges if one.widest]
+    return max(found, key=lambda entry: entry[0])[1] if found else None
 
 
 def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tuple[UsableInterval, ...]:
@@ -128,18 +151,46 @@ def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tupl
     starts, stops = np.flatnonzero(~enough[:-1] & enough[1:]), np.flatnonzero(enough[:-1] & ~enough[1:])
     intervals = []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        low, low_open = _end(axis, values, level, start, start - 1)
-        high, high_open = _end(axis, values, level, stop - 1, stop)
-        intervals.append(UsableInterval(low, high, low_open, high_open))
+        low, high = _end(axis, values, level, start, start - 1), _end(axis, values, level, stop - 1, stop)
+        intervals.append(
+            UsableInterval(
+                low=low.place,
+                high=high.place,
+                low_open=low.is_open,
+                high_open=high.is_open,
+                low_resolved=low.resolved,
+                high_resolved=high.resolved,
+                low_bracket=low.bracket,
+                high_bracket=high.bracket,
+                of_ratios=axis.of_ratios,
+            )
+        )
     return tuple(intervals)
 
 
-def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> tuple[float, bool]:
-    """Where CDP crosses the level between two neighbouring grid points, and whether the end is open."""
+@dataclass(frozen=True)
+class _End:
+    """An end of an interval, as in `UsableInterval`."""
+
+    place: float
+    bracket: tuple[float, float]
+    is_open: bool = False
+    resolved: bool = True
+
+
+def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> _End:
+    """Where CDP crosses the level between two neighbouring grid points."""
+    last = float(axis.values[inside])
     if not 0 <= outside < values.size or not np.isfinite(values[outside]):
-        return float(axis.values[inside]), True
-    places = axis.scaled(axis.values[[outside, inside]])
-    share = (level - values[outside]) / (values[inside] - values[outside])
+        return _End(last, (last, last), is_open=True)
+    low, high = sorted((last, float(axis.values[outside])))
+    if axis.is_whole:
+        return _End(last, (low, high))
+    step = values[inside] - values[outside]
+    if step > _RESOLVED_STEP:
+        return _End(last, (low, high), resolved=False)
+    share = (level - values[outside]) / step
     if share == 1:  # no rounding where the grid point itself is the end
-        return float(axis.values[inside]), False
-    return float(axis.unscaled(places[0] + share * (places[1] - places[0]))), False
+        return _End(last, (low, high))
+    places = axis.scaled(axis.values[[outside, inside]])
+    return _End(float(axis.unscaled(places[0] + share * (places[1] - places[0]))), (low, high))

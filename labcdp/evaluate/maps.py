@@ -10,12 +10,10 @@ from .map_axes import map_layout
 from .map_dips import SnrDip, find_dips
 from .map_isolines import LEVELS, Isoline, isolines
 from .map_ranges import UsableRange, usable_ranges, widest_range
+from .map_snr import SNR_VARIABLES
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-#: SNR whose dips are looked for: the first that the map has. The dark region has the luminance of the axis.
-_SNR_VARIABLES = ("snr_dark", "snr_bright", "csnr")
 
 #: CDP before a fall, below which nothing is detected that could be lost.
 _LEAST_CDP = 0.1
@@ -76,7 +74,8 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
         If the dataset is no map, an axis cannot be used, or the level is out of range.
     """
     layout = map_layout(dataset)
-    snr = tuple(name for name in _SNR_VARIABLES if name in dataset.data_vars)[:1]
+    # The first that the map has: the dark region has the luminance of the axis.
+    snr = tuple(name for name in SNR_VARIABLES if name in dataset.data_vars)[:1]
     x, y = layout.x.name, layout.y.name if layout.y else ""
     ranges = usable_ranges(dataset, x, level) if layout.x.numeric else ()
     return MapAnalysis(

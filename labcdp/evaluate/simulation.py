@@ -196,8 +196,9 @@ def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 
     InputError
         If contrast or epsilon are out of their range.
     """
-    last = list(run)[-1]
-    stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name == last) for name in run)
+    final = [run.chain.of_sensor(name, own) for own, _ in run.chain.sensors for name in run.chain.recorded_names[-1:]]
+    plotted = final or [run.chain.stage_names[-1]]
+    stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name in plotted) for name in run)
     return SimulationEvaluation(run.chain, run.seed, contrast, epsilon, stages)
 
 

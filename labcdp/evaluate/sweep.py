@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from hashlib import sha256
 from importlib.metadata import version
 from itertools import product
+from math import nan, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..chain import Chain, replaced
+from ..contrast import Estimate
 from ..errors import InputError
 from ..json_text import results_json
 from ..toml_text import toml_text
@@ -37,6 +39,8 @@ VARIABLES = {
     "csnr": ("1", "mean over standard deviation of the contrast"),
     "snr_dark": ("1", "mean over standard deviation of the dark region's luminance"),
     "snr_bright": ("1", "mean over standard deviation of the bright region's luminance"),
+    "snr_dark_standard_error": ("1", "standard error of the SNR of the dark region"),
+    "snr_bright_standard_error": ("1", "standard error of the SNR of the bright region"),
     "saturated_share": ("1", "saturated share of the bright region"),
 }
 
@@ -44,6 +48,12 @@ VARIABLES = {
 _BLOCK = 20_000
 
 _UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_e": "e-", "_e_s": "e-/s", "_dn": "DN"}
+
+#: Share of saturated pixels from which a region has no SNR: what clipping takes from the noise is no signal.
+_CLIPPED = 0.01
+
+#: Cells of a map that a computer holds and a person reads.
+_MOST_CELLS = 1_000_000
 
 Cells = Sequence[tuple[Any, ...]]
 
@@ -87,6 +97,10 @@ class Sweep:
     def __post_init__(self) -> None:
         if not self.axes:
             raise InputError("there is nothing to sweep over: give at least one axis")
+        if prod(self.shape) > _MOST_CELLS:
+            raise InputError(
+                f"the map would have {prod(self.shape)} cells: give fewer values, up to {_MOST_CELLS} cells"
+            )
         names = [axis.parameter for axis in self.axes]
         if len(set(names)) < len(names):
             raise InputError(f"the axes are {', '.join(names)}: give each parameter once")
@@ -196,9 +210,11 @@ def _predicted(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[
         outside = {name: value for name, value in settings[0].items() if name not in in_scene}
         inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
         chain = replaced(sweep.chain, outside) if outside else sweep.chain
-        predicted = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
-        unknown = np.full(len(block), np.nan)
-        yield block.start, np.stack([getattr(predicted, name, unknown) for name in VARIABLES], axis=1)
+        found = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
+        values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
+        values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
+        values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
+        yield block.start, np.stack(list(values.values()), axis=1)
 
 
 def _simulated(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[tuple[int, NDArray[np.float64]]]:
@@ -234,8 +250,10 @@ def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float6
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     found = pair.cdp
     shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.standard_error, found.below, found.above)
-    ratios = (dark.luminance_snr.value, bright.luminance_snr.value)
-    return np.array([*shares, pair.measured_contrast, pair.csnr.value, *ratios, bright.saturated_share])
+    snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Estimate(nan, nan) for one in (dark, bright)]
+    values = [one.value for one in snr]
+    errors = [one.standard_error for one in snr]
+    return np.array([*shares, pair.measured_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])
 
 
 def _labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
@@ -257,6 +275,7 @@ def _labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",
         "stage": sweep.stage,
+        "position": "optical axis" if sweep.exact else "whole frame",
         "seed": sweep.seed,
         "labcdp_version": version("labcdp"),
         "chain": toml_text(sweep.chain.document),

@@ -68,7 +68,10 @@ def parse_axis(text: str) -> Axis:
         raise InputError(f"{text!r} is no axis: {_HOW}")
     if ":" in given:
         return Axis(parameter, _spaced(parameter, given))
-    return Axis(parameter, tuple(parse_value(item.strip()) for item in given.split(",")))
+    items = [item.strip() for item in given.split(",")]
+    if "" in items:
+        raise InputError(f"{text!r} has an empty value: {_HOW}")
+    return Axis(parameter, tuple(parse_value(item) for item in items))
 
 
 def parse_value(text: str) -> Value:
@@ -83,7 +86,7 @@ def parse_value(text: str) -> Value:
         return text
 
 
-def _spaced(parameter: str, given: str) -> tuple[float, ...]:
+def _spaced(parameter: str, given: str) -> tuple[Value, ...]:
     parts = [parse_value(part.strip()) for part in given.split(":")]
     logarithmic = parts[-1] == "log"
     numbers = parts[:-1] if logarithmic else parts
@@ -95,7 +98,11 @@ def _spaced(parameter: str, given: str) -> tuple[float, ...]:
             f"{parameter}={given}: give two different finite ends and a whole count of 2 to {_MOST_VALUES}"
         )
     if not logarithmic:
-        return tuple(float(value) for value in np.linspace(start, stop, int(count)))
+        values = np.linspace(start, stop, int(count))
+        if all(isinstance(number, int) for number in numbers[:2]) and (values == values.round()).all():
+            # Parameters such as bits take whole numbers only.
+            return tuple(int(value) for value in values)
+        return tuple(float(value) for value in values)
     if not (start > 0 and stop > 0):
         raise InputError(f"{parameter}={given}: a logarithmic axis needs ends above 0")
     return tuple(float(value) for value in np.geomspace(start, stop, int(count)))

@@ -60,7 +60,9 @@ class SweepJournal:
             whole = whole[: whole.rfind(b"\n") + 1]
             lines = whole.decode().splitlines()
             if lines and lines[0] != head:
-                raise InputError(f"{folder} holds another sweep: give another folder, or remove {path}")
+                raise InputError(
+                    f"{folder} holds another sweep{_differing(lines[0], sweep)}: give another folder, or remove {path}"
+                )
             finished = [_block(line, path) for line in lines[1:]]
             file = path.open("r+" if path.exists() else "w", encoding="utf-8")
             file.seek(len(whole))
@@ -69,7 +71,8 @@ class SweepJournal:
             if not lines:
                 journal._write(head)
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{path} cannot be used ({error}): give a folder you can write to") from error
+            reason = error.strerror if isinstance(error, OSError) else "not text"
+            raise InputError(f"{path} cannot be used ({reason}): give a folder you can write to") from error
         return journal
 
     def add(self, first: int, values: NDArray[np.float64]) -> None:
@@ -95,6 +98,16 @@ class SweepJournal:
             raise InputError(
                 f"{self._file.name} cannot be written ({error.strerror}): make room, and start the same sweep again"
             ) from error
+
+
+def _differing(line: str, sweep: Mapping[str, Any]) -> str:
+    """Say in what the recorded sweep differs, if that can be known."""
+    try:
+        recorded = json.loads(line)
+        names = [name for name, value in sweep.items() if recorded[name] != json.loads(json.dumps(value))]
+    except (ValueError, KeyError, TypeError):
+        return ""
+    return f" (another {', '.join(names)})" if names else ""
 
 
 def _block(line: str, path: Path) -> Block:

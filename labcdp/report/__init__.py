@@ -1,5 +1,6 @@
 """Report: results as tables, figures, pages, spreadsheets and files."""
 
+from .folder import prepare_folder
 from .map_files import write_map
 from .map_tables import map_values, usable_table
 from .map_text import map_notes
@@ -18,6 +19,7 @@ __all__ = [
     "load_netcdf",
     "map_notes",
     "map_values",
+    "prepare_folder",
     "save_netcdf",
     "signal_table",
     "simulation_values",

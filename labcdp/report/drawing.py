@@ -39,8 +39,13 @@ def new_figure(width_in: float, height_in: float, simulated: bool) -> Figure:
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="compressed")
     FigureCanvasAgg(figure)
     if simulated:
-        figure.suptitle("simulated bench", x=0.01, ha="left", fontsize=SMALL_SIZE, color=VERMILLION)
+        mark_simulated(figure, "bench")
     return figure
+
+
+def mark_simulated(figure: Figure, what: str) -> None:
+    """Say above a figure without a title of its own that a bench, or a chain, is simulated."""
+    figure.suptitle(f"simulated {what}", x=0.01, ha="left", fontsize=SMALL_SIZE, color=VERMILLION)
 
 
 def png(figure: Figure) -> bytes:

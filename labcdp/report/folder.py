@@ -1,13 +1,15 @@
-"""Results in a folder: all of them, each whole or not at all."""
+"""Results in a folder: all of a run, or all of the run before."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import ExitStack
+from errno import EISDIR
+from os import fsync, strerror
 from pathlib import Path
 
 from ..errors import InputError
-from ..session.files import write_whole
 
 
 def write_files(folder: Path, files: Mapping[str, bytes], outdated: str = "") -> list[Path]:
@@ -35,18 +37,46 @@ def write_files(folder: Path, files: Mapping[str, bytes], outdated: str = "") ->
     """
     path = folder
     try:
-        for parent in sorted({(folder / name).parent for name in files}, reverse=True):
-            path = parent
-            parent.mkdir(parents=True, exist_ok=True)
-            for old in parent.iterdir():
-                if outdated and re.fullmatch(outdated, old.name) and str(old.relative_to(folder)) not in files:
-                    old.unlink()
-        for name, data in files.items():
-            path = folder / name
-            write_whole(path.parent, path.name, data)
+        parents = sorted({(folder / name).parent for name in files}, reverse=True)
+        for path in parents:
+            path.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as leftovers:
+            whole: list[tuple[Path, Path]] = []
+            for name, data in files.items():
+                path = folder / name
+                if path.is_dir():
+                    raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
+                unfinished = path.with_name(f".{path.name}.unfinished")
+                leftovers.callback(unfinished.unlink, missing_ok=True)
+                with unfinished.open("wb") as file:
+                    file.write(data)
+                    file.flush()
+                    fsync(file.fileno())
+                whole.append((unfinished, path))
+            # Only now that all are on the disk: a folder must not hold results of two runs.
+            for unfinished, path in whole:
+                unfinished.replace(path)
+        for parent in parents:
+            for path in parent.iterdir():
+                if outdated and re.fullmatch(outdated, path.name) and path not in [target for _, target in whole]:
+                    path.unlink()
     except OSError as error:
         raise InputError(
             f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with "
             "enough space"
         ) from error
     return [folder / name for name in files]
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make a folder for results, so that long work does not end without a place for them.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..evaluate.map_axes import MapAxis, MapLayout
 from .digits import Z_95
 from .drawing import ORANGE, SMALL_SIZE, TITLE_SIZE, label, new_figure, taken_literally
-from .map_parts import COLOURS, curves_of, decibels, snr_of
+from .map_parts import COLOURS, SNR_COLOURS, curves_of, decibels, snr_of
 from .map_scales import set_scale
 from .map_wording import at_text, axis_label, conditions, notes, shown, title, variable_name
 
@@ -37,7 +37,7 @@ def draw_curves(dataset: Dataset, analysis: MapAnalysis, layout: MapLayout, axes
     _draw_cdp(panels[0], curves, analysis, axes)
     for at, section in curves if snr else ():
         for name in snr:
-            text, colour = _of_curve(curves, at, axes, snr.index(name), variable_name(dataset, name))
+            text, colour = _of_curve(curves, at, axes, SNR_COLOURS[name], variable_name(dataset, name))
             values = decibels(section[name].values)
             panels[1].plot(_places(layout.x), values, color=colour, label=text, marker=_marker(layout.x), markersize=4)
             _mark_dips(panels[1], values, at, analysis, layout.x, name)
@@ -61,18 +61,18 @@ def _marker(axis: MapAxis) -> str:
 
 
 def _of_curve(
-    curves: list[tuple[At, Dataset]], at: At, axes: dict[str, MapAxis], number: int, name: str
+    curves: list[tuple[At, Dataset]], at: At, axes: dict[str, MapAxis], colour: str, name: str
 ) -> tuple[str, str]:
-    """Text and colour: by the section if there are several, else by the variable."""
+    """Text and colour: by the section if there are several, else those of the variable."""
     if len(curves) == 1:
-        return name, COLOURS[number]
+        return name, colour
     return at_text(at, axes), COLOURS[[other for other, _ in curves].index(at)]
 
 
 def _draw_cdp(panel: Axes, curves: list[tuple[At, Dataset]], analysis: MapAnalysis, axes: dict[str, MapAxis]) -> None:
     axis = axes[analysis.x]
     for at, section in curves:
-        text, colour = _of_curve(curves, at, axes, 0, "CDP")
+        text, colour = _of_curve(curves, at, axes, COLOURS[0], "CDP")
         cdp = section["cdp"].values
         panel.plot(_places(axis), cdp, color=colour, label=text, marker=_marker(axis), markersize=4)
         if "standard_error" in section and np.isfinite(section["standard_error"].values).any():

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..evaluate.map_axes import At, MapAxis, MapLayout, map_axis, sections
+from ..evaluate.map_snr import LARGEST_SNR, SNR_VARIABLES
 from .drawing import BLUE, GREEN, ORANGE, VERMILLION
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ MOST_PANELS = 12
 #: One colour a curve; no reader tells more of them apart.
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, "#CC79A7", "#56B4E9", "#000000", "#8C7500")
 
-#: Ratios of mean to standard deviation that a map may hold.
-SNR_VARIABLES = ("snr_dark", "snr_bright", "csnr")
+#: Colours of the SNR of a single curve, none of them that of its CDP.
+SNR_COLOURS = {"snr_dark": GREEN, "snr_bright": "#CC79A7", "csnr": "#000000"}
 
 
 def axes_of(dataset: Dataset) -> dict[str, MapAxis]:
@@ -69,7 +70,7 @@ def _at_most(most: int, what: str, parts: list[tuple[At, Dataset]], layout: MapL
 
 
 def decibels(ratio: NDArray[Any]) -> NDArray[np.float64]:
-    """20 log10 of a ratio, as EMVA 1288 gives SNR; nan where it is 0 or not finite."""
+    """20 log10 of a ratio, as EMVA 1288 gives SNR; nan where it is 0 or there is no noise."""
     values = np.asarray(ratio, dtype=np.float64)
-    fits = np.isfinite(values) & (values > 0)
+    fits = (values > 0) & (values <= LARGEST_SNR)
     return 20 * np.log10(np.where(fits, values, np.nan))

@@ -12,13 +12,19 @@ from .drawing import plain_numbers
 
 
 def cell_edges(axis: MapAxis) -> NDArray[np.float64]:
-    """Edges of the cells around the values of an axis, half way on its scale, shape (n + 1,)."""
+    """Edges of the cells around the values of an axis, half way on its scale, shape (n + 1,).
+
+    A cell ends at 0 where nothing can be below it, as with contrasts.
+    """
     places = axis.scaled(axis.values)
     if places.size == 1:
         half = 0.5 * (abs(places[0]) or 1.0)
-        return axis.unscaled(np.array([places[0] - half, places[0] + half]))
-    middles = (places[1:] + places[:-1]) / 2
-    return axis.unscaled(np.concatenate(([2 * places[0] - middles[0]], middles, [2 * places[-1] - middles[-1]])))
+        edges = axis.unscaled(np.array([places[0] - half, places[0] + half]))
+    else:
+        middles = (places[1:] + places[:-1]) / 2
+        outer = [2 * places[0] - middles[0]], [2 * places[-1] - middles[-1]]
+        edges = axis.unscaled(np.concatenate((outer[0], middles, outer[1])))
+    return np.maximum(edges, 0) if axis.never_negative else edges
 
 
 def set_scale(axis: MapAxis, drawn: Any) -> None:

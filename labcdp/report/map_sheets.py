@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from datetime import datetime
-from io import BytesIO
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..evaluate.map_axes import At, MapAxis, map_layout, sections
 from .digits import decimals
 from .map_parts import axes_of, panels_of
 from .map_wording import at_text, axis_name, provenance, title, unit_text, variable_name
-from .workbook import Cell, Number, Sheet, _without_times, workbook
+from .workbook import Cell, Number, Sheet, workbook
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -26,10 +24,8 @@ _MOST_ROWS, _MOST_COLUMNS = 2**20 - 1, 2**14 - 1
 #: Digits of a cell that are shown; it holds all of them.
 _SHOWN_DIGITS, _MOST_DECIMALS = 4, 6
 
-#: Colours of CDP 0, 0.5 and 1, light enough for black numbers, and told apart by colour-blind readers.
-_SCALE = ("F5B895", "FFFFFF", "8FC3E8")
-
-_PERCENT = "0.00%"
+#: Decimals of a contrast in percent.
+_PERCENT_DECIMALS = 2
 
 
 def map_spreadsheet(dataset: Dataset, analysis: MapAnalysis, time: datetime) -> bytes:
@@ -65,8 +61,7 @@ def map_spreadsheet(dataset: Dataset, analysis: MapAnalysis, time: datetime) -> 
         _dips(analysis, axes),
         _provenance(dataset),
     ]
-    data = workbook(sheets, title(dataset), time)
-    return _finished(data, axes, [sheet.title for sheet in matrices], layout.x, layout.y)
+    return workbook(sheets, title(dataset), time)
 
 
 def _head(axis: MapAxis) -> str:
@@ -79,8 +74,10 @@ def _number(value: float) -> Number:
     return Number(value, min(max(decimals(value, _SHOWN_DIGITS), 0), _MOST_DECIMALS))
 
 
-def _coordinate(value: float | str) -> Cell:
-    return value if isinstance(value, str) else _number(value)
+def _coordinate(axis: MapAxis, value: float | str) -> str | Number:
+    if isinstance(value, str):
+        return value
+    return Number(value, _PERCENT_DECIMALS, percent=True) if axis.is_contrast else _number(value)
 
 
 def _cells(dataset: Dataset, axes: dict[str, MapAxis]) -> Sheet:
@@ -94,7 +91,7 @@ def _cells(dataset: Dataset, axes: dict[str, MapAxis]) -> Sheet:
     columns = [ordered[name].values.ravel().tolist() for name in names]
     coordinates = product(*(axis.values.tolist() for axis in axes.values()))
     rows = [
-        (*map(_coordinate, place), *map(_number, values))
+        (*map(_coordinate, axes.values(), place), *map(_number, values))
         for place, values in zip(coordinates, zip(*columns, strict=True), strict=True)
     ]
     return Sheet("Map", header, rows)
@@ -113,20 +110,22 @@ def _matrices(dataset: Dataset, axes: dict[str, MapAxis]) -> list[Sheet]:
         where = at_text(at, axes)
         corner = f"CDP{where and f' at {where}'}; down: {_head(y)}; across: {_head(x)}"
         rows = [
-            (_number(value), *(Number(cdp, 4) for cdp in cells))
+            (_coordinate(y, value), *(Number(cdp, 4) for cdp in cells))
             for value, cells in zip(y.values.tolist(), section["cdp"].values.tolist(), strict=True)
         ]
         name = "CDP" if len(panels) == 1 else f"CDP {number}"
-        sheets.append(Sheet(name, [corner, *(f"{value:.4g}" for value in x.values)], rows))
+        heads = [_coordinate(x, value) for value in x.values.tolist()]
+        sheets.append(Sheet(name, [corner, *heads], rows, matrix=True))
     return sheets
 
 
 def _others(at: At, axes: dict[str, MapAxis], along: str) -> tuple[Cell, ...]:
-    return tuple(_coordinate(at[name]) for name in axes if name != along)
+    return tuple(_coordinate(axes[name], at[name]) for name in axes if name != along)
 
 
 def _ranges(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
-    along = _head(axes[analysis.x])
+    x = axes[analysis.x]
+    along = _head(x)
     header = (
         *(_head(axis) for name, axis in axes.items() if name != analysis.x),
         "CDP at least",
@@ -136,6 +135,10 @@ def _ranges(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
         "upper end",
         "decades",
         "range in dB (20 log10)",
+        f"{along}, lower end between",
+        "and",
+        f"{along}, upper end between",
+        "and",
     )
     rows: list[tuple[Cell, ...]] = []
     for one in analysis.usable_ranges:
@@ -143,24 +146,28 @@ def _ranges(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
         rows += [
             (
                 *fixed,
-                _number(interval.low),
-                _number(interval.high),
-                _end(interval.low_open),
-                _end(interval.high_open),
+                _coordinate(x, interval.low),
+                _coordinate(x, interval.high),
+                _end(interval.low_open, interval.low_resolved),
+                _end(interval.high_open, interval.high_resolved),
                 Number(interval.decades, 3),
                 Number(interval.range_db, 2),
+                *(_coordinate(x, place) for place in (*interval.low_bracket, *interval.high_bracket)),
             )
             for interval in one.intervals
-        ] or [(*fixed, None, None, "nowhere as high", None, None, None)]
+        ] or [(*fixed, None, None, "nowhere as high", *(None,) * 7)]
     return Sheet("Usable ranges", header, rows)
 
 
-def _end(is_open: bool) -> str:
-    return "end of the map" if is_open else "CDP crosses"
+def _end(is_open: bool, resolved: bool) -> str:
+    if is_open:
+        return "end of the map"
+    return "CDP crosses" if resolved else "last grid point: the step of CDP beyond it is too large"
 
 
 def _dips(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
-    along = _head(axes[analysis.x])
+    x = axes[analysis.x]
+    along = _head(x)
     header = (
         *(_head(axis) for name, axis in axes.items() if name != analysis.x),
         "variable",
@@ -178,15 +185,13 @@ def _dips(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
         (
             *_others(dip.at, axes, analysis.x),
             dip.variable,
-            _number(dip.start),
-            _number(dip.position),
-            _number(dip.recovery),
+            *(_coordinate(x, place) for place in (dip.start, dip.position, dip.recovery)),
             _number(dip.highest),
             _number(dip.depth_ratio),
             Number(dip.depth_db, 2),
             Number(dip.lowest_cdp, 4),
-            _number(dip.lowest_cdp_at),
-            _number(dip.expected),
+            _coordinate(x, dip.lowest_cdp_at),
+            _coordinate(x, dip.expected),
         )
         for dip in analysis.dips
     ]
@@ -197,51 +202,3 @@ def _provenance(dataset: Dataset) -> Sheet:
     chain = str(dataset.attrs.get("chain", "")).splitlines()
     rows = [("title", title(dataset)), *provenance(dataset), *(("chain", line) for line in chain if line)]
     return Sheet("Provenance", ("What", "Value"), rows)
-
-
-def _finished(data: bytes, axes: dict[str, MapAxis], matrices: Sequence[str], x: MapAxis, y: MapAxis | None) -> bytes:
-    """Add what a sheet of text and numbers does not have: percent signs, heads that are numbers, colours."""
-    from openpyxl import load_workbook
-
-    book = load_workbook(BytesIO(data))
-    heads = [_head(axis) for axis in axes.values() if axis.is_contrast]
-    for page in book:
-        for column in page.iter_cols():
-            if any(str(column[0].value).startswith(head) for head in heads):
-                _set_format(column[1:], _PERCENT)
-    for name in matrices:
-        _finish_matrix(book[name], x, y)
-    properties = book.properties
-    created = properties.created
-    file = BytesIO()
-    book.save(file)
-    properties.created = properties.modified = created
-    return _without_times(file.getvalue(), properties)
-
-
-def _finish_matrix(page: Any, x: MapAxis, y: MapAxis | None) -> None:
-    from openpyxl.formatting.rule import ColorScaleRule
-    from openpyxl.utils import get_column_letter
-
-    head, *rest = page[1]
-    for cell, value in zip(rest, x.values.tolist(), strict=True):
-        cell.value = value
-        cell.quotePrefix = False
-        n = _number(value).n_decimals
-        cell.number_format = _PERCENT if x.is_contrast else f"0.{'0' * n}" if n else "0"
-    if y is not None and y.is_contrast:
-        _set_format([row[0] for row in page.iter_rows(min_row=2)], _PERCENT)
-    last = f"{get_column_letter(page.max_column)}{page.max_row}"
-    stops: dict[str, Any] = {}
-    for stop, value, colour in zip(("start", "mid", "end"), (0, 0.5, 1), _SCALE, strict=True):
-        stops |= {f"{stop}_type": "num", f"{stop}_value": value, f"{stop}_color": colour}
-    page.conditional_formatting.add(f"B2:{last}", ColorScaleRule(**stops))
-    page.freeze_panes = "B2"
-    page.column_dimensions["A"].width = 30
-    page.row_dimensions[head.row].height = 60
-
-
-def _set_format(cells: Sequence[Any], number_format: str) -> None:
-    for cell in cells:
-        if isinstance(cell.value, int | float):
-            cell.number_format = number_format

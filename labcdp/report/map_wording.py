@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, isnan, nan
+from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,9 +27,14 @@ _NAMES = {
     "csnr": "CSNR",
     "snr_dark": "SNR, dark region",
     "snr_bright": "SNR, bright region",
+    "snr_dark_standard_error": "standard error of SNR, dark region",
+    "snr_bright_standard_error": "standard error of SNR, bright region",
     "saturated_share": "saturated share, bright region",
 }
 
+
+#: Parts of units as they are typed, and as they are printed.
+_PRINTED = {"^2": "²", "^3": "³", "m2": "m²", "degC": "°C"}
 
 #: More dips than this are not listed below a picture.
 _MOST_DIPS = 6
@@ -37,7 +42,12 @@ _MOST_DIPS = 6
 
 def unit_text(unit: str) -> str:
     """Write a unit as in print; a plain ratio has none."""
-    return "" if unit in ("", "1") else printable(unit).replace("^2", "²").replace("^3", "³").replace("m2", "m²")
+    if unit in ("", "1"):
+        return ""
+    printed = printable(unit)
+    for typed, written in _PRINTED.items():
+        printed = printed.replace(typed, written)
+    return printed
 
 
 def axis_name(axis: MapAxis) -> str:
@@ -124,16 +134,30 @@ def largest_error(dataset: Dataset) -> float:
 
 
 def interval_text(axis: MapAxis, interval: UsableInterval) -> str:
-    """Write an interval with its ratio; an end of the map is a bound."""
-    low, high = (float(shown(axis, value)) for value in (interval.low, interval.high))
+    """Write an interval with its ratio, if that tells something; what the map does not show of an end is not told.
+
+    An end of the map is a bound; an end between two grid points of very different CDP is only known to be there.
+    """
+    start = _end_text(axis, interval.low, "≤ " if interval.low_open else "")
+    end = _end_text(axis, interval.high, "≥ " if interval.high_open else "")
+    if not interval.low_resolved:
+        start = f"from {_between(axis, interval.low_bracket)}"
+    if not interval.high_resolved:
+        end = _between(axis, interval.high_bracket)
     unit = "%" if axis.is_contrast else unit_text(axis.unit)
-    start = f"{'≤ ' if interval.low_open else ''}{plain(low)}"
-    end = f"{'≥ ' if interval.high_open else ''}{plain(high)}{unit and ' '}{unit}"
-    text = f"{start} to {end}"
-    if interval.decades == inf:
+    text = f"{start} to {end}{unit and ' '}{unit}"
+    if not isfinite(interval.decades):
         return text
-    least = "at least " if interval.low_open or interval.high_open else ""
-    return f"{text} ({least}{interval.decades:.2f} decades, {interval.range_db:.1f} dB)"
+    known = interval.low_resolved and interval.high_resolved and not (interval.low_open or interval.high_open)
+    return f"{text} ({'' if known else 'at least '}{interval.decades:.2f} decades, {interval.range_db:.1f} dB)"
+
+
+def _end_text(axis: MapAxis, value: float, bound: str = "") -> str:
+    return f"{bound}{plain(float(shown(axis, value)), 4 if axis.is_contrast else 3)}"
+
+
+def _between(axis: MapAxis, bracket: tuple[float, float]) -> str:
+    return f"between {_end_text(axis, bracket[0])} and {_end_text(axis, bracket[1])}"
 
 
 def range_text(one: UsableRange, axes: dict[str, MapAxis]) -> str:

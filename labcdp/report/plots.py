@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..calibration import expanded_half_width
-from .digits import Z_95, cdp_decimals, cdp_interval, fixed, percent, shortened, with_half_width
+from .digits import Z_95, cdp_decimals, cdp_interval, fixed, percent, share_percent, shortened, with_half_width
 from .drawing import (
     BLUE,
     GREEN,
     ORANGE,
     SMALL_SIZE,
     label,
+    mark_simulated,
     new_figure,
     plain_numbers,
     png,
@@ -27,6 +28,14 @@ if TYPE_CHECKING:
     from ..calibration import Calibration, PatchResidual
     from ..contrast import CdpResult, ContrastDistribution
     from ..evaluate import ContrastRow, SessionEvaluation
+
+
+#: Contrasts are drawn up to so many times the upper end of the interval, or to this share of the pairs if that is more:
+#: a dark pixel close to 0 makes contrasts of any size, beside which the interval would be a line.
+_DRAWN_TIMES, _DRAWN_SHARE = 4, 0.9
+
+#: Share of pairs beyond the drawn contrasts, from which on the figure tells it.
+_TOLD_SHARE = 0.001
 
 
 def fit_figure(evaluation: SessionEvaluation) -> bytes:
@@ -94,7 +103,7 @@ def contrast_figure(row: ContrastRow, simulated: bool) -> bytes:
         row.distribution,
         row.cdp,
         shortened(pair_name(row), 60),
-        simulated,
+        "bench" if simulated else "",
         (row.measured_contrast, f"by the meter: {measured} %"),
     )
 
@@ -103,12 +112,13 @@ def contrasts_figure(
     distribution: ContrastDistribution,
     result: CdpResult,
     title: str,
-    simulated: bool = False,
+    simulated: str = "",
     reference: tuple[float, str] | None = None,
 ) -> bytes:
     """Draw cumulative probability and density of the contrasts of all pairs of pixels, as PNG.
 
-    As the 2018 thesis draws its distributions: a blue line, and grey bars scaled to a largest one of 1.
+    As the 2018 thesis draws its distributions: a blue line, and grey bars scaled to a largest one of 1. Contrasts far
+    above the interval and those of most pairs are not drawn; the legend tells how many there are.
 
     Parameters
     ----------
@@ -118,12 +128,14 @@ def contrasts_figure(
         CDP of the same regions.
     title : str
         First line above the plot; the second is the CDP.
-    simulated : bool
-        Whether the picture says that the bench is simulated.
+    simulated : str
+        What the picture says is simulated: "bench" or "chain"; empty for a measurement.
     reference : (float, str), optional
         Another contrast to mark, and its text in the legend.
     """
-    figure = new_figure(8.0, 4.8, simulated)
+    figure = new_figure(8.0, 4.8, simulated=False)
+    if simulated:
+        mark_simulated(figure, simulated)
     axes = figure.add_subplot()
     edges = 100 * distribution.edges
     share = np.diff(distribution.cumulative)
@@ -138,10 +150,24 @@ def contrasts_figure(
     if reference is not None:
         axes.axvline(100 * reference[0], color=GREEN, linestyle="-.", label=reference[1])
     axes.set_ylim(0.0, 1.05)
-    axes.set_xlim(edges[0], edges[-1])
+    start, stop, beyond = _drawn_contrasts(distribution, result)
+    axes.set_xlim(100 * start, 100 * stop)
+    if beyond >= _TOLD_SHARE:
+        axes.plot([], [], linestyle="none", label=f"above {100 * stop:.4g} %: {share_percent(beyond)} of the pairs")
     cdp = f"CDP {fixed(result.cdp, cdp_decimals(result))}"
     if isfinite(result.standard_error):
         cdp += f" (95 %: {cdp_interval(result)})"
     label(axes, "Weber contrast in %", "probability", f"{title}\n{cdp}")
     figure.legend(loc="outside lower center", ncols=3, fontsize=SMALL_SIZE)
     return png(figure)
+
+
+def _drawn_contrasts(distribution: ContrastDistribution, result: CdpResult) -> tuple[float, float, float]:
+    """Lowest and highest contrast that are drawn, and the share of pairs above the latter."""
+    low, high = result.interval
+    edges, cumulative = distribution.edges, distribution.cumulative
+    bulk = edges[min(int(np.searchsorted(cumulative, _DRAWN_SHARE)), edges.size - 1)]
+    # An edge, at which the share is known.
+    last = min(int(np.searchsorted(edges, max(_DRAWN_TIMES * high, bulk))), edges.size - 1)
+    margin = 0.1 * (high - low)
+    return min(float(edges[0]), low - margin), max(float(edges[last]), high + margin), float(1 - cumulative[last])

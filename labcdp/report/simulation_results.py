@@ -19,6 +19,7 @@ from ..json_text import results_json
 from ..toml_text import toml_text
 from .digits import printable
 from .document import Document, Section
+from .drawing import block_mean, reduction
 from .facts import Fact
 from .figures import ReportFigure
 from .folder import write_files
@@ -59,10 +60,11 @@ def write_simulation(evaluation: SimulationEvaluation, run: ChainRun, folder: st
         If a file cannot be written.
     """
     figures = _figures(evaluation)
+    pictures = [_shown_picture(name, signal.values) for name, signal in run.items()]
     images = {f"images/{_file_name(name)}.png": _picture(signal.values) for name, signal in run.items()}
     files = {
         "results.json": results_json(simulation_values(evaluation)).encode(),
-        "report.html": document_page(_document(evaluation, figures)).encode(),
+        "report.html": document_page(_document(evaluation, figures, pictures)).encode(),
         "results.xlsx": workbook(_sheets(evaluation), evaluation.chain.name, datetime.now(UTC)),
         "chain.toml": toml_text(evaluation.chain.document).encode(),
         **{f"figures/{figure.file_name}": figure.png for figure in figures},
@@ -107,7 +109,7 @@ def _pair_values(pair: PairRow) -> dict[str, Any]:
     }
 
 
-def _document(evaluation: SimulationEvaluation, figures: list[ReportFigure]) -> Document:
+def _document(evaluation: SimulationEvaluation, figures: list[ReportFigure], pictures: list[ReportFigure]) -> Document:
     chain = evaluation.chain
     along = [figure for figure in figures if figure.file_name.startswith("chain")]
     contrasts = [figure for figure in figures if figure.file_name.startswith("contrasts")]
@@ -141,6 +143,7 @@ def _document(evaluation: SimulationEvaluation, figures: list[ReportFigure]) -> 
     text = "\n".join(printable(line) for line in toml_text(chain.document).splitlines())
     sections = ([detection] if any(stage.pairs for stage in evaluation.stages) else []) + [
         signal,
+        Section("Pictures", ("Each from its lowest value (black) to its highest (white).",), (), pictures),
         Section("Provenance", facts=facts, text=text),
     ]
     return Document("labcdp: simulated imaging chain", chain.name or "chain", "", list(evaluation.warnings), sections)
@@ -148,42 +151,60 @@ def _document(evaluation: SimulationEvaluation, figures: list[ReportFigure]) -> 
 
 def _figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
     figures = []
-    for number in range(max(len(stage.pairs) for stage in evaluation.stages)):
-        rows = [(stage, stage.pairs[number]) for stage in evaluation.stages]
-        figures.append(_along(rows, number + 1))
-        last_stage, last = rows[-1]
-        if last.cdp is not None and last.contrasts is not None:
-            pair = f"{last.bright} against {last.dark}, behind {last_stage.name}"
-            figures.append(
-                ReportFigure(
-                    f"contrasts-{number + 1}.png",
-                    contrasts_figure(last.contrasts, last.cdp, pair, simulated=True),
-                    f"Contrasts of all pairs of pixels: {pair}. Blue: share of the pairs with at most this contrast; "
-                    "grey: density, scaled to a largest bar of 1; shaded: what counts as detected.",
-                    f"Distribution of the contrasts, {pair}; CDP {last.cdp.cdp:.4f}.",
-                )
-            )
-    figures += [_stage(stage) for stage in evaluation.stages]
-    return figures
+    for key, names in _branches(evaluation):
+        stages = [stage for stage in evaluation.stages if stage.name in names]
+        for number in range(max(len(stage.pairs) for stage in stages)):
+            rows = [(stage, stage.pairs[number]) for stage in stages]
+            figures.append(_along(rows, f"{key}{number + 1}"))
+            figures += _contrasts(*rows[-1], f"{key}{number + 1}")
+    return [*figures, *(_stage(stage) for stage in evaluation.stages)]
 
 
-def _along(rows: list[tuple[StageRow, PairRow]], number: int) -> ReportFigure:
+def _branches(evaluation: SimulationEvaluation) -> list[tuple[str, tuple[str, ...]]]:
+    """Stages that follow each other, for each sensor, with a key for its files."""
+    chain = evaluation.chain
+    if len(chain.sensors) < 2:
+        return [("", chain.stage_names)]
+    front = ("scene", *(name for name, _ in chain.before))
+    return [
+        (f"{_file_name(own)}-", (*front, *(chain.of_sensor(name, own) for name in chain.recorded_names)))
+        for own, _ in chain.sensors
+    ]
+
+
+def _contrasts(stage: StageRow, row: PairRow, key: str) -> list[ReportFigure]:
+    if row.cdp is None or row.contrasts is None:
+        return []
+    pair = f"{row.bright} against {row.dark}, behind {stage.name}"
+    return [
+        ReportFigure(
+            f"contrasts-{key}.png",
+            contrasts_figure(row.contrasts, row.cdp, pair, simulated="chain"),
+            f"Contrasts of all pairs of pixels: {pair}. Blue: share of the pairs with at most this contrast; "
+            "grey: density, scaled to a largest bar of 1; shaded: what counts as detected.",
+            f"Distribution of the contrasts, {pair}; CDP {row.cdp.cdp:.4f}.",
+        )
+    ]
+
+
+def _along(rows: list[tuple[StageRow, PairRow]], key: str) -> ReportFigure:
     results: list[DetectionResult | None] = [pair.neighbours or pair.cdp for _, pair in rows]
     bright = [next(row for row in stage.regions if row.region == pair.bright) for stage, pair in rows]
     nothing = float("nan")
     kind = "pixel to pixel" if rows[0][1].neighbours else "region to region"
     pair = f"{rows[0][1].bright} against {rows[0][1].dark}"
     return ReportFigure(
-        f"chain-{number}.png",
+        f"chain-{key}.png",
         chain_figure(
             [stage.name for stage, _ in rows],
             [nothing if result is None else result.cdp for result in results],
             [(nothing, nothing) if result is None else result.confidence_interval for result in results],
             [row.snr.value for row in bright],
             [row.snr_10log10_db.value for row in bright],
+            [row.luminance_snr.value for row in bright],
         ),
-        f"CDP along the chain, {kind}, {pair}, and SNR of the values of {rows[0][1].bright} "
-        "(10 lg of mean over standard deviation).",
+        f"CDP along the chain, {kind}, {pair}, and SNR of {rows[0][1].bright}: of the values, also as 10 lg of mean "
+        "over standard deviation, and of the luminance they stand for.",
         f"CDP and SNR behind each stage, {pair}.",
     )
 
@@ -300,6 +321,19 @@ def _detection_rows(evaluation: SimulationEvaluation) -> Iterator[tuple[Cell, ..
                 Number(pair.cnr.value, 3),
                 Number(pair.d_prime.value, 3),
             )
+
+
+def _shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
+    """Return the picture of a stage for the page, a large one with fewer pixels."""
+    side = reduction((values.shape[0], values.shape[1]))
+    low, high = float(values.min()), float(values.max())
+    reduced = f"; {side} x {side} pixels are drawn as one" if side > 1 else ""
+    return ReportFigure(
+        f"{_file_name(name)}.png",
+        _picture(values if side == 1 else block_mean(values, side)),
+        f"{printable(name)}: {low:.4g} to {high:.4g}{reduced}",
+        f"Grey picture behind {printable(name)}.",
+    )
 
 
 def _picture(values: NDArray[Any]) -> bytes:

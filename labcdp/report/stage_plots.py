@@ -10,8 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..evaluate.map_snr import LARGEST_SNR
 from .digits import decimals, fixed, printable, shortened, significant
-from .drawing import BLUE, SMALL_SIZE, TITLE_SIZE, VERMILLION, label, new_figure, plain_numbers, png, taken_literally
+from .drawing import (
+    BLUE,
+    GREEN,
+    SMALL_SIZE,
+    TITLE_SIZE,
+    VERMILLION,
+    label,
+    new_figure,
+    plain_numbers,
+    png,
+    taken_literally,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,6 +82,7 @@ def chain_figure(
     cdp_interval: Sequence[tuple[float, float]],
     snr_ratio: Sequence[float],
     snr_db: Sequence[float],
+    luminance_snr_ratio: Sequence[float],
     simulated: bool = True,
 ) -> bytes:
     """Draw CDP with its 95 % intervals, and SNR, from stage to stage.
@@ -83,8 +96,11 @@ def chain_figure(
     cdp_interval : sequence of (float, float), length n
         95 % intervals; (nan, nan) where there is none.
     snr_ratio, snr_db : sequence of float, length n
-        Mean over standard deviation, and the same in dB, written beside the points. Infinity is drawn above all
-        else, with an arrow; nan and what is not above 0 is left out.
+        Mean over standard deviation of the values a stage hands on, and the same in dB, written beside the points.
+        Infinity, and what is above 1e6, is drawn above all else, with an arrow; nan and what is not above 0 is left
+        out.
+    luminance_snr_ratio : sequence of float, length n
+        The same of the luminance in cd/m^2 that the values stand for, which gains nothing from glare or black level.
     simulated : bool
         Whether the picture says that the chain is simulated.
 
@@ -98,13 +114,13 @@ def chain_figure(
     InputError
         If the lengths differ or are 0.
     """
-    lengths = [len(values) for values in (stage_names, cdp, cdp_interval, snr_ratio, snr_db)]
+    lengths = [len(values) for values in (stage_names, cdp, cdp_interval, snr_ratio, snr_db, luminance_snr_ratio)]
     if len(set(lengths)) != 1 or not lengths[0]:
         raise InputError(f"the chain's lists have lengths {lengths}: give one value of each for each stage")
     figure = _figure(max(6.0, 2.0 + 1.1 * lengths[0]), 6.4, simulated)
     above, below = figure.subplots(2, 1, sharex=True)
     _draw_cdp(above, np.array(cdp, dtype=np.float64), np.array(cdp_interval, dtype=np.float64))
-    _draw_snr(below, np.array(snr_ratio, dtype=np.float64), snr_db)
+    _draw_snr(below, _with_noise(snr_ratio), snr_db, _with_noise(luminance_snr_ratio))
     names = [shortened(name, 24) for name in stage_names]
     slanted = max(map(len, names)) > 11
     below.set_xticks(
@@ -115,6 +131,12 @@ def chain_figure(
         panel.grid(color="0.9")
         panel.set_axisbelow(True)
     return png(figure)
+
+
+def _with_noise(ratio: Sequence[float]) -> NDArray[np.float64]:
+    """Return an SNR, infinite where there is no noise but that of rounding."""
+    values = np.array(ratio, dtype=np.float64)
+    return np.where(values > LARGEST_SNR, np.inf, values)
 
 
 def _figure(width_in: float, height_in: float, simulated: bool) -> Figure:
@@ -198,27 +220,39 @@ def _draw_cdp(axes: Axes, cdp: NDArray[np.float64], interval: NDArray[np.float64
     label(axes, "", "CDP", "CDP after each stage, with 95 % bars")
 
 
-def _draw_snr(axes: Axes, ratio: NDArray[np.float64], decibels: Sequence[float]) -> None:
+def _draw_snr(
+    axes: Axes, native: NDArray[np.float64], native_db: Sequence[float], luminance: NDArray[np.float64]
+) -> None:
     from matplotlib.ticker import LogLocator
 
-    stages = np.arange(ratio.size)
-    finite = np.isfinite(ratio) & (ratio > 0)
-    endless = np.isposinf(ratio)
-    low, high = (float(ratio[finite].min()), float(ratio[finite].max())) if finite.any() else (1.0, 1.0)
+    both = np.concatenate((native, luminance))
+    finite = both[np.isfinite(both) & (both > 0)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (1.0, 1.0)
     top = high * max((high / low) ** 0.25, 1.5)
-    axes.plot(stages[finite], ratio[finite], "o-", color=BLUE, linewidth=1.5, markersize=5)
-    axes.plot(stages[endless], np.full(endless.sum(), top), "^", color=VERMILLION, markersize=7)
     axes.set_yscale("log")
+    # The luminance on top, in smaller marks, so that both show where they are equal.
+    _draw_ratio(axes, native, top, ("o-", BLUE, 7), "of the values")
+    _draw_ratio(axes, luminance, top, ("s--", GREEN, 4), "of the luminance in cd/m²")
     axes.set_ylim(low / max((high / low) ** 0.15, 1.3), top * max((high / low) ** 0.15, 1.3))
     plain_numbers(axes.yaxis)
-    if finite.any():
+    if finite.size:
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     else:
         axes.set_yticks([])
-    for stage in stages[finite | endless]:
-        text = f"{decibels[stage]:.1f} dB" if finite[stage] else "∞"
-        _write_above(axes, stage, ratio[stage] if finite[stage] else top, text)
+    for stage in np.flatnonzero(native > 0).tolist():
+        text = f"{native_db[stage]:.1f} dB" if np.isfinite(native[stage]) else "∞"
+        _write_above(axes, stage, min(float(native[stage]), top), text)
+    axes.legend(fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     label(axes, "", "SNR (mean/std)", "SNR after each stage")
+
+
+def _draw_ratio(axes: Axes, ratio: NDArray[np.float64], top: float, style: tuple[str, str, float], text: str) -> None:
+    """Draw an SNR from stage to stage; `style` is form, colour and size of the marks."""
+    form, colour, size = style
+    stages, finite = np.arange(ratio.size), np.isfinite(ratio) & (ratio > 0)
+    endless = np.isposinf(ratio)
+    axes.plot(stages[finite], ratio[finite], form, color=colour, linewidth=1.5, markersize=size, label=text)
+    axes.plot(stages[endless], np.full(endless.sum(), top), "^", color=colour, markersize=size)
 
 
 def _write_above(axes: Axes, x: float, y: float, text: str) -> None:

@@ -18,6 +18,12 @@ from .digits import printable
 _WIDEST_COLUMN = 60
 _WIDEST_HEAD = 16
 
+#: Width of the first column of a sheet of probabilities, whose head tells of both axes.
+_CORNER_WIDTH = 30
+
+#: Colours of a probability of 0, 0.5 and 1, light enough for black numbers, and told apart by colour-blind readers.
+_SCALE = ("F5B895", "FFFFFF", "8FC3E8")
+
 #: Height of a line in points.
 _LINE_POINTS = 15.0
 
@@ -35,10 +41,13 @@ class Number:
         What the cell holds; the cell stays empty if it is not finite.
     n_decimals : int
         How many are shown.
+    percent : bool
+        Whether the cell shows a fraction in percent.
     """
 
     value: float
     n_decimals: int
+    percent: bool = False
 
 
 Cell: TypeAlias = str | Number | None
@@ -52,15 +61,18 @@ class Sheet:
     ----------
     title : str
         Its name.
-    header : sequence of str
+    header : sequence of (str or Number)
         Heads of the columns, with units.
     rows : sequence of sequence of (str, Number or None)
         Cells; None stays empty.
+    matrix : bool
+        Whether the first column holds heads, too, and all others probabilities, which get colours.
     """
 
     title: str
-    header: Sequence[str]
+    header: Sequence[str | Number]
     rows: Sequence[Sequence[Cell]]
+    matrix: bool = False
 
 
 def workbook(sheets: Sequence[Sheet], title: str, time: datetime) -> bytes:
@@ -102,7 +114,8 @@ def _fill(page: Any, sheet: Sheet) -> None:
     widths = []
     for column, head in enumerate(sheet.header):
         widest = max([_width(row[column]) for row in sheet.rows], default=0)
-        widths.append(min(max(widest, min(len(head), _WIDEST_HEAD)), _WIDEST_COLUMN))
+        widest_head = _CORNER_WIDTH if sheet.matrix and not column else _WIDEST_HEAD
+        widths.append(min(max(widest, min(_width(head), widest_head)), _WIDEST_COLUMN))
         page.column_dimensions[get_column_letter(column + 1)].width = widths[-1] + 3
         _write_head(page.cell(1, column + 1), head, any(isinstance(row[column], Number) for row in sheet.rows))
     _set_height(page, 1, sheet.header, widths)
@@ -110,14 +123,28 @@ def _fill(page: Any, sheet: Sheet) -> None:
         for column, content in enumerate(cells, start=1):
             _write(page.cell(row, column), content)
         _set_height(page, row, cells, widths)
-    page.freeze_panes = "A2"
+    page.freeze_panes = "B2" if sheet.matrix else "A2"
+    if sheet.matrix:
+        _colour(page)
     page.print_title_rows = "1:1"
     page.page_setup.orientation = "landscape"
     page.page_setup.fitToHeight = 0
     page.sheet_properties.pageSetUpPr.fitToPage = True
 
 
-def _write_head(cell: Any, head: str, numeric: bool) -> None:
+def _colour(page: Any) -> None:
+    """Colour all cells but the heads by their value, from 0 to 1."""
+    from openpyxl.formatting.rule import ColorScaleRule
+    from openpyxl.utils import get_column_letter
+
+    stops: dict[str, Any] = {}
+    for stop, value, colour in zip(("start", "mid", "end"), (0, 0.5, 1), _SCALE, strict=True):
+        stops |= {f"{stop}_type": "num", f"{stop}_value": value, f"{stop}_color": colour}
+    last = f"{get_column_letter(page.max_column)}{page.max_row}"
+    page.conditional_formatting.add(f"B2:{last}", ColorScaleRule(**stops))
+
+
+def _write_head(cell: Any, head: str | Number, numeric: bool) -> None:
     _write(cell, head)
     font = copy(cell.font)
     font.bold = True
@@ -135,7 +162,8 @@ def _write(cell: Any, content: Cell) -> None:
     if isinstance(content, Number):
         if isfinite(content.value):
             cell.value = float(content.value)
-            cell.number_format = "0" if content.n_decimals <= 0 else f"0.{'0' * content.n_decimals}"
+            shown = "0" if content.n_decimals <= 0 else f"0.{'0' * content.n_decimals}"
+            cell.number_format = f"{shown}%" if content.percent else shown
             cell.alignment = Alignment(vertical="top")
     elif content is not None:
         cell.value = printable(content)
@@ -149,7 +177,8 @@ def _write(cell: Any, content: Cell) -> None:
 
 def _width(content: Cell) -> int:
     if isinstance(content, Number):
-        return len(f"{content.value:.{max(content.n_decimals, 0)}f}")
+        kind = "%" if content.percent else "f"
+        return len(f"{content.value:.{max(content.n_decimals, 0)}{kind}}")
     return len(content or "")
 
 

@@ -135,6 +135,12 @@ def test_values_that_are_no_luminance_are_refused(tmp_path: Path, name: str, ima
         scene.luminance_map()
 
 
+def test_factor_that_makes_the_luminance_infinite_is_refused(tmp_path: Path) -> None:
+    scene = ImageScene(saved(tmp_path / "a.npy", with_value(1e300)), cd_m2_per_value=1e300)
+    with pytest.raises(InputError, match=r"a scene has luminance from 0 to inf cd/m\^2"):
+        scene.luminance_map()
+
+
 @pytest.mark.parametrize("name", ["a.npy", "a.tif"])
 def test_colour_image_is_refused(tmp_path: Path, name: str) -> None:
     scene = ImageScene(saved(tmp_path / name, np.ones((5, 6, 3), np.uint8)))

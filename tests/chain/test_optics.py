@@ -64,8 +64,8 @@ def test_invert_returns_the_luminance(
     [
         ({"f_number": 0.4}, r"f_number is 0.4: give a number from 0.5 to 128$"),
         ({"transmittance": 1.2}, r"transmittance is 1.2: give a number above 0 to 1 \(a fraction\)"),
-        ({"focal_length_m": 0.0}, r"focal_length_m is 0.0: give a number above 0 m"),
-        ({"magnification": -1.0}, r"magnification is -1.0: give a number of at least 0 \(image over object\)"),
+        ({"focal_length_m": 0.0}, r"focal_length_m is 0.0: give a number from 0.0001 to 100 m"),
+        ({"magnification": -1.0}, r"magnification is -1.0: give a number from 0 to 1000 \(image over object\)"),
     ],
 )
 def test_value_out_of_range_is_refused(optics: Optics, change: dict[str, float], message: str) -> None:

@@ -99,3 +99,9 @@ def test_an_error_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("[scene]\ntype = 'flat'\n", encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"a\.toml: scene\.width is missing: add it to the table \[scene\]$"):
         load(tmp_path / "a.toml")
+
+
+def test_paths_in_a_file_are_relative_to_its_folder(tmp_path: Path) -> None:
+    np.save(tmp_path / "scene.npy", np.full((2, 3), 4.0))
+    (tmp_path / "a.toml").write_text("[scene]\ntype = 'image'\npath = 'scene.npy'\n", encoding="utf-8")
+    assert load(tmp_path / "a.toml").scene.shape == (2, 3)

@@ -155,6 +155,12 @@ def test_checkerboard_is_dark_upper_left_and_ends_within_a_square() -> None:
     assert scene.pairs() == (("dark", "bright"),)
 
 
+def test_a_checkerboard_in_darkness_has_no_contrast_to_find() -> None:
+    scene = Checkerboard(width=5, height=3, luminance_cd_m2=0.0, contrast=0.5)
+    assert not scene.luminance_map().any()
+    assert scene.pairs() == ()
+
+
 def test_checkerboard_of_the_thesis_has_one_dark_pixel_for_each_bright_one() -> None:
     image = Checkerboard(301, 420, 10.0, 1.0).luminance_map()
     assert image.size == 126_420
@@ -205,14 +211,17 @@ _CHART: dict[str, Any] = {"width": 4, "height": 4, "luminances_cd_m2": [1.0]}
 @pytest.mark.parametrize(
     ("scene", "values", "message"),
     [
-        (Flat, (0, 3, 1.0), r"^width is 0: give a number of at least 1 pixels"),
+        (Flat, (0, 3, 1.0), r"^width is 0: give a number from 1 to 20000 pixels"),
+        (Flat, (True, 3, 1.0), r"^width is True: give a whole number of pixels"),
+        (Flat, (3, 20_001, 1.0), r"^height is 20001: give a number from 1 to 20000 pixels"),
+        (Flat, (3, 3, 10**400), r"^luminance_cd_m2 is a very large whole number: give a number from 0 to 1e\+12"),
         (Flat, (3, 2.0, 1.0), r"^height is 2.0: give a whole number of pixels"),
         (Flat, (3, 3, -1.0), r"^luminance_cd_m2 is -1.0: give a number from 0 to 1e\+12 cd/m\^2"),
         (Flat, (3, 3, np.nan), r"^luminance_cd_m2 is nan: give a number from 0 to 1e\+12 cd/m\^2"),
         (Flat, (3, 3, np.inf), r"^luminance_cd_m2 is inf"),
         (Flat, (3, 3, 1e13), r"^luminance_cd_m2 is 10000000000000.0: give a number from 0 to 1e\+12"),
         (Flat, (3, 3, "1"), r"^luminance_cd_m2 is '1'"),
-        (Checkerboard, _CHECKERBOARD | {"contrast": 0}, r"^contrast is 0: give a number above 0 \(a fraction; 1.0 is"),
+        (Checkerboard, _CHECKERBOARD | {"contrast": 0}, r"^contrast is 0: give a number above 0 to 1e\+06 \(a frac"),
         (Checkerboard, _CHECKERBOARD | {"contrast": -0.5}, r"^contrast is -0.5: give a number above 0"),
         (Checkerboard, _CHECKERBOARD | {"luminance_cd_m2": np.nan}, r"^luminance_cd_m2 is nan"),
         (Checkerboard, _CHECKERBOARD | {"square_px": 0}, r"^square_px is 0: give a number of at least 1 pixels"),
@@ -223,8 +232,8 @@ _CHART: dict[str, Any] = {"width": 4, "height": 4, "luminances_cd_m2": [1.0]}
         ),
         (
             Checkerboard,
-            _CHECKERBOARD | {"contrast": 1e20},
-            r"^contrast is 1e\+20: the bright squares would have 1e\+20 cd/m\^2, give at most 1e\+12",
+            _CHECKERBOARD | {"luminance_cd_m2": 1e9, "contrast": 1e5},
+            r"^contrast is 100000.0: the bright squares would have 1.00001e\+14 cd/m\^2, give at most 1e\+12",
         ),
         (StepChart, _CHART | {"luminances_cd_m2": []}, r"^luminances_cd_m2 is \[\]: give a list of 1 to 4 luminances"),
         (

@@ -187,7 +187,8 @@ def test_missing_settings_are_refused(sensor: Sensor) -> None:
         ({"dark_current_e_s": -1}, r"^dark_current_e_s is -1: give a number from 0 to 1e\+09 e-/s"),
         ({"row_pattern_e_s": np.nan}, r"^row_pattern_e_s is nan: give a number from 0 to 1e\+09 e-/s"),
         ({"doubling_temperature_c": 0}, r"^doubling_temperature_c is 0: give a number from 1 to 100 K"),
-        ({"width": 0}, r"^width is 0: give a number of at least 1 pixels"),
+        ({"width": 0}, r"^width is 0: give a number from 1 to 20000 pixels"),
+        ({"k_dn_per_e": 1e-7}, r"^k_dn_per_e is 1e-07: give a number from 1e-06 to 1e\+06 DN/e-"),
         ({"full_well_e": 0}, r"^full_well_e is 0: give a number above 0 to 1e\+07 e-"),
     ],
 )

@@ -147,7 +147,7 @@ def test_an_interrupted_acquisition_goes_on(labcdp, labcdp_path, tmp_path):
         acquisition.send_signal(signal.SIGINT)
         said = acquisition.stderr.read()
     assert acquisition.returncode == 130
-    assert "labcdp: stopped; what was recorded is safe, and acquire goes on with it" in said
+    assert "labcdp: stopped; what was recorded is safe, and the same command goes on with it" in said
     with Session.open(tmp_path / "own") as session:
         session.verify()
         recorded = len(session.frames())

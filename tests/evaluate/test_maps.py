@@ -14,7 +14,8 @@ from labcdp.errors import InputError
 from labcdp.evaluate.map_axes import map_axis, map_layout
 from labcdp.evaluate.map_dips import find_dips
 from labcdp.evaluate.map_isolines import isolines
-from labcdp.evaluate.map_ranges import usable_ranges, widest_range
+from labcdp.evaluate.map_ranges import UsableInterval, usable_ranges, widest_range
+from labcdp.evaluate.map_snr import known_values
 from labcdp.evaluate.maps import analyse_map
 from labcdp.json_text import results_json
 
@@ -123,10 +124,10 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
 
 
 def test_usable_range_is_split_by_a_dip_and_open_beside_a_missing_value() -> None:
-    cdp = [0.5, 1.0, 1.0, 0.8, 1.0, np.nan, 1.0]
+    cdp = [0.85, 1.0, 1.0, 0.8, 1.0, np.nan, 1.0]
     (one,) = usable_ranges(curve(np.arange(1.0, 8.0), cdp=cdp), LUMINANCE, 0.9)
     ends = [(i.low, i.high, i.low_open, i.high_open) for i in one.intervals]
-    expected = [(1.8, 3.5, False, False), (4.5, 5.0, False, True), (7.0, 7.0, True, True)]
+    expected = [(4 / 3, 3.5, False, False), (4.5, 5.0, False, True), (7.0, 7.0, True, True)]
     assert [end[2:] for end in ends] == [end[2:] for end in expected]
     np.testing.assert_allclose([end[:2] for end in ends], [end[:2] for end in expected], rtol=1e-12)
     assert one.widest == one.intervals[0]
@@ -139,9 +140,85 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
     inside = [any(i.low <= place <= i.high for i in one.intervals) for place in luminance]
     assert inside == [value >= level for value in cdp]
     for interval in one.intervals:
-        for end, is_open in ((interval.low, interval.low_open), (interval.high, interval.high_open)):
+        for end, is_open, resolved, bracket in (
+            (interval.low, interval.low_open, interval.low_resolved, interval.low_bracket),
+            (interval.high, interval.high_open, interval.high_resolved, interval.high_bracket),
+        ):
             if not is_open:
-                assert np.interp(end, luminance, cdp) == pytest.approx(level, abs=1e-9)
+                low, high = np.interp(bracket, luminance, cdp)
+                assert min(low, high) < level <= max(low, high)
+                assert resolved == (abs(high - low) <= 0.2)
+                assert bracket[0] <= end <= bracket[1]
+                found = level if resolved else max(low, high)
+                assert np.interp(end, luminance, cdp) == pytest.approx(found, abs=1e-9)
+
+
+def usable_of_a_step(n_points: int, start: float, stop: float, **attributes: str) -> UsableInterval:
+    """Usable interval of a CDP that is 1 between two luminances and 0 elsewhere, on a grid from 0.1 to 1000."""
+    luminance = np.geomspace(0.1, 1e3, n_points)
+    (one,) = usable_ranges(curve(luminance, cdp=(luminance > start) & (luminance < stop), **attributes), LUMINANCE)
+    assert one.widest is not None
+    return one.widest
+
+
+@pytest.mark.parametrize("stop", [38.0, 99.0, 124.0, 700.0])
+def test_of_a_step_no_grid_claims_more_than_there_is(stop: float) -> None:
+    widths = []
+    for n_points in (9, 17, 33, 65, 129):  # each grid holds all points of the one before
+        found = usable_of_a_step(n_points, 0.5, stop)
+        assert 0.5 < found.low < found.high < stop
+        assert found.low_bracket[0] < 0.5 < found.low_bracket[1] == found.low
+        assert found.high == found.high_bracket[0] < stop < found.high_bracket[1]
+        assert not (found.low_resolved or found.high_resolved)
+        assert found.decades == pytest.approx(np.log10(found.high / found.low), rel=1e-12)
+        widths.append(found.decades)
+    assert widths == sorted(widths)
+    assert widths[-1] == pytest.approx(np.log10(stop / 0.5), abs=2 * 4 / 128)
+
+
+@given(st.integers(5, 60), st.floats(20, 900))
+def test_of_a_step_any_grid_keeps_within(n_points: int, stop: float) -> None:
+    found = usable_of_a_step(n_points, 0.05, stop)
+    assert found.high <= stop
+    assert found.high_open or found.high_bracket[0] <= stop <= found.high_bracket[1]
+
+
+def test_the_widest_range_counts_no_more_than_the_grid_shows() -> None:
+    # Interpolated, the first would reach to 3.2; the second reaches to 3.0 for certain.
+    cdp = np.array([[1.0, 1.0, 0.4, 0.4], [1.0, 1.0, 0.9, 0.8]])
+    dataset = xr.Dataset({"cdp": (("stage", LUMINANCE), cdp)}, coords={LUMINANCE: [1.0, 2.0, 3.0, 4.0]})
+    widest = widest_range(usable_ranges(dataset.assign_coords(stage=["a", "b"]), LUMINANCE))
+    assert widest is not None
+    assert widest.at == {"stage": "b"}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "values", "whole", "ratios"),
+    [
+        (LUMINANCE, "cd/m^2", [1.0, 2.0, 3.0], False, True),
+        (CONTRAST, "1", [0.01, 0.1, 1.0], False, True),
+        (CONTRAST, "1", [1.0, 2.0, 3.0], False, False),
+        ("exposure.exposure_s", "s", [0.001, 0.01, 0.1], False, True),
+        ("sensor.bits", "1", [8.0, 10.0, 12.0], True, False),
+        ("optics.f_number", "1", [1.4, 2.0, 2.8, 4.0], False, False),
+        ("sensor.temperature_c", "degC", [10.0, 20.0, 40.0, 80.0], False, False),
+        ("isp.gain_db", "dB", [1.0, 10.0, 100.0], False, False),
+    ],
+)
+def test_what_lies_between_values_and_what_their_ratio_tells(
+    name: str, unit: str, values: list[float], whole: bool, ratios: bool
+) -> None:
+    dataset = xr.Dataset({"cdp": (name, np.zeros(len(values)))}, coords={name: values})
+    dataset[name].attrs["unit"] = unit
+    axis = map_axis(dataset, name)
+    assert (axis.is_whole, axis.of_ratios) == (whole, ratios)
+
+
+def test_whole_numbers_end_at_a_whole_number_and_have_no_decades() -> None:
+    dataset = xr.Dataset({"cdp": ("bits", [0.8, 0.88, 0.95, 0.97])}, coords={"bits": [8, 9, 10, 12]})
+    (interval,) = usable_ranges(dataset, "bits")[0].intervals
+    assert (interval.low, interval.low_bracket, interval.low_resolved) == (10.0, (9.0, 10.0), True)
+    assert np.isnan([interval.decades, interval.range_db]).all()
 
 
 def test_parameters_in_any_order_give_the_same_ranges() -> None:
@@ -232,6 +309,86 @@ def test_noise_makes_no_dip_and_hides_none(stated: bool) -> None:
             dips = find_dips(dataset, LUMINANCE, expected=[100.0])
             assert len(dips) == n_dips
             assert all(dip.expected == 100.0 for dip in dips)
+
+
+def measured_snr(luminance: NDArray[np.float64], n_pixels: int, seed: int) -> xr.Dataset:
+    """SNR of normal pixels with shot noise and read noise of 1.5, and its standard error, as a sweep gives them."""
+    rng = np.random.default_rng(seed)
+    spread = np.sqrt(luminance + 1.5**2)[:, None]
+    pixels = luminance[:, None] + spread * rng.normal(size=(luminance.size, n_pixels))
+    snr = pixels.mean(axis=1) / pixels.std(axis=1, ddof=1)
+    errors = np.sqrt((1 + snr**2 / 2) / n_pixels)
+    cdp = np.linspace(0.1, 1, luminance.size)
+    return curve(luminance, method="simulated", cdp=cdp, snr_dark=snr, snr_dark_standard_error=errors)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_noise_of_a_simulated_sweep_makes_no_dip(stated: bool) -> None:
+    luminance = np.geomspace(0.02, 2e3, 400)
+    for seed in range(60):
+        dataset = measured_snr(luminance, 512, seed)
+        if not stated:
+            dataset = dataset.drop_vars("snr_dark_standard_error")
+        assert find_dips(dataset, LUMINANCE) == ()
+
+
+def test_noise_of_a_flat_snr_makes_no_dip_in_a_map_of_many_sections() -> None:
+    luminance = np.geomspace(1, 1e3, 200)
+    rng = np.random.default_rng(0)
+    snr = 30 * (1 + rng.normal(size=(200, 200)) / np.sqrt(2 * 512))
+    dataset = xr.Dataset(
+        {"cdp": (("seed", LUMINANCE), np.ones_like(snr)), "snr_dark": (("seed", LUMINANCE), snr)},
+        coords={"seed": np.arange(200.0), LUMINANCE: luminance},
+        attrs={"method": "simulated"},
+    )
+    dataset["snr_dark_standard_error"] = dataset["snr_dark"] / np.sqrt(2 * 512)
+    assert find_dips(dataset, LUMINANCE, min_fall=0.001) == ()
+
+
+def test_pixels_that_are_not_independent_make_no_dip() -> None:
+    luminance = np.geomspace(0.1, 1e3, 300)
+    for seed in range(20):
+        dataset = measured_snr(luminance, 64, seed)
+        dataset["snr_dark_standard_error"] /= 4  # as if 1024 pixels were independent, of which 64 are
+        assert find_dips(dataset, LUMINANCE) == ()
+
+
+def test_noise_hides_no_deep_dip_of_a_simulated_sweep() -> None:
+    luminance = np.geomspace(0.1, 1e4, 400)
+    for seed in range(20):
+        dataset = measured_snr(luminance, 512, seed)
+        dataset["snr_dark"] = dataset["snr_dark"].where(luminance <= 100, dataset["snr_dark"] / 4)
+        (dip,) = find_dips(dataset, LUMINANCE)
+        assert 80 < dip.start < dip.position < 130
+
+
+def test_a_dip_within_another_is_told_once() -> None:
+    snr = [10.0, 20.0, 8.0, 12.0, 6.0, 15.0, 30.0, 20.0, 40.0]
+    dataset = curve(np.arange(1.0, 10.0), cdp=np.ones(9), snr_dark=snr)
+    outer, later = find_dips(dataset, LUMINANCE)
+    assert (outer.start, outer.position, outer.highest) == (2.0, 5.0, 20.0)
+    assert outer.recovery == pytest.approx(6 + 1 / 3)
+    assert (later.start, later.position) == (7.0, 8.0)
+
+
+def test_two_changes_of_exposure_are_two_dips_though_the_first_has_not_recovered() -> None:
+    snr = [10.0, 20.0, 8.0, 12.0, 6.0, 15.0, 30.0]
+    dataset = curve(np.arange(1.0, 8.0), cdp=np.ones(7), snr_dark=snr)
+    assert [dip.expected for dip in find_dips(dataset, LUMINANCE, expected=[2.5, 4.5])] == [2.5, 4.5]
+    (dip,) = find_dips(dataset, LUMINANCE, expected=[4.5])
+    assert (dip.start, dip.position, dip.expected) == (2.0, 5.0, 4.5)
+
+
+def test_snr_without_noise_is_no_number() -> None:
+    values = np.array([1.0, 1e6, 1.1e6, np.inf, np.nan, -np.inf])
+    np.testing.assert_array_equal(known_values("snr_dark", values), [1.0, 1e6, *[np.nan] * 4])
+    np.testing.assert_array_equal(known_values("below", values), values)
+
+
+def test_saturation_without_noise_makes_no_dip() -> None:
+    luminance = 2.0 ** np.arange(0, 12)
+    snr = np.where(np.arange(12) % 5 == 4, 1e42, np.sqrt(luminance))
+    assert find_dips(curve(luminance, cdp=np.ones(12), snr_dark=snr), LUMINANCE) == ()
 
 
 def test_analysis_is_json_and_names_what_it_looked_at() -> None:

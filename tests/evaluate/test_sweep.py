@@ -187,5 +187,5 @@ def test_unknown_stage(chain):
 def test_thesis_sensor_cannot_be_predicted():
     from labcdp.chain import load
 
-    with pytest.raises(InputError, match=r"thesis-2018 has 1 sensors, 0 of them EMVA 1288"):
+    with pytest.raises(InputError, match=r"sensor 'sensor' is no EMVA 1288 sensor, the only kind that can be"):
         run_sweep(Sweep(load("thesis-2018"), (CONTRAST,), exact=True))

@@ -43,7 +43,7 @@ def test_journal_cut_anywhere_loses_only_the_line_that_was_cut(recorded):
 
 def test_another_sweep_is_refused_and_left_alone(recorded):
     before = (recorded / FILE_NAME).read_bytes()
-    with pytest.raises(InputError, match=r"holds another sweep: give another folder, or remove .*sweep\.jsonl"):
+    with pytest.raises(InputError, match=r"holds another sweep \(another seed\): give another folder, or remove"):
         SweepJournal.open(recorded, SWEEP | {"seed": 1})
     assert (recorded / FILE_NAME).read_bytes() == before
 

@@ -28,7 +28,7 @@ from labcdp.report.map_parts import axes_of
 from labcdp.report.map_scales import cell_edges
 from labcdp.report.map_sheets import map_spreadsheet
 from labcdp.report.map_tables import map_values, usable_table
-from labcdp.report.map_wording import conditions, notes, plain
+from labcdp.report.map_wording import axis_label, conditions, notes, plain, value_text
 from labcdp.report.netcdf import load_netcdf, save_netcdf
 
 CHROMIUM = shutil.which("chromium")
@@ -127,6 +127,44 @@ def test_the_contrast_and_the_largest_standard_error_are_stated(dataset: xr.Data
     assert conditions(dataset) == "tolerance ε 0.5, method: simulated, largest standard error of CDP 0.012"
     exact = dataset.drop_vars("standard_error").assign_attrs(method="exact", contrast=0.07)
     assert conditions(exact) == "contrast 7 %, tolerance ε 0.5, method: exact"
+
+
+@pytest.mark.parametrize("values", [[0.01, 0.5, 1.0], [0.0, 0.5, 2.0], [0.0], [0.3]])
+def test_no_cell_reaches_below_a_contrast_of_0(values: list[float]) -> None:
+    edges = cell_edges(map_axis(xr.Dataset({"cdp": (CONTRAST, values)}, coords={CONTRAST: values}), CONTRAST))
+    assert edges[0] >= 0
+    assert (np.diff(edges) > 0).all()
+
+
+def test_cells_of_temperatures_reach_below_0() -> None:
+    values = [0.0, 20.0, 40.0]
+    dataset = xr.Dataset({"cdp": ("temperature_c", values)}, coords={"temperature_c": values})
+    dataset["temperature_c"].attrs["unit"] = "degC"
+    axis = map_axis(dataset, "temperature_c")
+    assert cell_edges(axis).tolist() == [-10.0, 10.0, 30.0, 50.0]
+    assert (axis_label(axis), value_text(axis, 20.0)) == ("temperature c in °C", "20 °C")
+
+
+def range_of(name: str, unit: str, values: list[float], cdp: list[float]) -> str:
+    dataset = xr.Dataset({"cdp": (name, cdp)}, coords={name: values})
+    dataset[name].attrs["unit"] = unit
+    return notes(analyse_map(dataset), axes_of(dataset))[0].partition(": ")[2]
+
+
+def test_an_end_that_the_grid_does_not_resolve_is_told_as_a_bracket() -> None:
+    light = [0.1, 1.0, 10.0, 100.0, 1000.0]
+    least = "at least 2.00 decades, 40.0 dB"
+    assert range_of(LUMINANCE, "cd/m^2", light, [0.0, 1, 1, 1, 0]) == (
+        f"from between 0.1 and 1 to between 100 and 1000 cd/m² ({least})"
+    )
+    assert range_of(LUMINANCE, "cd/m^2", light, [0.85, 0.95, 1, 1, 0]) == (
+        "0.316 to between 100 and 1000 cd/m² (at least 2.50 decades, 50.0 dB)"
+    )
+
+
+def test_temperatures_and_bits_have_ends_alone() -> None:
+    assert range_of("t", "degC", [0.0, 20.0, 40.0], [1.0, 0.95, 0.85]) == "≤ 0 to 30 °C"
+    assert range_of("bits", "1", [8.0, 10.0, 12.0], [0.85, 0.93, 0.99]) == "10 to ≥ 12"
 
 
 def test_notes_tell_the_range_and_the_dip(dataset: xr.Dataset) -> None:
@@ -236,6 +274,38 @@ def test_browser_draws_isolines_and_hostile_names(staged: xr.Dataset, tmp_path: 
     assert "<b>bold" not in drawn
 
 
+def traces(dataset: xr.Dataset) -> list[dict[str, object]]:
+    """Traces of the page's drawing."""
+    call = page(dataset).rpartition("Plotly.newPlot(")[2]
+    found: list[dict[str, object]] = json.JSONDecoder().raw_decode(call[call.index("[") :])[0]
+    return found
+
+
+def test_entries_of_the_legend_of_a_page_look_different(dataset: xr.Dataset) -> None:
+    dataset = dataset.assign(snr_bright=dataset["snr_dark"] * 1.2, csnr=dataset["snr_dark"] / 2)
+    legend = [trace for trace in traces(one_contrast(dataset)) if trace.get("showlegend") is not False]
+    assert [trace["name"] for trace in legend] == [
+        "usable range",
+        "95 % band",
+        "CDP",
+        "SNR, dark region",
+        "dip",
+        "SNR, bright region",
+        "CSNR",
+        "CDP 0.9",
+    ]
+    curves = [trace["line"]["color"] for trace in legend if trace.get("hovertemplate")]  # type: ignore[index]
+    assert len(set(curves)) == 4
+
+
+def test_snr_of_saturated_pixels_is_not_drawn(dataset: xr.Dataset) -> None:
+    clipped = dataset.assign(snr_dark=dataset["snr_dark"].where(dataset[LUMINANCE] < 3000, 1e42))
+    assert "1e+42" not in page(clipped)
+    missing = dataset.assign(snr_dark=dataset["snr_dark"].where(dataset[LUMINANCE] < 3000))
+    assert page(clipped) == page(missing)
+    np.testing.assert_array_equal(picture(one_contrast(clipped)), picture(one_contrast(missing)))
+
+
 def test_sheets_hold_each_cell_as_numbers(staged: xr.Dataset) -> None:
     found = book(staged)
     assert found.sheetnames == ["Map", "CDP 1", "CDP 2", "Usable ranges", "Dips", "Provenance"]
@@ -263,8 +333,14 @@ def test_matrix_has_its_axes_as_numbers_and_a_colour_scale(dataset: xr.Dataset) 
 def test_sheets_of_ranges_and_dips_are_the_analysis(dataset: xr.Dataset) -> None:
     found, analysis = book(dataset), analyse_map(dataset)
     ranges = list(found["Usable ranges"].iter_rows(min_row=2, values_only=True))
-    expected = [(one.at[CONTRAST], i.low, i.high) for one in analysis.usable_ranges for i in one.intervals]
-    assert [(row[0], row[2], row[3]) for row in ranges if row[2]] == [pytest.approx(e, rel=1e-14) for e in expected]
+    expected = [
+        (one.at[CONTRAST], i.low, i.high, *i.low_bracket, *i.high_bracket)
+        for one in analysis.usable_ranges
+        for i in one.intervals
+    ]
+    assert [(row[0], row[2], row[3], *row[8:]) for row in ranges if row[2]] == [
+        pytest.approx(e, rel=1e-14) for e in expected
+    ]
     dips = list(found["Dips"].iter_rows(min_row=2, values_only=True))
     assert [row[1] for row in dips] == [dip.variable for dip in analysis.dips]
     assert [row[3] for row in dips] == pytest.approx([dip.position for dip in analysis.dips], rel=1e-14)

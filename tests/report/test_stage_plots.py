@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from labcdp.contrast import Distribution, cdp, contrast_distribution
 from labcdp.errors import InputError
-from labcdp.report.plots import contrasts_figure
+from labcdp.report.plots import _drawn_contrasts, contrasts_figure
 from labcdp.report.stage_plots import _bars, _moments, chain_figure, stage_figure
 
-VERMILLION, BLUE, GREY = (213, 94, 0), (0, 114, 178), (153, 153, 153)
+VERMILLION, BLUE, GREEN, GREY = (213, 94, 0), (0, 114, 178), (0, 158, 115), (153, 153, 153)
 
 
 def area(png: bytes, colour: tuple[int, int, int]) -> int:
@@ -91,26 +91,67 @@ def test_a_simulated_chain_is_called_so() -> None:
 
 def test_chain_figure_draws_what_is_known() -> None:
     stages, unknown = ["scene", "sensor", "isp <b>$"], [(nan, nan)] * 3
-    full = chain_figure(stages, [0.9, 0.8, 0.7], [(0.88, 0.92)] * 3, [30.0, 20.0, 10.0], [29.5, 26.0, 20.0], False)
-    none = chain_figure(stages, [nan] * 3, unknown, [nan] * 3, [nan] * 3, False)
-    endless = chain_figure(stages, [1.0, 0.8, nan], unknown, [inf, 20.0, nan], [inf, 26.0, nan], False)
-    assert area(full, BLUE) > area(endless, BLUE) > area(none, BLUE) == 0
-    assert area(endless, VERMILLION) > area(full, VERMILLION) == 0
+    known, decibels = [30.0, 20.0, 10.0], [29.5, 26.0, 20.0]
+    full = chain_figure(stages, [0.9, 0.8, 0.7], [(0.88, 0.92)] * 3, known, decibels, [20.0, 15.0, 8.0], False)
+    none = chain_figure(stages, [nan] * 3, unknown, [nan] * 3, [nan] * 3, [nan] * 3, False)
+    native = chain_figure(stages, [nan] * 3, unknown, known, decibels, [nan] * 3, False)
+    assert area(full, BLUE) > area(native, BLUE) > area(none, BLUE) + 200
+    # Of what is not drawn, there are the lines of the legend.
+    assert area(full, GREEN) > area(native, GREEN) + 200 == area(none, GREEN) + 200
+    assert area(full, VERMILLION) == 0
+
+
+def test_chain_figure_draws_an_snr_without_noise_as_infinite() -> None:
+    stages, unknown = ["scene", "sensor"], [(nan, nan)] * 2
+    two = [
+        chain_figure(stages, [1.0, 0.8], unknown, [endless, 20.0], [endless, 13.0], [endless, 10.0])
+        for endless in (inf, 3e13)
+    ]
+    assert two[0] == two[1]
 
 
 @pytest.mark.parametrize("ratio", [[inf, inf], [0.0, -1.0], [5.0, 5.0]])
 def test_chain_figure_survives_any_snr(ratio: list[float]) -> None:
-    assert chain_figure(["a", "b"], [0.5, 0.5], [(0.6, 0.7), (0.4, nan)], ratio, ratio)
+    assert chain_figure(["a", "b"], [0.5, 0.5], [(0.6, 0.7), (0.4, nan)], ratio, ratio, ratio)
 
 
 def test_chain_figure_refuses_lists_that_do_not_fit() -> None:
-    with pytest.raises(InputError, match=r"lists have lengths \[2, 1, 1, 1, 1\]: give one value of each"):
-        chain_figure(["a", "b"], [0.5], [(0.4, 0.6)], [1.0], [0.0])
-    with pytest.raises(InputError, match=r"lists have lengths \[0, 0, 0, 0, 0\]"):
-        chain_figure([], [], [], [], [])
+    with pytest.raises(InputError, match=r"lists have lengths \[2, 1, 1, 1, 1, 1\]: give one value of each"):
+        chain_figure(["a", "b"], [0.5], [(0.4, 0.6)], [1.0], [0.0], [1.0])
+    with pytest.raises(InputError, match=r"lists have lengths \[0, 0, 0, 0, 0, 0\]"):
+        chain_figure([], [], [], [], [], [])
 
 
 def test_contrasts_figure_of_exact_weights_has_no_interval() -> None:
     a, b = Distribution([100.0, 110.0], [0.5, 0.5]), Distribution([120.0, 130.0], [0.5, 0.5])
     drawn = contrasts_figure(contrast_distribution(a, b, np.linspace(-0.2, 0.6, 50)), cdp(a, b, 0.2), "exact $")
     assert area(drawn, BLUE) > 300
+
+
+def test_contrasts_figure_says_what_is_simulated() -> None:
+    a, b = Distribution([100.0, 110.0], [0.5, 0.5]), Distribution([120.0, 130.0], [0.5, 0.5])
+    contrasts, result = contrast_distribution(a, b, np.linspace(-0.2, 0.6, 50)), cdp(a, b, 0.2)
+    neither, bench, chain = (contrasts_figure(contrasts, result, "pair", what) for what in ("", "bench", "chain"))
+    assert area(neither, VERMILLION) == 0
+    assert 0 < area(chain, VERMILLION) != area(bench, VERMILLION) > 0
+
+
+def test_contrasts_are_drawn_as_far_as_interval_and_bulk_can_be_read() -> None:
+    rng = np.random.default_rng(0)
+    dark, bright = np.abs(rng.normal(3.0, 2.0, 2000)) + 0.01, rng.normal(6.0, 2.0, 2000)
+    result, edges = cdp(dark, bright, 1.0), np.linspace(-1, 420, 2000)
+    start, stop, beyond = _drawn_contrasts(contrast_distribution(dark, bright, edges), result)
+    contrasts = np.divide.outer(bright, dark) - 1
+    assert start == -1.0
+    assert result.interval[1] < stop < 5 * result.interval[1]
+    assert beyond == pytest.approx((contrasts > stop).mean(), abs=1e-9)
+    assert 0.005 < beyond <= 0.1
+
+
+def test_contrasts_beside_the_interval_are_drawn_with_it() -> None:
+    a, b = Distribution([100.0], [1.0]), Distribution([101.0], [1.0])
+    result = cdp(a, b, 1.0)
+    start, stop, beyond = _drawn_contrasts(contrast_distribution(a, b, [0.0, 0.01, 0.02]), result)
+    assert start == 0.0
+    assert stop > result.interval[1]
+    assert beyond == 0.0

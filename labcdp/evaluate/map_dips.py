@@ -9,27 +9,16 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
-from .map_axes import At, MapAxis, map_axis, sections
-from .map_snr import known_values
+from .map_axes import At, map_axis, sections
+from .map_curve import Curve
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 #: Chance that noise alone makes a fall anywhere in a map; a dip needs a rise, too, so that its chance is less.
 _FALSE_ALARM = 0.01
-
-#: Share of saturated pixels from which the bright region counts as saturated.
-_SATURATED_SHARE = 0.01
-
-#: Points of a curve from which on its roughness is known so well, and moved so little by dips, that it is trusted more
-#: than a smaller standard error, which takes all pixels of a region as independent; and from which on there is any.
-_MANY_POINTS, _FEW_POINTS = 20, 5
-
-#: Median absolute deviation of a normal distribution, in standard deviations.
-_MAD_OF_NORMAL = 0.6744897501960817
 
 
 @dataclass(frozen=True)
@@ -104,10 +93,10 @@ def find_dips(
 
     Notes
     -----
-    A fall and the rise after it must exceed `min_fall` by so many standard errors of the difference that noise alone
-    makes such a fall in one of 100 maps of this size (Bonferroni's bound over all pairs of points of each section; 5.2
-    for 400 points). What follows the luminance from which on the bright region is saturated (more than 1 % of its
-    pixels, if the map tells) is left out, as are SNR above 1e6, and a last fall without a rise, unless an expected
+    A fall and the rise after it must be at least `min_fall`, and so many standard errors of the difference that noise
+    alone makes such a fall in at most one of 100 maps of this size (Bonferroni's bound over all pairs of points of each
+    section; 5.2 for 400 points). Left out are SNR above 1e6, what follows the luminance from which on the bright region
+    is saturated (more than 1 % of its pixels, if the map tells), and a last fall without a rise, unless an expected
     change of exposure explains it. A fall before the variable has recovered from the one before belongs to the same
     dip, unless each of them is an expected change of exposure. An expected luminance belongs to the dip whose fall it
     lies in, give or take a grid step; each explains one dip.
@@ -124,69 +113,11 @@ def find_dips(
     return tuple(
         dip
         for at, section in sections(dataset, (axis,))
-        for dip in _dips_of(_Curve.of(section, along, variable, margin), at, variable, min_fall, sorted(expected))
+        for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, min_fall, sorted(expected))
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """The points of a section that count: places on the axis, values, what noise may add or take, CDP; shape (n,)."""
-
-    axis: MapAxis
-    places: NDArray[np.float64]
-    values: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    cdp: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, section: Dataset, axis: MapAxis, variable: str, margin: float) -> _Curve:
-        values = known_values(variable, section[variable].values)
-        counts = np.isfinite(values) & (values >= 0)
-        if "saturated_share" in section:
-            unsaturated = np.flatnonzero(~(section["saturated_share"].values > _SATURATED_SHARE))
-            counts[unsaturated[-1] + 1 if unsaturated.size else 0 :] = False
-        noise = margin * _standard_errors(section, variable, values, counts)
-        return cls(axis, axis.values[counts], values[counts], noise, section["cdp"].values[counts])
-
-    def lies_below(self, low: int, high: int, min_fall: float) -> bool:
-        """Whether one point lies below another by more than noise explains."""
-        noise = float(np.hypot(self.noise[low], self.noise[high]))
-        return bool(self.values[low] < (1 - min_fall) * self.values[high] - noise)
-
-
-def _standard_errors(
-    section: Dataset, variable: str, values: NDArray[np.float64], counts: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Find standard errors of the points that count: the map's, or by the roughness if that is more; 0 if exact."""
-    name = "standard_error" if variable == "cdp" else f"{variable}_standard_error"
-    errors = np.zeros(counts.sum())
-    stated = False
-    if name in section:
-        errors = section[name].values[counts].astype(np.float64)
-        stated = bool(np.isfinite(errors).any())
-        # What the map does not tell of a few points is taken as bad as the worst.
-        errors = np.where(np.isfinite(errors), errors, errors[np.isfinite(errors)].max() if stated else 0.0)
-    if section.attrs.get("method") == "simulated" and errors.size >= (_MANY_POINTS if stated else _FEW_POINTS):
-        errors = np.maximum(errors, _roughness(values[counts]))
-    return errors
-
-
-def _roughness(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Estimate standard errors of values around a smooth curve, by second differences, which few jumps do not move.
-
-    The variance of mean over standard deviation of n normal values is (1 + SNR^2 / 2) / n (to first order in 1 / n);
-    n is what the second differences of the logarithms, of 1, 4 and 1 times the variances of their points, tell.
-    """
-    unit = np.sqrt(1 + values**2 / 2)
-    above = values > 0
-    if above.sum() < _FEW_POINTS:
-        return np.zeros_like(values)
-    relative = (unit[above] / values[above]) ** 2
-    bends = np.diff(np.log(values[above]), n=2) / np.sqrt(relative[:-2] + 4 * relative[1:-1] + relative[2:])
-    return float(np.median(np.abs(bends - np.median(bends)))) / _MAD_OF_NORMAL * unit
-
-
-def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: list[float]) -> list[SnrDip]:
+def _dips_of(curve: Curve, at: At, variable: str, min_fall: float, expected: list[float]) -> list[SnrDip]:
     falls, last_fall_ends = _falls(curve, min_fall)
     explained = _explained(curve, falls, expected)
     if falls and not last_fall_ends and len(falls) - 1 not in explained:
@@ -218,14 +149,14 @@ def _dips_of(curve: _Curve, at: At, variable: str, min_fall: float, expected: li
     return dips
 
 
-def _falls(curve: _Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]:
+def _falls(curve: Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]:
     """Find indices of peak and trough of each fall, and whether the last one is followed by a rise."""
     falls: list[tuple[int, int]] = []
     peak = trough = 0
     falling = False
     for i in range(1, curve.values.size):
         if falling:
-            if curve.values[i] <= curve.values[trough]:
+            if curve.values[i] < curve.values[trough]:
                 trough = i
             elif curve.lies_below(trough, i, min_fall):
                 falls.append((peak, trough))
@@ -239,13 +170,14 @@ def _falls(curve: _Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]
     return falls, not falling
 
 
-def _explained(curve: _Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
+def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
     """Which fall belongs to which expected luminance; the nearest pairs first, each once."""
     scaled = curve.axis.scaled
     pairs = []
     for number, (peak, trough) in enumerate(falls):
-        low, high = curve.places[max(peak - 1, 0)], curve.places[min(trough + 1, curve.places.size - 1)]
-        middle = scaled(curve.places[[peak, trough]]).mean()
+        edge = _last_edge(curve, peak, trough)
+        low, high = curve.places[max(edge - 1, 0)], curve.places[min(trough + 1, curve.places.size - 1)]
+        middle = scaled(curve.places[[edge, trough]]).mean()
         pairs += [
             (abs(float(scaled(np.array([value]))[0] - middle)), number, value)
             for value in expected
@@ -258,7 +190,18 @@ def _explained(curve: _Curve, falls: list[tuple[int, int]], expected: list[float
     return found
 
 
-def _joined(curve: _Curve, falls: list[tuple[int, int]], explained: dict[int, float]) -> list[tuple[int, int, float]]:
+def _last_edge(curve: Curve, peak: int, trough: int) -> int:
+    """Where the last fall before a trough begins: after the peak there may have been another, too shallow for a dip."""
+    edge = trough
+    for i in range(trough - 1, peak - 1, -1):
+        if curve.values[i] > curve.values[edge]:
+            edge = i
+        elif curve.lies_below(i, edge, 0.0):
+            break
+    return edge
+
+
+def _joined(curve: Curve, falls: list[tuple[int, int]], explained: dict[int, float]) -> list[tuple[int, int, float]]:
     """Peak, trough and expected luminance of each dip: falls that begin before the recovery from another are joined."""
     joined: list[tuple[int, int, float]] = []
     for number, (peak, trough) in enumerate(falls):
@@ -274,7 +217,7 @@ def _joined(curve: _Curve, falls: list[tuple[int, int]], explained: dict[int, fl
     return joined
 
 
-def _recovery(curve: _Curve, peak: int, trough: int) -> float:
+def _recovery(curve: Curve, peak: int, trough: int) -> float:
     """Where the curve is again as high as at the peak, between grid points; nan if nowhere."""
     goal = curve.values[peak]
     above = np.flatnonzero(curve.values[trough + 1 :] >= goal)

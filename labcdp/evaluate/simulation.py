@@ -21,6 +21,7 @@ from ..contrast import (
     cdp_neighbours,
     cnr,
     contrast_distribution,
+    contrast_quantile,
     csnr,
     d_prime,
     snr,
@@ -232,7 +233,7 @@ def evaluate_stage(
         wanted = own if contrast is None else contrast
         row = _pair(dark, bright, own, (wanted, epsilon), seen, pixels)
         if plot_contrasts and row.cdp is not None:
-            row = replace(row, contrasts=contrast_distribution(seen[bright], seen[dark], _CONTRAST_BINS))
+            row = replace(row, contrasts=_contrasts(row.cdp, seen[bright], seen[dark]))
         pairs.append(row)
     rows = [_region(region, true_means[region], signal, mask, seen[region]) for region, mask in masks.items()]
     return StageRow(
@@ -318,6 +319,15 @@ def _pair(
         d_prime(*regions),
         None,
     )
+
+
+def _contrasts(result: CdpResult, bright: Distribution, dark: Distribution) -> ContrastDistribution:
+    """Distribution of the contrasts, in bins fine enough for the interval even where a few contrasts are huge."""
+    low, high = (contrast_quantile(bright, dark, probability) for probability in (0.0005, 0.9995))
+    high = min(high, 10 * result.interval[1])
+    if not (isfinite(low) and isfinite(high) and low < high):
+        return contrast_distribution(bright, dark, _CONTRAST_BINS)
+    return contrast_distribution(bright, dark, np.linspace(low, high, _CONTRAST_BINS + 1))
 
 
 def _deviation(region: Distribution) -> float:

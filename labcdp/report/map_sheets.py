@@ -135,10 +135,7 @@ def _ranges(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
         "upper end",
         "decades",
         "range in dB (20 log10)",
-        f"{along}, lower end between",
-        "and",
-        f"{along}, upper end between",
-        "and",
+        *(f"{along}, grid point {side} {end} end" for end in ("lower", "upper") for side in ("below", "above")),
     )
     rows: list[tuple[Cell, ...]] = []
     for one in analysis.usable_ranges:
@@ -162,7 +159,7 @@ def _ranges(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:
 def _end(is_open: bool, resolved: bool) -> str:
     if is_open:
         return "end of the map"
-    return "CDP crosses" if resolved else "last grid point: the step of CDP beyond it is too large"
+    return "CDP crosses" if resolved else "last grid point; CDP changes too much to the next"
 
 
 def _dips(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> Sheet:

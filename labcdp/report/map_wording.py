@@ -207,7 +207,8 @@ def notes(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> list[str]:
         deepest = dips[: 1 if several else _MOST_DIPS]
         lines += [dip_text(dip, axes, axes[analysis.x]) for dip in sorted(deepest, key=lambda dip: dip.position)]
         if len(dips) > len(deepest):
-            lines.append(f"and {len(dips) - len(deepest)} more dips of {_NAMES[variable]}, none of them deeper")
+            more = len(dips) - len(deepest)
+            lines.append(f"and {more} more dip{'s' if more > 1 else ''} of {_NAMES[variable]}, not deeper")
     return lines
 
 

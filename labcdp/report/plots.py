@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from ..evaluate import ContrastRow, SessionEvaluation
 
 
-#: Contrasts are drawn up to so many times the upper end of the interval, or to this share of the pairs if that is more:
-#: a dark pixel close to 0 makes contrasts of any size, beside which the interval would be a line.
-_DRAWN_TIMES, _DRAWN_SHARE = 4, 0.9
+#: Contrasts are drawn up to so many times the upper end of the interval, at least and at most, and between them up to
+#: this share of the pairs: a dark pixel close to 0 makes contrasts of any size, beside which the interval would be a
+#: line.
+_LEAST_TIMES, _MOST_TIMES, _DRAWN_SHARE = 4, 10, 0.9
 
 #: Share of pairs beyond the drawn contrasts, from which on the figure tells it.
 _TOLD_SHARE = 0.001
@@ -153,7 +154,9 @@ def contrasts_figure(
     start, stop, beyond = _drawn_contrasts(distribution, result)
     axes.set_xlim(100 * start, 100 * stop)
     if beyond >= _TOLD_SHARE:
-        axes.plot([], [], linestyle="none", label=f"above {100 * stop:.4g} %: {share_percent(beyond)} of the pairs")
+        axes.plot(
+            [], [], linestyle="none", label=f"above {fixed(100 * stop, 1)} %: {share_percent(beyond)} of the pairs"
+        )
     cdp = f"CDP {fixed(result.cdp, cdp_decimals(result))}"
     if isfinite(result.standard_error):
         cdp += f" (95 %: {cdp_interval(result)})"
@@ -167,7 +170,8 @@ def _drawn_contrasts(distribution: ContrastDistribution, result: CdpResult) -> t
     low, high = result.interval
     edges, cumulative = distribution.edges, distribution.cumulative
     bulk = edges[min(int(np.searchsorted(cumulative, _DRAWN_SHARE)), edges.size - 1)]
+    wanted = min(max(_LEAST_TIMES * high, bulk), _MOST_TIMES * high)
     # An edge, at which the share is known.
-    last = min(int(np.searchsorted(edges, max(_DRAWN_TIMES * high, bulk))), edges.size - 1)
+    last = min(int(np.searchsorted(edges, wanted)), edges.size - 1)
     margin = 0.1 * (high - low)
     return min(float(edges[0]), low - margin), max(float(edges[last]), high + margin), float(1 - cumulative[last])

@@ -127,6 +127,7 @@ def chain_figure(
         range(len(names)), names, rotation=30 if slanted else 0, ha="right" if slanted else "center", parse_math=False
     )
     below.set_xlim(-0.5, len(names) - 0.5)
+    figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=SMALL_SIZE)
     for panel in (above, below):
         panel.grid(color="0.9")
         panel.set_axisbelow(True)
@@ -231,8 +232,8 @@ def _draw_snr(
     top = high * max((high / low) ** 0.25, 1.5)
     axes.set_yscale("log")
     # The luminance on top, in smaller marks, so that both show where they are equal.
-    _draw_ratio(axes, native, top, ("o-", BLUE, 7), "of the values")
-    _draw_ratio(axes, luminance, top, ("s--", GREEN, 4), "of the luminance in cd/m²")
+    _draw_ratio(axes, native, top, ("o-", BLUE, 7), "SNR of the values")
+    _draw_ratio(axes, luminance, top, ("s--", GREEN, 4), "SNR of the luminance in cd/m²")
     axes.set_ylim(low / max((high / low) ** 0.15, 1.3), top * max((high / low) ** 0.15, 1.3))
     plain_numbers(axes.yaxis)
     if finite.size:
@@ -242,7 +243,6 @@ def _draw_snr(
     for stage in np.flatnonzero(native > 0).tolist():
         text = f"{native_db[stage]:.1f} dB" if np.isfinite(native[stage]) else "∞"
         _write_above(axes, stage, min(float(native[stage]), top), text)
-    axes.legend(fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     label(axes, "", "SNR (mean/std)", "SNR after each stage")
 
 

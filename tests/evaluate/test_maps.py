@@ -169,7 +169,7 @@ def test_of_a_step_no_grid_claims_more_than_there_is(stop: float) -> None:
         assert 0.5 < found.low < found.high < stop
         assert found.low_bracket[0] < 0.5 < found.low_bracket[1] == found.low
         assert found.high == found.high_bracket[0] < stop < found.high_bracket[1]
-        assert not (found.low_resolved or found.high_resolved)
+        assert (found.low_resolved, found.high_resolved) == (False, False)
         assert found.decades == pytest.approx(np.log10(found.high / found.low), rel=1e-12)
         widths.append(found.decades)
     assert widths == sorted(widths)
@@ -369,6 +369,13 @@ def test_a_dip_within_another_is_told_once() -> None:
     assert (outer.start, outer.position, outer.highest) == (2.0, 5.0, 20.0)
     assert outer.recovery == pytest.approx(6 + 1 / 3)
     assert (later.start, later.position) == (7.0, 8.0)
+
+
+def test_a_final_fall_is_not_explained_by_a_shallow_one_before_it() -> None:
+    cdp = [0.5, 1.0, 0.95, 0.96, 0.97, 0.98, 0.0, 0.0]
+    assert find_dips(curve(np.arange(1.0, 9.0), cdp=cdp), LUMINANCE, "cdp", expected=[2.5]) == ()
+    (dip,) = find_dips(curve(np.arange(1.0, 9.0), cdp=cdp), LUMINANCE, "cdp", expected=[6.5])
+    assert (dip.start, dip.position, dip.expected) == (2.0, 7.0, 6.5)
 
 
 def test_two_changes_of_exposure_are_two_dips_though_the_first_has_not_recovered() -> None:

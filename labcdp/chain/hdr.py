@@ -38,6 +38,13 @@ class Hdr:
     ------
     InputError
         If the method is not known or bits out of range.
+
+    Notes
+    -----
+    In "normal" and "linear" the noise of an exposure decides whether it is taken, so their mean is low where the choice
+    is open: by 0.7 to 3 % within some standard deviations of a threshold of "normal" (8 % where dark current makes
+    most of the noise), by 0.1 to 0.2 % just below the saturation of an exposure for "linear". "weighted" stays within
+    0.05 %.
     """
 
     method: Method
@@ -87,7 +94,7 @@ class Hdr:
         )
 
     def saturation_dn(self, ladder: ExposureLadder) -> float:
-        """Merged DN from which a pixel counts as saturated: where the shortest exposure is, or the range ends."""
+        """Return the merged DN from which a pixel counts as saturated: where the shortest one is, or the range ends."""
         if self.method == "normal":
             return float(min(ladder.merged_saturation_dn // 1, 2**self.bits - 1))
         return ladder.merged_saturation_dn

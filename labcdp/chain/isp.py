@@ -50,7 +50,8 @@ class ToneCurve:
         """Return the codes of DN of any shape, whole or not; DN below 0 have the code 0."""
         position = np.log2(1 + np.maximum(np.asarray(dn, dtype=np.float64), 0.0))
         position *= 2**self.bits / self.isp_bits
-        return np.minimum(position, 2**self.bits - 1).astype(np.uint16)
+        codes: NDArray[np.uint16] = np.minimum(position, 2**self.bits - 1).astype(np.uint16)
+        return codes
 
     def decode(self, code: ArrayLike) -> NDArray[np.float64]:
         """Return the middle of the DN that have a code, so that decoding has no bias within a code.

@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 Method: TypeAlias = Literal["normal", "linear", "weighted"]
 
 #: The weights of "weighted" are best where the shot noise of the longest exposure has this many times the variance
-#: of its dark noise. With 2 its SNR stays within 4 % of the best weights at any signal, for ratios of exposure of 2
-#: to 16: the best weights lean to the longest exposure (t^2) in the dark and to equal photons (t) in the light.
+#: of its dark noise. With 2 the SNR of up to four exposures stays within 5 % of the best weights at any signal, for
+#: ratios of 2 to 16: the best weights lean to the longest exposure (t^2) in the dark and to equal photons (t) in light.
 _SHOT_OVER_DARK_VARIANCE = 2.0
 
 #: Merged values closer to 0 are 0.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .merge import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
-from .lagrange import lagrange_weights
-from .piecewise import Cumulative, merged, merged_evenly
+from .piecewise import Cumulative, fewer_values, merged, merged_evenly
 from .value_bins import BINS, Noise, ValueBins, Zone, is_smooth, zones
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ _PIXELS = 96
 #: Least standard deviation of a lattice, in steps, from which it can be smoothed, and number of values from which the
 #: values of an exposure are replaced by fewer nodes.
 _SMOOTH_STEPS, _MANY = 1.5, 64
+
+#: Width of the blocks that nodes stand for, in standard deviations of the rest.
+_BLOCK = 0.6
 
 #: Most values of a zone that are all calculated, where they could be binned as well and where not.
 _LONGEST, _LONGEST_LUMPED = 3000, 16_000
@@ -108,7 +111,7 @@ def merged_rows(
         for run in runs
         for begin in range(int(run[0]), int(run[-1]) + 1, count)
     ]
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         blocks = pool.map(merge.rows, parts)
         return [row for block in blocks for row in block]
 
@@ -141,9 +144,11 @@ class _Merge:
             if i == 0:
                 left = Cumulative(rest.places, rest.below * clipped, rest.steps)
                 return [left, self._with_exposure(i, rest, net_dn, share)]
-            # Clipped values all leave the rest as it is.
-            net_dn = np.append(net_dn, self.ladder.saturation_dn)
-            rest = self._with_exposure(i, rest, net_dn, np.concatenate([share, clipped[None]]))
+            if clipped.max() > _NEGLIGIBLE:
+                # Clipped values all leave the rest as it is.
+                net_dn = np.append(net_dn, self.ladder.saturation_dn)
+                share = np.concatenate([share, clipped[None]])
+            rest = self._with_exposure(i, rest, net_dn, share)
         return [rest]
 
     def _without_fading(self, dense: _Dense) -> tuple[int, Cumulative]:
@@ -232,18 +237,27 @@ class _Merge:
                 step = own_weight[0] * ratio
                 parts = ceil(BINS / sqrt(max(min(_variances([(slice(0), share)])), 1 / 12)))
                 return merged_evenly(rest, step * net_dn[0], step, 1 - own_weight[0], share, parts)
-        if net_dn.size > _MANY:
+        if net_dn.size > _MANY and not self._combed:
             spread = rest.smallest_spread()
             if rest.even and spread >= _SMOOTH_STEPS * (rest.places[1] - rest.places[0]):
                 rest = rest.smoothed()
             if not rest.steps:
-                width = (1 - own_weight) * spread / (np.maximum(own_weight, 1e-3) * ratio)
-                net_dn, share = _fewer(net_dn, share, width)
+                width = _BLOCK * (1 - own_weight) * spread / (np.maximum(own_weight, 1e-3) * ratio)
+                net_dn, share = fewer_values(net_dn, share, width)
         if self.method == "linear":
             own_part, factor = own_weight[0] * ratio * net_dn, np.full(net_dn.size, 1 - own_weight[0])
         else:
             own_part, factor = weighted_stage(net_dn, i, ladder)
         return merged(rest, own_part, factor, share, self.edges[i])
+
+    @property
+    def _combed(self) -> bool:
+        """Whether single electrons show in the DN, so that no smooth function goes through their probabilities.
+
+        Half an electron of read noise leaves a ripple of 0.7 % of them; with many electrons to a DN they do not show.
+        """
+        k_dn_per_e = self.ladder.k_dn_per_e
+        return self.exposures.noise.read_dn < 0.5 * k_dn_per_e and k_dn_per_e > 0.05
 
     def _net_dn(self, one: tuple[slice, FloatArray]) -> FloatArray:
         return self.exposures.net_dn[one[0]]
@@ -270,27 +284,6 @@ def _variances(dense: _Dense) -> list[float]:
         mean = (share * dn).sum(axis=0) / total
         variances.append(float(((share * (dn - mean) ** 2).sum(axis=0) / total).min()))
     return variances
-
-
-def _fewer(net_dn: FloatArray, share: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Replace values by four nodes a block, for functions that are smooth over `width` values at each of them.
-
-    The function is replaced by a cubic polynomial through the Gauss-Legendre nodes of each block, whatever the
-    probabilities; its error has a mean of 0 where they are even.
-    """
-    legendre, _ = np.polynomial.legendre.leggauss(4)
-    nodes, shares, begin = [], [], 0
-    while begin < net_dn.size:
-        end = min(begin + max(int(width[begin]), 4), net_dn.size)
-        block, part = net_dn[begin:end], share[begin:end]
-        begin = end
-        if block.size > 4:
-            middle, half = (block[0] + block[-1]) / 2, (block[-1] - block[0] + 1) / 2
-            part = lagrange_weights(middle + half * legendre, block).T @ part
-            block = middle + half * legendre
-        nodes.append(block)
-        shares.append(part)
-    return np.concatenate(nodes), np.concatenate(shares)
 
 
 def _bins(done: Sequence[Cumulative], edges: FloatArray, exposures: ExposureRows) -> list[tuple[int, FloatArray]]:

@@ -117,14 +117,13 @@ def electron_rows(mean_e: FloatArray, full_well_e: float, noise_e: float) -> csr
     share = step[row] * np.exp(xlogy(count, mean_e[row]) - mean_e[row] - log_factorial[count])
     full = pdtrc(states - 1, mean_e)
     reached = np.flatnonzero(full > 0)
-    rows = csr_array(
+    return csr_array(
         (
             np.concatenate([share, full[reached]]),
             (np.concatenate([row, reached]), np.concatenate([count, np.full(reached.size, states)])),
         ),
         shape=(mean_e.size, states + 1),
     )
-    return rows
 
 
 def _count_step(mean_e: FloatArray, below_full: NDArray[np.bool_], noise_e: float) -> NDArray[np.int64]:
@@ -139,10 +138,10 @@ def _count_step(mean_e: FloatArray, below_full: NDArray[np.bool_], noise_e: floa
 
 
 def total_noise_e(sensor: Sensor) -> float:
-    """Standard deviation of read noise and all offsets together, electrons."""
+    """Return the standard deviation of read noise and all offsets together, electrons."""
     return hypot(sensor.read_noise_e, offset_spread_e(sensor))
 
 
 def offset_spread_e(sensor: Sensor) -> float:
-    """Standard deviation of the offsets over pixels, columns and rows, electrons."""
+    """Return the standard deviation of the offsets over pixels, columns and rows, electrons."""
     return hypot(sensor.dsnu_e, sensor.column_dsnu_e, sensor.row_dsnu_e)

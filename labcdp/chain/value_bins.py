@@ -15,8 +15,11 @@ from .merge import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 
 FloatArray = NDArray[np.float64]
 
-#: Bins in a standard deviation of the value. What is lost is of second order, below 1e-4 of a CDP.
-BINS = 20
+#: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
+BINS = 28
+
+#: Most values a zone is given for the sake of another.
+_MOST = 20_000
 
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
 #: interval then matter less than 2e-4.
@@ -77,6 +80,15 @@ def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list
     return found
 
 
+def _common_unit(found: Sequence[Zone]) -> float | None:
+    """Largest unit that those of all zones are multiples of; None without zones."""
+    if not found:
+        return None
+    return found[0].unit / lcm(
+        *(Fraction(zone.unit / found[0].unit).limit_denominator(1000).denominator for zone in found)
+    )
+
+
 def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
     """Whether the distribution of a sum of DN has no lumps.
 
@@ -121,7 +133,7 @@ class ValueBins:
     exact: NDArray[np.bool_]
 
     @classmethod
-    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise, *, start: int = 0) -> Self:
+    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise, *, start: int = 0) -> ValueBins:
         """Bins of the value merged from the exposures from `start` on.
 
         They are even in standard deviations of the value, and hold one value each where these are far apart. The last
@@ -137,47 +149,52 @@ class ValueBins:
         # No value is below that of the least DN of all exposures.
         depth = (9 * all_dn + 1) * ladder.ratios[-1]
         below = np.arange(ceil(depth / spread[0] * BINS), 0, -1) * (spread[0] / BINS)
-        bins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
+        bins: ValueBins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
         bins.values[-1], bins.exact[-1] = top, True
         bins.values[below.size], bins.exact[below.size] = 0.0, True
         if start == 0:
-            for zone in zones(method, ladder, noise.black_level_dn):
+            found = zones(method, ladder, noise.black_level_dn)
+            # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
+            shared = _common_unit(found) if method == "linear" else None
+            for zone in found:
                 shorter = ladder.ratios[zone.first :]
                 variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
                 coarse = (spread > _FINE * zone.unit) & is_smooth(zone.steps, variances)
                 fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
-                bins = bins._with_lattice(
-                    zone, max(zone.low, -10 * spread[0]), dn[fine[0]] if fine.size else zone.high
-                )
+                low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
+                unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
+                bins = bins._with_lattice(zone.origin, unit, low, high)
         return bins
 
     @classmethod
     def _between(cls, edges: FloatArray) -> Self:
         return cls(edges, (edges[1:] + edges[:-1]) / 2, np.zeros(edges.size - 1, dtype=np.bool_))
 
-    def _with_lattice(self, zone: Zone, low: float, high: float) -> ValueBins:
-        """Replace the bins of a zone between two values by one for each value."""
+    def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> ValueBins:
+        """Replace the bins between two limits by one for each value of a lattice."""
         if high <= max(low, 0.0):
             return self
-        number = np.arange(ceil((low - zone.origin) / zone.unit), ceil((high - zone.origin) / zone.unit))
+        number = np.arange(ceil((low - origin) / unit), ceil((high - origin) / unit))
         if number.size == 0:
             return self
-        values = zone.origin + number * zone.unit
+        values = origin + number * unit
         values[np.abs(values) < ZERO_DN] = 0.0
-        edges = zone.origin + (np.append(number, number[-1] + 1) - 0.5) * zone.unit
-        before = int(np.searchsorted(self.edges, edges[0] - 1e-6 * zone.unit))
-        after = int(np.searchsorted(self.edges, edges[-1] + 1e-6 * zone.unit))
+        edges = origin + (np.append(number, number[-1] + 1) - 0.5) * unit
+        before = int(np.searchsorted(self.edges, edges[0] - 1e-6 * unit))
+        after = int(np.searchsorted(self.edges, edges[-1] + 1e-6 * unit))
         bins = self._between(np.concatenate([self.edges[:before], edges, self.edges[after:]]))
         filled = slice(before, before + number.size)
         bins.values[filled], bins.exact[filled] = values, True
         bins.values[-1], bins.exact[-1] = self.values[-1], True
-        if before > 1:
-            bins.values[: before - 1], bins.exact[: before - 1] = self.values[: before - 1], self.exact[: before - 1]
+        # The bin before is as it was, unless the lattice cuts it.
+        touches = before < self.edges.size and self.edges[before] - edges[0] < 1e-6 * unit
+        kept = before if touches else max(before - 1, 0)
+        bins.values[:kept], bins.exact[:kept] = self.values[:kept], self.exact[:kept]
         return bins
 
 
 def _spread(method: Method, ladder: ExposureLadder, start: int, dn: FloatArray, dark_dn: float) -> FloatArray:
-    """Standard deviation of the merged value over its mean."""
+    """Return the standard deviation of the merged value over its mean."""
     own = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
     last = len(ladder) - 1
     variance = own[last]

@@ -6,17 +6,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .camera_model import CameraModel
+from .isp import ToneCurve
 from .merge import merge_dn, normal_stage
 from .merged_rows import ExposureRows, merged_rows
 from .quadrature import gamma_nodes, normal_nodes
 from .rate_grid import RateGrid
 from .readout_matrix import Readout, offset_spread_e, total_noise_e
+from .sparse_rows import dense_rows, indicator, spread_rows
 from .value_bins import Noise, ValueBins
 
 if TYPE_CHECKING:
@@ -87,17 +89,6 @@ class ValueTable:
             yield part, first, mix @ rows, mix @ self.saturated[low:high]
 
 
-def dense_rows(rows: csr_array, low: int, high: int) -> tuple[int, FloatArray]:
-    """Rows of a sparse matrix from the first column any of them uses to the last one."""
-    span = slice(rows.indptr[low], rows.indptr[high])
-    columns = rows.indices[span]
-    first, end = int(columns.min()), int(columns.max()) + 1
-    dense = np.zeros((high - low, end - first))
-    row = np.repeat(np.arange(high - low), np.diff(rows.indptr[low : high + 1]))
-    dense[row, columns - first] = rows.data[span]
-    return first, dense
-
-
 def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
     """Tabulate what is needed for given rates of photo-electrons.
 
@@ -134,7 +125,7 @@ class _TableMaker:
             used, totals = np.unique(index), grid.rates_e_s
         values, bins, rows, saturated = self._rows(totals, used)
         if pick is not None:
-            rows, saturated = pick @ rows, pick @ saturated
+            rows, saturated = pick @ rows, np.asarray(pick @ saturated)
         return ValueTable(values, bins, rows, saturated, grid, (gains, frequency))
 
     @cached_property
@@ -181,31 +172,30 @@ class _TableMaker:
     ) -> tuple[FloatArray, ValueBins | None, csr_array, FloatArray]:
         """Values, bins, probabilities and saturated share at total rates, dark current included."""
         camera, tone_curve = self.camera, self.camera.tone_curve
-        codes = None if tone_curve is None else np.arange(2**tone_curve.bits)
         if camera.hdr is not None and camera.hdr.method != "normal" and len(camera.exposures_s) > 1:
             bins, rows, saturated = self._binned_rows(totals_e_s, used)
-            if bins is None:
-                assert tone_curve is not None
-                return tone_curve.decode(codes), None, rows, saturated
-            return bins.values, bins, rows, saturated
+            values = _decoded(tone_curve) if bins is None else bins.values
+            return values, bins, rows, saturated
         values, rows = self._exact_rows(totals_e_s, used)
-        saturated = rows[:, int(np.searchsorted(values, camera.saturation_dn)) :].sum(axis=1)
-        if tone_curve is not None and codes is not None:
-            rows = rows @ _indicator(tone_curve.encode(values), codes.size)
-            values = tone_curve.decode(codes)
+        saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
+        if tone_curve is not None:
+            rows = rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits)
+            values = _decoded(tone_curve)
         return values, None, rows, saturated
 
     def _exact_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
+        from scipy.sparse import csr_array
+
         camera, count = self.camera, len(self.camera.exposures_s)
         if count == 1:
             readout = Readout.of(camera.sensor, camera.settings.gain_db, total_noise_e(camera.sensor))
             rows = readout.dn_rows(totals_e_s[used] * camera.exposures_s[0])
-            values = np.arange(2.0**camera.sensor.bits)
+            values: FloatArray = np.arange(2.0**camera.sensor.bits)
             if camera.hdr is not None:
                 net_dn = values - camera.sensor.black_level_dn
                 values = merge_dn(camera.hdr.method, camera.hdr.bits, [net_dn], camera.ladder).astype(np.float64)
-            return values, _spread_rows(rows, used, totals_e_s.size)
+            return values, spread_rows(rows, used, totals_e_s.size)
         assert camera.hdr is not None
         net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
         stages = [normal_stage(net_dn, i, camera.hdr.bits, camera.ladder) for i in range(count)]
@@ -214,22 +204,22 @@ class _TableMaker:
         rank = np.empty_like(order)
         rank[order] = np.arange(order.size)
         starts = np.cumsum([0, *(taken.sum() for _, taken in stages)])
-        total: csr_array | None = None
+        total = csr_array((used.size, values.size))
         for offset_e, frequency in zip(*self._offsets, strict=True):
             left = np.full(used.size, frequency)
             for i, (_, taken) in enumerate(stages):
                 share = self._temporal.dn_rows(totals_e_s[used] * camera.exposures_s[i], offset_e)
                 place = rank[starts[i] + np.cumsum(taken) - 1]
-                chosen = share @ _indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
+                chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
                 chosen = chosen.multiply(left[:, None]).tocsr()
-                total = chosen if total is None else total + chosen
+                total = total + chosen
                 left = left * (share @ np.where(taken, 0.0, 1.0))
-        return values[order], _spread_rows(total, used, totals_e_s.size)
+        return values[order], spread_rows(total, used, totals_e_s.size)
 
     def _binned_rows(
         self, totals_e_s: FloatArray, used: NDArray[np.intp]
     ) -> tuple[ValueBins | None, csr_array, FloatArray]:
-        """Bins of a merge that mixes exposures (None for codes), their probabilities, and the share clipped in all exposures."""
+        """Bins of a merge that mixes exposures (None for codes), probabilities, and the share clipped in all."""
         from scipy.sparse import csr_array
 
         camera = self.camera
@@ -265,7 +255,7 @@ class _TableMaker:
         clipped = (exposures.net_dn >= ladder.saturation_dn).astype(np.float64)
         for share, exposure_rows in zip(frequency, exposures.rows, strict=True):
             saturated[used] += share * (exposure_rows[-1] @ clipped)
-        return bins, _spread_rows(rows, used, totals_e_s.size), saturated
+        return bins, spread_rows(rows, used, totals_e_s.size), saturated
 
     @cached_property
     def _temporal(self) -> Readout:
@@ -278,26 +268,16 @@ class _TableMaker:
         spread_e = offset_spread_e(self.camera.sensor)
         if spread_e == 0:
             return np.zeros(1), np.ones(1)
-        # Without read noise nothing smooths the rounding: many nodes then average over it.
-        nodes, frequency = normal_nodes(spread_e / max(self.camera.sensor.read_noise_e, spread_e / 4))
+        read_noise_e, step_e = self.camera.sensor.read_noise_e, 1 / self.camera.k_dn_per_e
+        smooth_e = max(read_noise_e, spread_e / 4)
+        if read_noise_e < 0.15 * step_e:
+            # Nothing smooths the rounding: nodes closer than its step average over it.
+            smooth_e = min(smooth_e, max(0.1 * step_e, spread_e / 40))
+        nodes, frequency = normal_nodes(spread_e / smooth_e)
         return spread_e * nodes, frequency
 
 
-def _indicator(
-    column: NDArray[Any], columns: int, row: NDArray[np.intp] | None = None, rows: int | None = None
-) -> csr_array:
-    """Matrix of ones in one column of each of some rows."""
-    from scipy.sparse import csr_array
-
-    row = np.arange(column.size) if row is None else row
-    return csr_array((np.ones(column.size), (row, column)), shape=(rows or column.size, columns))
-
-
-def _spread_rows(rows: csr_array, used: NDArray[np.intp], count: int) -> csr_array:
-    """Put rows in their places among `count` rows, the others empty."""
-    from scipy.sparse import csr_array
-
-    sizes = np.zeros(count, dtype=np.int64)
-    sizes[used] = np.diff(rows.indptr)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    return csr_array((rows.data, rows.indices, starts), shape=(count, rows.shape[1]))
+def _decoded(tone_curve: ToneCurve | None) -> FloatArray:
+    """Values of all codes, rising."""
+    assert tone_curve is not None
+    return tone_curve.decode(np.arange(2**tone_curve.bits))

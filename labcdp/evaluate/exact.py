@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -149,7 +150,7 @@ def predict_interval(camera: CameraModel, rates: PatchRates, low: ArrayLike, hig
     order = np.argsort(dark, kind="stable")
     chunks = [order[begin : begin + _CHUNK] for begin in range(0, order.size, _CHUNK)]
     result = np.empty((order.size, len(COLUMNS)))
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         evaluated = pool.map(lambda chunk: evaluate_cells(table, cells.take(chunk)), chunks)
         for chunk, values in zip(chunks, evaluated, strict=True):
             result[chunk] = values
@@ -191,7 +192,7 @@ def patch_distribution(camera: CameraModel, rate_e_s: float, veil_e_s: float = 0
 def _joined(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Join equal values."""
     distinct, place = np.unique(values, return_inverse=True)
-    return distinct, np.bincount(place, share)
+    return distinct, np.bincount(place, share).astype(np.float64)
 
 
 def _broadcast(*arrays: ArrayLike) -> list[FloatArray]:

@@ -110,7 +110,8 @@ class _BrightPatches:
         cell = (slice(None), None)
         if table.bins is None:
             place = np.searchsorted(table.values, limits, side="right") - self.first[cell]
-            return self.below.take(np.clip(place, 0, self.size[cell]) + self.start[cell])
+            below: FloatArray = self.below.take(np.clip(place, 0, self.size[cell]) + self.start[cell])
+            return below
         edges = table.bins.edges
         whole = np.clip(np.searchsorted(edges, limits, side="right") - 1, 0, edges.size - 2)
         part = np.clip((limits - edges[whole]) / (edges[whole + 1] - edges[whole]), 0.0, 1.0)
@@ -164,7 +165,8 @@ def _evaluate(table: ValueTable, cells: Cells, bright: _BrightPatches, first: in
     def up_to_contrast(contrast: FloatArray, nudge: float) -> FloatArray:
         reach = signal * (1 + contrast[:, None])
         limits = cells.zero[:, None] + reach + nudge * (np.abs(cells.zero)[:, None] + reach)
-        return np.einsum("nk,nk->n", lit_share, bright.up_to(table, limits))
+        reached: FloatArray = np.einsum("nk,nk->n", lit_share, bright.up_to(table, limits))
+        return reached
 
     undefined = dark_share * not_positive
     # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.

@@ -87,6 +87,8 @@ class PairRow:
         Weber contrast of the scene.
     measured_contrast : float
         Weber contrast of the mean luminances behind the stage; nan or inf where there is none.
+    mean_contrast : float
+        Mean Weber contrast of all pairs of pixels whose dark one is above 0; nan if there is none.
     cdp : CdpResult or None
         Region to region; None if no pixel of the two is above 0 cd/m^2.
     neighbours : NeighbourCdp or None
@@ -101,6 +103,7 @@ class PairRow:
     bright: str
     true_contrast: float
     measured_contrast: float
+    mean_contrast: float
     cdp: CdpResult | None
     neighbours: NeighbourCdp | None
     csnr: Estimate
@@ -306,12 +309,13 @@ def _pair(
     regions = seen[bright], seen[dark]
     if max(region.values[-1] for region in regions) <= 0 or not isfinite(asked[0]):
         nothing = Estimate(nan, nan)
-        return PairRow(dark, bright, true_contrast, nan, None, None, nothing, nothing, d_prime(*regions), None)
+        return PairRow(dark, bright, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
     return PairRow(
         dark,
         bright,
         true_contrast,
         weber_contrast_of_means(*regions),
+        _mean_contrast(*regions),
         cdp(*regions, *asked),
         None if pixels is None else cdp_neighbours(pixels, *asked),
         csnr(*regions),
@@ -319,6 +323,14 @@ def _pair(
         d_prime(*regions),
         None,
     )
+
+
+def _mean_contrast(bright: Distribution, dark: Distribution) -> float:
+    """Mean of bright / dark - 1: each bright pixel meets each dark one, so it is a product of means."""
+    lit = dark.values > 0
+    if not lit.any():
+        return nan
+    return bright.mean * float(np.average(1 / dark.values[lit], weights=dark.weights[lit])) - 1
 
 
 def _contrasts(result: CdpResult, bright: Distribution, dark: Distribution) -> ContrastDistribution:

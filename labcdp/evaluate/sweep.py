@@ -35,7 +35,7 @@ VARIABLES = {
     "standard_error": ("1", "standard error of the CDP"),
     "below": ("1", "share of pairs with a lower contrast"),
     "above": ("1", "share of pairs with a higher contrast"),
-    "mean_contrast": ("1", "mean contrast of the pairs"),
+    "mean_contrast": ("1", "mean contrast of the pairs with a dark value above 0"),
     "csnr": ("1", "mean over standard deviation of the contrast"),
     "snr_dark": ("1", "mean over standard deviation of the dark region's luminance"),
     "snr_bright": ("1", "mean over standard deviation of the bright region's luminance"),
@@ -253,7 +253,7 @@ def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float6
     snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Estimate(nan, nan) for one in (dark, bright)]
     values = [one.value for one in snr]
     errors = [one.standard_error for one in snr]
-    return np.array([*shares, pair.measured_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])
+    return np.array([*shares, pair.mean_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])
 
 
 def _labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:

@@ -91,6 +91,7 @@ def _pair_values(pair: PairRow) -> dict[str, Any]:
         "bright": pair.bright,
         "true_contrast": pair.true_contrast,
         "measured_contrast": pair.measured_contrast,
+        "mean_contrast": pair.mean_contrast,
         "cdp": None if pair.cdp is None else asdict(pair.cdp),
         "cdp_neighbours": None if pair.neighbours is None else asdict(pair.neighbours),
         "csnr": asdict(pair.csnr),

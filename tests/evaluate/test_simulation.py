@@ -71,6 +71,16 @@ def test_cdp_of_a_stage_is_that_of_its_regions():
     assert pair.cdp == cdp(luminance[masks["bright"]], luminance[masks["dark"]], 0.3)
 
 
+def test_mean_contrast_is_that_of_all_pairs():
+    done = run()
+    luminance, masks = done["sensor"].luminance_cd_m2.astype(float), done.chain.scene.regions()
+    pairs = luminance[masks["bright"]][:, None] / luminance[masks["dark"]] - 1
+    pair = evaluate_stage(done, "sensor").pairs[0]
+    assert pair.mean_contrast == pytest.approx(pairs.mean(), rel=1e-9)
+    # It is above the contrast of the means, as 1 / x bends upwards.
+    assert pair.mean_contrast > pair.measured_contrast
+
+
 def test_cdp_behind_the_sensor_is_that_of_normal_noise():
     pair, dark, bright = evaluate_pair(run(more=SQUARES.replace("100.0", "20.0")), "sensor")
     s_d, s_b = dark.luminance_standard_deviation_cd_m2, bright.luminance_standard_deviation_cd_m2

@@ -66,6 +66,7 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     cell = result.sel({"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0})
     assert float(cell["cdp"]) == pair.cdp.cdp
     assert float(cell["standard_error"]) == pair.cdp.standard_error
+    assert float(cell["mean_contrast"]) == pair.mean_contrast
     assert float(cell["snr_dark"]) == dark.luminance_snr.value
     assert float(cell["saturated_share"]) == bright.saturated_share
 

@@ -1,0 +1,163 @@
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import sqrt
+
+import numpy as np
+import pytest
+from scipy.stats import poisson
+
+from labcdp.chain.capture import Capture
+from labcdp.chain.hdr import Hdr
+from labcdp.chain.merge import ExposureLadder, merge_dn
+from labcdp.errors import InputError
+
+EXPOSURES_S = (16e-3, 4e-3, 1e-3)
+
+
+def capture(dn: Sequence[float], exposure_s: float, **changes: float) -> Capture:
+    fields = {"black_level_dn": 64.0, "saturation_dn": 4095.0, "k_dn_per_e": 0.5, "dark_noise_dn": 3.0} | changes
+    return Capture(
+        dn=np.array([dn]), exposure_s=exposure_s, dark_dn=64.0 + 200 * exposure_s, dn_per_lx=5e4 * exposure_s, **fields
+    )
+
+
+def bracket(*dn: Sequence[float]) -> list[Capture]:
+    """Captures of the three exposures, given by their DN above black level, longest first."""
+    return [capture(np.add(one, 64.0), time) for one, time in zip(dn, EXPOSURES_S, strict=True)]
+
+
+def test_normal_takes_the_longest_exposure_within_its_threshold() -> None:
+    # Thresholds of three exposures in 20 bit: 101.59 and 10321.27.
+    captures = bracket([101, 102, 4000, 4031], [25, 26, 2580, 2581], [6, 7, 640, 646])
+    merged = Hdr("normal").merge(captures)
+    np.testing.assert_array_equal(merged.dn, [[101, 4 * 26, 4 * 2580, 16 * 646]])
+
+
+def test_normal_leaves_a_clipped_exposure_below_its_threshold() -> None:
+    captures = bracket([4031, 4030], [1000, 1000], [250, 250])
+    # 48 bit in three exposures: the first threshold is 65536.
+    np.testing.assert_array_equal(Hdr("normal", bits=48).merge(captures).dn, [[4000, 4030]])
+
+
+def test_normal_rounds_down_and_ends_at_its_bits() -> None:
+    longest, shortest = capture([4095, 63, 4095], 10e-3), capture([164, 64, 4000], 3e-3)
+    merged = Hdr("normal", bits=13).merge([longest, shortest])
+    np.testing.assert_array_equal(merged.dn, [[333, -1, 8191]])
+    assert merged.saturation_dn == 8191
+
+
+def test_linear_is_the_mean_of_what_is_not_clipped() -> None:
+    captures = bracket([160, 4031, 4031, 4031], [36, 1100, 4031, 4031], [13, 260, 1200, 4031])
+    expected = [(160 + 4 * 36 + 16 * 13) / 3, (4 * 1100 + 16 * 260) / 2, 16 * 1200, 16 * 4031]
+    merged = Hdr("linear").merge(captures)
+    np.testing.assert_allclose(merged.dn, [expected], rtol=1e-14)
+    np.testing.assert_array_equal(merged.saturated, [[False, False, False, True]])
+
+
+@pytest.mark.parametrize("method", ["normal", "linear", "weighted"])
+def test_a_merge_has_the_scale_of_the_longest_exposure(method: str) -> None:
+    captures = bracket([1600, 0, 4031], [400, 0, 4031], [100, 0, 4031])
+    merged = Hdr(method).merge(captures[::-1])  # type: ignore[arg-type]
+    np.testing.assert_allclose(merged.dn, [[1600, 0, 16 * 4031]], rtol=1e-12)
+    assert (merged.exposure_s, merged.black_level_dn, merged.dark_dn) == (16e-3, 0.0, pytest.approx(3.2))
+    assert (merged.dn_per_lx, merged.saturation_dn) == (800.0, 16 * 4031)
+    np.testing.assert_array_equal(merged.saturated, [[False, False, True]])
+
+
+@pytest.mark.parametrize("method", ["normal", "linear", "weighted"])
+def test_noise_in_darkness(method: str) -> None:
+    count = 200_000
+    rng = np.random.default_rng(1)
+    captures = [replace(one, dn=rng.normal(64, 3, (1, count))) for one in bracket([0], [0], [0])]
+    merged = Hdr(method).merge(captures)  # type: ignore[arg-type]
+    # "normal" rounds down; that adds a twelfth.
+    variance = merged.dark_noise_dn**2 + (1 / 12 if method == "normal" else 0)
+    assert merged.dn.std() == pytest.approx(sqrt(variance), rel=5 / sqrt(2 * count))
+
+
+def ladder(ratio: float, count: int = 3) -> ExposureLadder:
+    return ExposureLadder(tuple(ratio**-i for i in range(count)), saturation_dn=1000.0, k_dn_per_e=1.0)
+
+
+def moments(method: str, electrons: float) -> tuple[float, float]:
+    """Mean and standard deviation of the merge of two exposures of ratio 4 for shot noise alone, by all outcomes."""
+    reach = 8 * sqrt(electrons) + 20
+    counts = [
+        np.arange(max(mean - reach, 0) // 1, mean + reach).reshape(shape)
+        for mean, shape in ((electrons, (-1, 1)), (electrons / 4, (1, -1)))
+    ]
+    share = poisson.pmf(counts[0], electrons) * poisson.pmf(counts[1], electrons / 4)
+    merged = merge_dn(method, 20, counts, ladder(4, 2))  # type: ignore[arg-type]
+    mean = float((share * merged).sum())
+    return mean, sqrt(float((share * (merged - mean) ** 2).sum()))
+
+
+@pytest.mark.parametrize("electrons", [5.0, 400.0, 520.0, 700.0, 850.0, 980.0, 1050.0])
+def test_fading_has_no_bias(electrons: float) -> None:
+    assert moments("weighted", electrons)[0] == pytest.approx(electrons, rel=1e-9)
+
+
+def test_fading_has_no_step_in_snr() -> None:
+    electrons = np.linspace(400, 1200, 81)
+
+    def steepest(method: str) -> float:
+        snr = [mean / deviation for mean, deviation in (moments(method, one) for one in electrons)]
+        return min(after / before - 1 for before, after in pairwise(snr))
+
+    # The SNR halves between 600 and 1000 electrons; evenly that is 1.7 % for each 10 electrons.
+    assert steepest("weighted") > -0.03
+    assert steepest("normal") < -0.1
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("ratio", [2.0, 3.3, 8.0, 16.0])
+def test_weights_are_nearly_the_best(ratio: float, count: int) -> None:
+    shares, weights, left = ladder(ratio, count).shares, [], 1.0
+    for share in shares:
+        weights.append(left * share)
+        left *= 1 - share
+    scale = np.array([ratio**i for i in range(count)])
+    assert sum(weights) == pytest.approx(1)
+    for shot_over_dark in [0.0, *np.geomspace(0.01, 1000, 26)]:
+        variance = scale**2 * (1 + shot_over_dark / scale)
+        best = 1 / (1 / variance).sum()
+        assert sqrt(best / (np.square(weights) * variance).sum()) > 0.95
+
+
+def test_clipped_exposures_do_not_enter() -> None:
+    merged = [
+        merge_dn("weighted", 20, [np.array([longest]), np.array([300.0])], ladder(4, 2)) for longest in (1000, 1500)
+    ]
+    np.testing.assert_array_equal(merged, [[1200.0], [1200.0]])
+
+
+def test_one_capture_is_its_own_merge() -> None:
+    merged = Hdr("weighted").merge([capture([60, 4000, 4095], 1e-3)])
+    np.testing.assert_array_equal(merged.dn, [[-4, 3936, 4031]])
+
+
+@pytest.mark.parametrize(
+    ("captures", "match"),
+    [
+        ([], r"no exposure to merge: give at least one"),
+        ([capture([1], 1e-3), capture([1], 1e-3)], r"exposures \(0.001, 0.001\) s are not all different"),
+        ([capture([1], 1e-3), capture([1], -1e-3)], r"exposure_s is -0.001: give a number above 0 s"),
+        ([capture([1], 1e-3), capture([1, 2], 2e-3)], r"shapes \[\(1, 1\), \(1, 2\)\]: merge captures of one size"),
+        (
+            [capture([1], 1e-3), capture([1], 2e-3, k_dn_per_e=1.0)],
+            r"k_dn_per_e differs between the captures: \[1.0, 0.5\]",
+        ),
+        ([capture([1], 1e-3, saturation_dn=64.0)], r"saturation is at 0 DN above the black level"),
+    ],
+)
+def test_captures_that_cannot_be_merged(captures: list[Capture], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        Hdr("linear").merge(captures)
+
+
+def test_unknown_method_and_bits() -> None:
+    with pytest.raises(InputError, match=r"method is 'best': give one of normal, linear, weighted"):
+        Hdr("best")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"bits is 0: give a number from 1 to 48 bits"):
+        Hdr("normal", bits=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from .map_parts import axes_of, panels_of
 from .map_plotly import axis_settings, escaped, hover_rows, hover_values
 from .map_scales import cell_edges
 from .map_wording import at_text, axis_label, conditions, notes, provenance, shown, title
+from .page import page_environment
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from ..evaluate.maps import MapAnalysis
 
-_TEMPLATES = Path(__file__).with_name("templates")
 
 #: Dashes of the isolines, in rising order of their levels.
 _DASHES = ("dot", "solid", "dash")
@@ -49,7 +48,6 @@ def map_page(dataset: Dataset, analysis: MapAnalysis) -> str:
     InputError
         If more than 12 heat maps or 8 curves would be needed.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     layout, axes = map_layout(dataset), axes_of(dataset)
@@ -59,20 +57,18 @@ def map_page(dataset: Dataset, analysis: MapAnalysis) -> str:
     # plotly's own button would send the map to its makers' servers.
     config = {"displaylogo": False, "responsive": True, "showSendToCloud": False}
     drawn = figure.to_html(full_html=False, include_plotlyjs=True, div_id="map", config=config)
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("map.html").render(
-        title=title(dataset),
-        conditions=conditions(dataset),
-        figure=Markup(drawn),  # noqa: S704 - plotly's own output, whose texts are escaped below
-        notes=notes(analysis, axes),
-        facts=provenance(dataset),
-        chain="\n".join(printable(line) for line in str(dataset.attrs.get("chain", "")).splitlines()),
+    return (
+        page_environment()
+        .get_template("map.html")
+        .render(
+            kind="labcdp: map of contrast detection probability of a simulated chain",
+            title=title(dataset),
+            conditions=conditions(dataset),
+            figure=Markup(drawn),  # noqa: S704 - plotly's own output, whose texts are escaped below
+            notes=notes(analysis, axes),
+            facts=provenance(dataset),
+            chain="\n".join(printable(line) for line in str(dataset.attrs.get("chain", "")).splitlines()),
+        )
     )
 
 

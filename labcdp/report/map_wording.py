@@ -118,6 +118,9 @@ def conditions(dataset: Dataset) -> str:
     method = printable(str(attributes.get("method", "")))
     if method:
         parts.append(f"method: {method}")
+    position = printable(str(attributes.get("position", "")))
+    if position:
+        parts.append(position)
     error = largest_error(dataset)
     if isfinite(error):
         parts.append(f"largest standard error of CDP {significant(error, 2)}")

@@ -38,7 +38,7 @@ def html_page(evaluation: SessionEvaluation, figures: ReportFigures) -> str:
     """
     configuration = evaluation.observed.configuration
     return (
-        _environment()
+        page_environment()
         .get_template("report.html")
         .render(
             kind="labcdp report: luminance and contrast detection probability (CDP)",
@@ -73,7 +73,7 @@ def document_page(document: Document) -> str:
         HTML 5.
     """
     return (
-        _environment()
+        page_environment()
         .get_template("document.html")
         .render(
             kind=document.kind,
@@ -85,7 +85,8 @@ def document_page(document: Document) -> str:
     )
 
 
-def _environment() -> Environment:
+def page_environment() -> Environment:
+    """Return what makes pages of the templates; all text is escaped, and nothing may be missing."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

@@ -70,7 +70,8 @@ def test_the_shipped_session_replays_without_any_device(labcdp):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_numbers_are_whole_on_a_narrow_terminal(labcdp_path, width):
-    environment = os.environ | {"COLUMNS": str(width), "FORCE_COLOR": "1"}
+    # Of a dumb terminal no width is believed.
+    environment = os.environ | {"COLUMNS": str(width), "FORCE_COLOR": "1", "TERM": "xterm"}
     narrow = subprocess.run([labcdp_path, "replay"], env=environment, capture_output=True, text=True).stdout
     wide = subprocess.run([labcdp_path, "replay"], capture_output=True, text=True).stdout
     lines = re.sub(r"\x1b\[[0-9;]*m", "", narrow).splitlines()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..chain import Chain, replaced
+from ..chain import Chain, ImageScene, replaced
 from ..contrast import Estimate
 from ..errors import InputError
 from ..json_text import results_json
@@ -120,8 +120,11 @@ class Sweep:
 
     def identity(self) -> dict[str, Any]:
         """Return all that decides the results."""
+        scene = self.chain.scene
         return {
             "chain": sha256(results_json(self.chain.document).encode()).hexdigest(),
+            # What a file holds is not in the chain.
+            "image": sha256(scene.luminance_map()).hexdigest() if isinstance(scene, ImageScene) else None,
             "axes": {axis.parameter: list(axis.values) for axis in self.axes},
             "exact": self.exact,
             "stage": self.stage,

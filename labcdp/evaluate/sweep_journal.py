@@ -59,6 +59,9 @@ class SweepJournal:
             whole = path.read_bytes() if path.exists() else b""
             whole = whole[: whole.rfind(b"\n") + 1]
             lines = whole.decode().splitlines()
+            if len(lines) == 1:
+                # No cell was finished, as after a mistake in the first one: there is nothing to keep.
+                whole, lines = b"", []
             if lines and lines[0] != head:
                 raise InputError(
                     f"{folder} holds another sweep{_differing(lines[0], sweep)}: give another folder, or remove {path}"

@@ -2,8 +2,7 @@
 
 from .folder import prepare_folder
 from .map_files import write_map
-from .map_tables import map_values, usable_table
-from .map_text import map_notes
+from .map_tables import map_notes, map_values, usable_table
 from .netcdf import load_netcdf, save_netcdf
 from .results import write_results
 from .simulation_results import simulation_values, write_simulation

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from .map_parts import axes_of
-from .map_wording import axis_name, interval_text, value_text
+from .map_wording import axis_name, interval_text, notes, value_text
 from .tables import Table
 
 if TYPE_CHECKING:
@@ -63,6 +63,11 @@ def map_values(dataset: Dataset, analysis: MapAnalysis) -> dict[str, Any]:
     axes = {name: {"unit": axis.unit, "values": axis.values.tolist()} for name, axis in axes_of(dataset).items()}
     made = {str(name): _plain(value) for name, value in dataset.attrs.items() if name != "chain"}
     return {**made, "axes": axes, **asdict(analysis)}
+
+
+def map_notes(dataset: Dataset, analysis: MapAnalysis) -> list[str]:
+    """Tell the widest usable range of a map and its deepest dips, in a few sentences."""
+    return notes(analysis, axes_of(dataset))
 
 
 def _plain(value: Any) -> Any:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from ..evaluate.map_dips import SnrDip
-    from ..evaluate.map_ranges import UsableInterval, UsableRange
+    from ..evaluate.map_ranges import UsableInterval
     from ..evaluate.maps import MapAnalysis
 
 #: Short names of the variables that every sweep has; their own are too long for legends and heads of columns.
@@ -161,14 +161,6 @@ def _end_text(axis: MapAxis, value: float, bound: str = "") -> str:
 
 def _between(axis: MapAxis, bracket: tuple[float, float]) -> str:
     return f"between {_end_text(axis, bracket[0])} and {_end_text(axis, bracket[1])}"
-
-
-def range_text(one: UsableRange, axes: dict[str, MapAxis]) -> str:
-    """Write a usable range in a line."""
-    axis = axes[one.axis]
-    intervals = "; ".join(interval_text(axis, interval) for interval in one.intervals) or "nowhere"
-    where = at_text(one.at, axes)
-    return f"CDP ≥ {one.level:g}{where and f' at {where}'}: {intervals}"
 
 
 def widest_text(analysis: MapAnalysis, axes: dict[str, MapAxis]) -> str:

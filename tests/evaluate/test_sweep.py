@@ -158,6 +158,20 @@ def test_folder_of_another_sweep_is_refused(chain, tmp_path):
         run_sweep(Sweep(chain, (LUMINANCE,), exact=True, seed=1), tmp_path)
 
 
+def test_another_image_is_another_sweep(tmp_path):
+    image = 'type = "image"\npath = "scene.npy"\nregions_xywh = { a = [0, 0, 4, 4], b = [4, 0, 4, 4] }\n'
+    start, end = CHAIN.index("type ="), CHAIN.index("[windscreen]")
+    text = CHAIN[:start] + image + CHAIN[end:]
+    sweeps = []
+    for bright in (20.0, 40.0):
+        np.save(tmp_path / "scene.npy", np.repeat([[10.0, bright]], 4, axis=1).repeat(4, axis=0))
+        sweeps.append(Sweep(chain_from_toml(text, "image", tmp_path), (TEMPERATURE,), exact=False))
+        if len(sweeps) == 1:
+            run_sweep(sweeps[0], tmp_path / "out")
+    with pytest.raises(InputError, match=r"holds another sweep \(another image\)"):
+        run_sweep(sweeps[1], tmp_path / "out")
+
+
 def test_unknown_parameter(chain):
     with pytest.raises(
         ConfigurationError, match=r"scene\.luminance is not a known key: did you mean luminance_cd_m2\?"

@@ -48,6 +48,15 @@ def test_another_sweep_is_refused_and_left_alone(recorded):
     assert (recorded / FILE_NAME).read_bytes() == before
 
 
+def test_journal_without_a_finished_cell_binds_nobody(tmp_path):
+    SweepJournal.open(tmp_path, SWEEP).close()
+    other = SWEEP | {"seed": 1}
+    journal = SweepJournal.open(tmp_path, other)
+    journal.add(0, np.array([[0.5]]))
+    journal.close()
+    assert len(finished(tmp_path, other)) == 1
+
+
 def test_damaged_line_is_named(recorded):
     path = recorded / FILE_NAME
     lines = path.read_bytes().split(b"\n")

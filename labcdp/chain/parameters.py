@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import inf, isfinite
 from typing import Any
 
@@ -23,6 +24,16 @@ def check_number(name: str, value: Any, unit: str, low: float, high: float = inf
     """
     if not _is_number(value) or not low <= value <= high or (above and value == low):
         raise InputError(f"{name} is {_shown(value)}: give {_interval(low, high, above)}{unit and ' '}{unit}")
+
+
+#: Name, unit, lowest and highest value of a number, and whether the lowest itself is refused.
+Range = tuple[str, str, float, float, bool]
+
+
+def check_ranges(parameters: object, ranges: Iterable[Range]) -> None:
+    """Refuse a dataclass with a number out of its range; raises InputError as `check_number`."""
+    for name, unit, low, high, above in ranges:
+        check_number(name, getattr(parameters, name), unit, low, high, above=above)
 
 
 def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -> None:

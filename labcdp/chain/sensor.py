@@ -15,7 +15,7 @@ from ..photometry import QuantumEfficiency, as_quantum_efficiency, electron_radi
 from .blocks import Stream, block_generator, for_each_block
 from .capture import Capture, check_shape, settings_of
 from .fixed_pattern import FixedPattern, draw_dark_current, draw_offset, draw_photo_response
-from .parameters import LARGEST_SIDE, check_number, check_whole
+from .parameters import LARGEST_SIDE, Range, check_number, check_ranges, check_whole
 from .readout import collect_electrons, digitise, read_out
 from .signal import Context, Signal
 
@@ -24,8 +24,7 @@ FloatArray = NDArray[np.floating[Any]]
 #: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
 
-# Name, unit, lowest, highest value, and whether the lowest itself is refused.
-_RANGES: tuple[tuple[str, str, float, float, bool], ...] = (
+_RANGES: tuple[Range, ...] = (
     ("pixel_pitch_m", "m", 0, 1e-3, True),
     # float32 holds whole numbers up to 1.6e7.
     ("full_well_e", "e-", 0, 1e7, True),
@@ -104,8 +103,7 @@ class Sensor:
     device_seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, unit, low, high, above in _RANGES:
-            check_number(name, getattr(self, name), unit, low, high, above=above)
+        check_ranges(self, _RANGES)
         for name in ("width", "height"):
             check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
         check_whole("bits", self.bits, "bits", 1, 16)

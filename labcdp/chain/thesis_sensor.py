@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ..photometry import electron_radiance_per_cd_m2
 from .blocks import Stream, block_generator
 from .capture import Capture, check_shape, settings_of
-from .parameters import LARGEST_SIDE, check_number, check_whole
+from .parameters import LARGEST_SIDE, Range, check_ranges, check_whole
 from .signal import Context, Signal
 
-_RANGES: tuple[tuple[str, str, float, float, bool], ...] = (
+_RANGES: tuple[Range, ...] = (
     ("pixel_pitch_m", "m", 0, 1e-3, True),
     ("quantum_efficiency", "(a fraction)", 0, 1, True),
     ("full_well_e", "e-", 0, 1e7, True),
@@ -87,8 +87,7 @@ class ThesisSensor:
     column_pattern_e_s: float = 10.0
 
     def __post_init__(self) -> None:
-        for name, unit, low, high, above in _RANGES:
-            check_number(name, getattr(self, name), unit, low, high, above=above)
+        check_ranges(self, _RANGES)
         for name in ("width", "height"):
             check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
         check_whole("bits", self.bits, "bits", 1, 16)

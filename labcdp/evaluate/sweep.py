@@ -124,7 +124,7 @@ class Sweep:
         return {
             "chain": sha256(results_json(self.chain.document).encode()).hexdigest(),
             # What a file holds is not in the chain.
-            "image": sha256(scene.luminance_map()).hexdigest() if isinstance(scene, ImageScene) else None,
+            "image": sha256(scene.luminance_map().tobytes()).hexdigest() if isinstance(scene, ImageScene) else None,
             "axes": {axis.parameter: list(axis.values) for axis in self.axes},
             "exact": self.exact,
             "stage": self.stage,

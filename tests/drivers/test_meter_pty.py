@@ -179,11 +179,14 @@ def test_closing_leaves_no_thread_and_no_descriptor():
 
 
 def test_closing_does_not_wait_for_a_late_reply():
+    threads = threading.active_count()
     with PtyMeter(meter()) as served:
         served.inject(Fault(delay_s=3600))
         with serial.Serial(served.port, **SETTINGS) as program:
             program.write(b"MES\r\n")
             program.flush()
+    # An hour before the reply was due.
+    assert threading.active_count() == threads
 
 
 def test_there_is_a_port_only_in_the_context():

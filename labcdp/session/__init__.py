@@ -1,15 +1,17 @@
 """Sessions: one measurement in a folder a person can read, safe against kills and checked when read."""
 
-from .configuration import (
+from .bench_tables import (
     CameraConfiguration,
-    ContrastConfiguration,
-    GuessConfiguration,
     LensConfiguration,
     MeterConfiguration,
+    SourceConfiguration,
+)
+from .configuration import (
+    ContrastConfiguration,
+    GuessConfiguration,
     Patch,
     PlanConfiguration,
     SessionConfiguration,
-    SourceConfiguration,
     TargetConfiguration,
 )
 from .examples import example_configuration, example_session

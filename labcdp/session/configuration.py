@@ -4,83 +4,34 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
-from datetime import date
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..errors import ConfigurationError
 from ..roi import Roi
 from ..toml_text import toml_text
+from .bench_tables import (
+    CameraConfiguration,
+    Count,
+    Fraction,
+    LensConfiguration,
+    MeterConfiguration,
+    NotNegative,
+    Number,
+    Positive,
+    Several,
+    SourceConfiguration,
+    Table,
+    Text,
+)
 from .validation import validated
-
-# Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
-Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$")]
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Positive = Annotated[Number, Field(gt=0)]
-Fraction = Annotated[Number, Field(gt=0, le=1)]
-Count = Annotated[int, Field(strict=True, ge=1)]
-Several = Annotated[int, Field(strict=True, ge=2)]
-
 
 #: Two exposures are the same setting within this relative difference: cameras round to their clock.
 SAME_EXPOSURE_REL = 0.01
-
-
-def _date_of_text(value: object) -> object:
-    """Take a date in quotes too; leave anything else for the type check."""
-    try:
-        return date.fromisoformat(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
-IsoDate = Annotated[date, Field(strict=True), BeforeValidator(_date_of_text)]
-
-
-class Table(BaseModel):
-    """Base of the tables below: unchangeable, and unknown keys are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
-
-
-class CameraConfiguration(Table):
-    """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
-
-    vendor: Text | None = Field(None, description="the vendor's name as text")
-    model: Text | None = Field(None, description="the model's name as text")
-    serial: Text | None = Field(None, description="the serial number as text, in quotes")
-    address: Text | None = Field(None, description="the network address as text")
-    pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
-
-
-class LensConfiguration(Table):
-    """Which lens, and how it is set."""
-
-    model: Text = Field(description="the model's name as text")
-    serial: Text = Field(description="the serial number as text, in quotes")
-    focal_length_m: Positive = Field(description="a focal length above 0 m")
-    f_number: Positive = Field(description="an f-number above 0")
-    transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
-
-
-class MeterConfiguration(Table):
-    """Which luminance meter; it cannot tell its own serial number and calibration date."""
-
-    model: Literal["LS-110", "LS-100"] = Field(description='"LS-110" or "LS-100"')
-    port: Text | None = Field(None, description="the serial port as text")
-    serial: Text = Field(description="the serial number as text, in quotes")
-    calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
-
-
-class SourceConfiguration(Table):
-    """What lights the target."""
-
-    spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
 
 
 class Patch(Table):
@@ -115,6 +66,9 @@ class TargetConfiguration(Table):
     """The target and its patches."""
 
     name: Text = Field(description="a name as text")
+    presentation: Literal["together", "one by one"] = Field(
+        "together", description='"together" for patches in one image, "one by one" for one patch after another'
+    )
     patches: tuple[Patch, ...] = Field(
         validation_alias="patch",
         serialization_alias="patch",
@@ -141,19 +95,29 @@ class ContrastConfiguration(Table):
 
 
 class PlanConfiguration(Table):
-    """What is recorded, and how often."""
+    """What is recorded, how often, and how far it may wander before a person is asked to repeat it."""
 
-    exposures_s: tuple[Positive, ...] = Field(min_length=1, description="exposures above 0 s")
+    # Left out: searched before the first frame, so that each patch lies between black and saturation at one.
+    exposures_s: tuple[Positive, ...] | None = Field(None, min_length=1, description="exposures above 0 s")
     gain_db: Number = Field(0.0, description="a finite number of dB")
     pixel_format: Text = Field("Mono12", description="a GenICam pixel format as text, for example Mono12")
     # Two at least: noise and its uncertainty come from the difference of frames.
     frames_per_exposure: Several = Field(2, description="a whole number of at least 2")
     dark_frames_per_exposure: Several = Field(2, description="a whole number of at least 2")
     readings_per_patch: Count = Field(3, description="a whole number of at least 1")
+    # From the start of one frame to that of the next; 0 for as fast as the camera is.
+    interval_s: NotNegative = Field(0.0, description="a time of at least 0 s")
+    drift_check: bool = Field(
+        False, strict=True, description="true to read the first patch also before the frames, or false"
+    )
+    largest_flicker_rel: Fraction = Field(0.01, description="a fraction above 0, up to 1")
+    largest_drift_rel: Fraction = Field(0.01, description="a fraction above 0, up to 1")
 
     @field_validator("exposures_s")
     @classmethod
-    def _distinct(cls, exposures_s: tuple[float, ...]) -> tuple[float, ...]:
+    def _distinct(cls, exposures_s: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if exposures_s is None:
+            return None
         exposure_s, times = Counter(exposures_s).most_common(1)[0]
         if times > 1:
             raise ValueError(f"has {exposure_s:g} s {times} times: give each exposure once")

@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from ..errors import SessionError
+
+Buffer: TypeAlias = bytes | memoryview
 
 
 @dataclass(frozen=True)
@@ -43,26 +46,55 @@ def write_whole(folder: Path, name: str, data: bytes) -> StoredFile:
     OSError
         If it cannot be written; then no temporary file is left behind.
     """
-    path = folder / name
-    partial = path.with_name(f".{path.name}.part")
+    (stored,) = write_several(folder, [(name, data)])
+    return stored
+
+
+def write_several(folder: Path, files: Iterable[tuple[str, Buffer]]) -> list[StoredFile]:
+    """Write files as `write_whole` does, and flush their folder once; all are of one folder below `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        Where names begin.
+    files : iterable of (str, bytes)
+        Names and contents, taken one by one and not kept.
+
+    Raises
+    ------
+    OSError
+        If one cannot be written; then none of them has its name, and no temporary file is left behind.
+    """
+    written: list[StoredFile] = []
+    partials: list[Path] = []
+    named: list[Path] = []
     try:
-        with open(partial, "wb", buffering=0) as file:
-            write_all(file.fileno(), data)
-            os.fsync(file.fileno())
-        os.rename(partial, path)
+        for name, data in files:
+            path = folder / name
+            partials.append(path.with_name(f".{path.name}.part"))
+            with open(partials[-1], "wb", buffering=0) as file:
+                write_all(file.fileno(), data)
+                os.fsync(file.fileno())
+            written.append(StoredFile(name, hashlib.sha256(data).hexdigest(), memoryview(data).nbytes))
+        for partial, stored in zip(partials, written, strict=True):
+            os.rename(partial, folder / stored.name)
+            named.append(folder / stored.name)
     except BaseException:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+        for path in (*partials, *(named if len(partials) > 1 else ())):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
         raise
-    fsync_folder(path.parent)
-    return StoredFile(name, hashlib.sha256(data).hexdigest(), len(data))
+    for parent in dict.fromkeys(path.parent for path in named):
+        fsync_folder(parent)
+    return written
 
 
-def write_all(descriptor: int, data: bytes) -> None:
+def write_all(descriptor: int, data: Buffer) -> None:
     """Write all bytes; a call that takes only some is repeated, and on a full disk then raises its OSError."""
-    written = os.write(descriptor, data)
-    while written < len(data):
-        written += os.write(descriptor, memoryview(data)[written:])
+    view = memoryview(data)
+    written = os.write(descriptor, view)
+    while written < view.nbytes:
+        written += os.write(descriptor, view[written:])
 
 
 def fsync_folder(folder: Path) -> None:

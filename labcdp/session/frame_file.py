@@ -9,7 +9,7 @@ from ..errors import InputError, SessionError
 from ..frame import Frame
 
 
-def frame_to_tiff(frame: Frame, compress: bool) -> bytes:
+def frame_to_tiff(frame: Frame, compress: bool) -> memoryview:
     """Make the bytes of a one-page grey TIFF with the frame's own depth, 8 or 16 bit.
 
     Parameters
@@ -43,7 +43,8 @@ def frame_to_tiff(frame: Frame, compress: bool) -> bytes:
         metadata=None,
         software="labcdp",
     )
-    return file.getvalue()
+    # Not a copy: a frame has megabytes.
+    return file.getbuffer()
 
 
 def frame_from_tiff(data: bytes, source: str) -> Frame:

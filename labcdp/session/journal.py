@@ -1,165 +1,30 @@
-"""The journal: one line of JSON for each thing recorded, chained so that an altered or lost line is noticed.
-
-Line n ends with a check, the SHA-256 of line n - 1's check followed by line n without its own. A line that was
-altered, removed or swapped breaks the chain from there on. Lines cut off the end leave a good chain, so a second
-file, ``journal.end``, holds the number and the check of the last line. It is written after the line, so after
-a kill it may be one line late, but never early.
-"""
+"""Writing the journal: adding lines that stay there whatever happens."""
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
-import json
 import logging
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from io import FileIO
 from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
-from ..errors import InputError, SessionError
+from ..clock import Clock
+from ..errors import SessionError
 from .files import StoredFile, reported, write_all, write_whole
+from .journal_text import JOURNAL, JOURNAL_END, START, Entry, JournalText, Line, decode, encode, end_text, read_journal
 
-JOURNAL = "journal.jsonl"
-JOURNAL_END = "journal.end"
+#: Kind of a line that says that the clock was set back.
+CLOCK = "clock"
 
-_START = "0" * 64
-_LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}', re.DOTALL)
+#: Clocks that follow a time server are put right in steps below this.
+_CLOCK_STEP_S = 1.0
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One line of the journal.
-
-    Parameters
-    ----------
-    sequence : int
-        Number of the line, from 1.
-    time : datetime
-        Host time it was written, with time zone.
-    kind : str
-        What was recorded, for example ``frame``.
-    content : dict
-        What is to be known about it, as values JSON can hold.
-    file : StoredFile or None
-        The file it belongs to.
-    check : str
-        The line's check, in hexadecimal.
-    """
-
-    sequence: int
-    time: datetime
-    kind: str
-    content: dict[str, Any]
-    file: StoredFile | None
-    check: str
-
-
-@dataclass(frozen=True)
-class JournalText:
-    """What a journal holds.
-
-    Parameters
-    ----------
-    entries : list of Entry
-        The whole lines; their chain is good.
-    whole_bytes : int
-        Length of the whole lines.
-    torn : bytes
-        The rest: a line without its end, left by a writer that was killed, or that is writing just now.
-    has_end : bool
-        Whether ``journal.end`` is there.
-    """
-
-    entries: list[Entry]
-    whole_bytes: int
-    torn: bytes
-    has_end: bool
-
-
-def read_journal(folder: Path) -> JournalText:
-    """Read a session's journal and verify its chain; changes nothing.
-
-    Raises
-    ------
-    SessionError
-        If there is no journal, it cannot be read, or a line was altered, removed or swapped.
-    """
-    # The end first: a writer may append between the two, and the end must not be ahead of the lines.
-    end_path, path = folder / JOURNAL_END, folder / JOURNAL
-    with reported(end_path, "read"):
-        end = end_path.read_bytes() if end_path.exists() else None
-    with reported(path, "read"):
-        text = path.read_bytes()
-    *lines, torn = text.split(b"\n")
-    entries: list[Entry] = []
-    for number, line in enumerate(lines, start=1):
-        entry = _decode(line, entries[-1].check if entries else _START)
-        if entry is None or entry.sequence != number:
-            raise SessionError(
-                f"{path} line {number} was altered, or a line there was removed or swapped: restore the journal "
-                "from a copy of the session"
-            )
-        entries.append(entry)
-    if end is not None:
-        _check_end(folder, entries, end)
-    return JournalText(entries, len(text) - len(torn), torn, end is not None)
-
-
-def _check_end(folder: Path, entries: list[Entry], end: bytes) -> None:
-    found = re.fullmatch(rb"(\d{1,18}) [0-9a-f]{64}\n", end)
-    written = int(found[1]) if found else 0
-    if written > len(entries):
-        raise SessionError(
-            f"{folder / JOURNAL} has {len(entries)} whole lines, but {written} were written: lines at its end are "
-            f"missing; restore it from a copy of the session, or delete {JOURNAL_END} to do without them"
-        )
-    if not found or end != _end_text(entries[:written]):
-        raise SessionError(
-            f"{folder / JOURNAL_END} was altered, or belongs to another journal: restore both from a copy of the "
-            f"session, or delete {JOURNAL_END} if the journal is known to be complete"
-        )
-
-
-def _end_text(entries: list[Entry]) -> bytes:
-    return f"{len(entries)} {entries[-1].check if entries else _START}\n".encode()
-
-
-def _encode(previous_check: str, values: dict[str, Any]) -> bytes:
-    try:
-        body = json.dumps(values, ensure_ascii=False, allow_nan=False).encode()
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the content of this {values['kind']} record cannot be written as JSON ({error}): give text, finite "
-            "numbers, truth values, lists and tables"
-        ) from error
-    check = hashlib.sha256(previous_check.encode() + body).hexdigest()
-    return body[:-1] + f', "check": "{check}"}}'.encode()
-
-
-def _decode(line: bytes, previous_check: str) -> Entry | None:
-    """Return the entry, or None if the line does not follow one with that check."""
-    found = _LINE.fullmatch(line)
-    if not found:
-        return None
-    body, check = found[1] + b"}", found[2].decode()
-    if hashlib.sha256(previous_check.encode() + body).hexdigest() != check:
-        return None
-    try:
-        values = json.loads(body)
-        file = StoredFile(values["file"], values["sha256"], values["size"]) if "file" in values else None
-        time = datetime.fromisoformat(values["time"])
-        return Entry(values["sequence"], time, values["kind"], values["content"], file, check)
-    except (KeyError, TypeError, ValueError):
-        return None
 
 
 def _lock(file: FileIO, folder: Path) -> None:
@@ -183,9 +48,12 @@ class Journal:
         The journal, open for appending and locked.
     text : JournalText
         What it holds.
+    clock : Clock
+        Where the lines' times come from.
     """
 
-    def __init__(self, folder: Path, file: FileIO, text: JournalText) -> None:
+    def __init__(self, folder: Path, file: FileIO, text: JournalText, clock: Clock) -> None:
+        self._clock = clock
         self._folder = folder
         self._file = file
         self._whole_bytes = text.whole_bytes
@@ -193,14 +61,14 @@ class Journal:
         self.torn = text.torn
 
     @classmethod
-    def create(cls, folder: Path) -> Self:
+    def create(cls, folder: Path, clock: Clock) -> Self:
         """Make an empty journal and open it; raises OSError if it cannot be written."""
         write_whole(folder, JOURNAL, b"")
-        write_whole(folder, JOURNAL_END, _end_text([]))
-        return cls.open(folder)
+        write_whole(folder, JOURNAL_END, end_text([]))
+        return cls.open(folder, clock)
 
     @classmethod
-    def open(cls, folder: Path) -> Self:
+    def open(cls, folder: Path, clock: Clock) -> Self:
         """Lock the journal, read it and verify its chain.
 
         Raises
@@ -219,7 +87,7 @@ class Journal:
             raise
         if not text.has_end:
             _log.warning("%s was missing and is made anew", folder / JOURNAL_END)
-        return cls(folder, file, text)
+        return cls(folder, file, text, clock)
 
     def close(self) -> None:
         """Release the lock; may be called twice."""
@@ -240,51 +108,66 @@ class Journal:
         self.append("torn line", {"line": number}, aside)
 
     def append(self, kind: str, content: Mapping[str, Any], file: StoredFile | None = None) -> Entry:
-        """Add a line; when this returns, it is on the disk.
+        """Add a line; as `append_several`."""
+        return self.append_several([Line(kind, content, file)])[0]
+
+    def append_several(self, lines: Sequence[Line]) -> list[Entry]:
+        """Add lines; when this returns, they are on the disk, and if it raises, none of them counts.
+
+        A line whose time is before that of the line above it, because somebody set the computer's clock back,
+        gets a line of kind ``clock`` before it that says so.
 
         Raises
         ------
         SessionError
-            If the line cannot be written (then the journal is as before), or someone else changed the journal.
+            If they cannot be written (then the journal is as before), or someone else changed the journal.
         InputError
-            If `content` has values JSON does not have.
+            If a content has values JSON does not have.
         """
-        values: dict[str, Any] = {
-            "sequence": len(self.entries) + 1,
-            "time": datetime.now(UTC).isoformat(timespec="microseconds"),
-            "kind": kind,
-            "content": content,
-        }
-        if file is not None:
-            values |= {"file": file.name, "sha256": file.sha256, "size": file.size}
-        previous_check = self.entries[-1].check if self.entries else _START
-        line = _encode(previous_check, values)
-        entry = _decode(line, previous_check)
-        assert entry is not None
+        now = self._clock.now()
+        stepped_back_s = self._last_time_s(now) - now.timestamp()
+        if stepped_back_s > _CLOCK_STEP_S:
+            _log.warning(
+                "%s: the computer's clock was set back by %.0f s; records keep their order by number",
+                self._folder / JOURNAL,
+                stepped_back_s,
+            )
+            lines = [Line(CLOCK, {"set_back_s": round(stepped_back_s, 3)}), *lines]
+        text, entries = b"", []
+        check = self.entries[-1].check if self.entries else START
+        for number, line in enumerate(lines, start=len(self.entries) + 1):
+            encoded = encode(check, line.values(number, now))
+            entry = decode(encoded, check)
+            assert entry is not None
+            text, check = text + encoded + b"\n", entry.check
+            entries.append(entry)
         with reported(self._folder / JOURNAL, "written"):
             self._require_untouched()
-            self._append(line + b"\n", entry)
+            self._append(text, entries)
         self.write_end()
-        return entry
+        return [entry for entry in entries if entry.kind != CLOCK]
+
+    def _last_time_s(self, now: datetime) -> float:
+        return (self.entries[-1].time if self.entries else now).timestamp()
 
     def write_end(self) -> None:
         """Bring ``journal.end`` up to date."""
         try:
-            write_whole(self._folder, JOURNAL_END, _end_text(self.entries))
+            write_whole(self._folder, JOURNAL_END, end_text(self.entries))
         except OSError as error:
             # The line itself is safe; only a cut at the journal's end would go unnoticed until the next line.
             _log.warning("%s cannot be written (%s)", self._folder / JOURNAL_END, error.strerror)
 
-    def _append(self, line: bytes, entry: Entry) -> None:
-        """Write a line, or leave the journal as it was, also if Ctrl-C comes in between."""
-        lines, whole_bytes = len(self.entries), self._whole_bytes
+    def _append(self, text: bytes, entries: list[Entry]) -> None:
+        """Write lines, or leave the journal as it was, also if Ctrl-C comes in between."""
+        n_lines, whole_bytes = len(self.entries), self._whole_bytes
         try:
-            write_all(self._file.fileno(), line)
+            write_all(self._file.fileno(), text)
             os.fsync(self._file.fileno())
-            self._whole_bytes += len(line)
-            self.entries.append(entry)
+            self._whole_bytes += len(text)
+            self.entries += entries
         except BaseException:
-            del self.entries[lines:]
+            del self.entries[n_lines:]
             self._whole_bytes = whole_bytes
             with suppress(OSError):
                 self._file.truncate(whole_bytes)

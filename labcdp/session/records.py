@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal, get_args
@@ -10,10 +10,15 @@ from typing import Any, Literal, get_args
 from ..frame import CameraIdentity
 from ..reading import Reading
 from .files import StoredFile
-from .journal import Entry
+from .journal_text import Entry
 
 Role = Literal["light", "dark"]
 ROLES: tuple[Role, ...] = get_args(Role)
+
+#: Kind of the event that takes frames and readings out of what counts.
+SUPERSEDED = "superseded"
+#: Kind of the event that says which exposures were found where the plan has none.
+EXPOSURES = "exposures"
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,8 @@ class FrameRecord:
         The frame's ``metadata()``.
     file : StoredFile
         Where the pixels are.
+    patch : str or None
+        The patch that was before the camera, where patches are shown one by one; None for all of the target.
     """
 
     sequence: int
@@ -45,6 +52,7 @@ class FrameRecord:
     shape: tuple[int, int]
     metadata: dict[str, Any]
     file: StoredFile
+    patch: str | None = None
 
     @property
     def exposure_s(self) -> float:
@@ -117,10 +125,22 @@ class EventRecord:
 Record = FrameRecord | ReadingRecord | EventRecord
 
 
-def frame_content(number: int, role: Role, shape: tuple[int, int], metadata: dict[str, Any]) -> dict[str, Any]:
+def frame_content(
+    number: int, role: Role, shape: tuple[int, int], metadata: dict[str, Any], patch: str | None
+) -> dict[str, Any]:
     """Content of a frame's line in the journal."""
     height, width = shape
-    return {"number": number, "role": role, "width": width, "height": height, "frame": metadata}
+    content = {"number": number, "role": role, "width": width, "height": height, "frame": metadata}
+    return content if patch is None else content | {"patch": patch}
+
+
+def superseded(records: Iterable[Record]) -> frozenset[int]:
+    """Journal lines of the frames and readings that were taken again and no longer count."""
+    lines: set[int] = set()
+    for one in records:
+        if isinstance(one, EventRecord) and one.kind == SUPERSEDED:
+            lines.update(one.content["lines"])
+    return frozenset(lines)
 
 
 def reading_content(patch: str, reading: Reading) -> dict[str, Any]:
@@ -146,6 +166,7 @@ def frame_record(entry: Entry) -> FrameRecord:
         shape=(content["height"], content["width"]),
         metadata=content["frame"],
         file=entry.file,
+        patch=content.get("patch"),
     )
 
 

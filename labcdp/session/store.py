@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import logging
 import os
-import platform
 import re
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from importlib.metadata import version
+from itertools import count
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
+from ..clock import Clock, SystemClock
 from ..errors import InputError, SessionError
 from ..frame import Frame
 from ..reading import Reading
 from .configuration import SessionConfiguration
-from .files import fsync_folder, is_partial, read_checked, remove_partial, reported, write_whole
+from .files import fsync_folder, read_checked, remove_partial, reported, write_several
+from .folder import FORMAT, FRAMES, make_folder, require_session
 from .frame_file import frame_file_name, frame_from_tiff, frame_to_tiff
-from .journal import JOURNAL, JOURNAL_END, Entry, Journal, read_journal
-from .readme import README, README_TEXT
+from .journal import CLOCK, Journal
+from .journal_text import JOURNAL, Entry, Line, read_journal
 from .records import (
+    EXPOSURES,
     ROLES,
+    SUPERSEDED,
     EventRecord,
     FrameRecord,
     ReadingRecord,
@@ -36,13 +39,12 @@ from .records import (
     reading_content,
     reading_record,
     record,
+    superseded,
 )
+from .soundness import problems, unrecorded
 
-CONFIGURATION = "session.toml"
-FRAMES = "frames"
-
-_FORMAT = 1
-_OWN_KINDS = ("session", "readme", "frame", "reading", "torn line")
+_OWN_KINDS = ("session", "readme", "frame", "reading", "torn line", CLOCK, SUPERSEDED)
+_SYSTEM_CLOCK = SystemClock()
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +74,13 @@ class Session:
         self.configuration = self._read_configuration()
 
     @classmethod
-    def create(cls, path: str | PathLike[str], configuration: SessionConfiguration, compress: bool = False) -> Self:
+    def create(
+        cls,
+        path: str | PathLike[str],
+        configuration: SessionConfiguration,
+        compress: bool = False,
+        clock: Clock = _SYSTEM_CLOCK,
+    ) -> Self:
         """Make a new session and open it for writing.
 
         Parameters
@@ -83,6 +91,8 @@ class Session:
             What is going to be measured, with what.
         compress : bool
             Whether frames are compressed without loss; for a session that is to be small rather than quick.
+        clock : Clock
+            Where the times of the records come from.
 
         Raises
         ------
@@ -99,15 +109,15 @@ class Session:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if path.exists() and not (path.is_dir() and not any(path.iterdir())):
                     raise SessionError(f"{path} exists already: give a new folder, or open the session in it")
-                _make(making, configuration, compress)
+                make_folder(making, configuration, compress, clock)
                 os.rename(making, path)
                 fsync_folder(path.parent)
         finally:
             shutil.rmtree(making, ignore_errors=True)
-        return cls.open(path, writable=True)
+        return cls.open(path, writable=True, clock=clock)
 
     @classmethod
-    def open(cls, path: str | PathLike[str], writable: bool = False) -> Self:
+    def open(cls, path: str | PathLike[str], writable: bool = False, clock: Clock = _SYSTEM_CLOCK) -> Self:
         """Open a session and verify its journal and configuration.
 
         Reading changes nothing. Opening for writing puts right what a killed writer left behind: temporary
@@ -119,13 +129,13 @@ class Session:
             If it is no session, the journal or the configuration was altered, or another process writes to it.
         """
         path = Path(path)
-        _require_session(path)
+        require_session(path)
         if not writable:
             text = read_journal(path)
             if text.torn:
                 _log.warning("%s: the last line is not whole and left out", path / JOURNAL)
             return cls(path, text.entries, None)
-        journal = Journal.open(path)
+        journal = Journal.open(path, clock)
         try:
             session = cls(path, journal.entries, journal)
             session._recover()
@@ -155,12 +165,26 @@ class Session:
         return list(self._records)
 
     def frames(self, role: Role | None = None) -> list[FrameRecord]:
-        """List the records of the frames, or of those with a role, in order."""
-        return [r for r in self.records if isinstance(r, FrameRecord) and role in (None, r.role)]
+        """List the records of the frames that count, or of those with a role, in order."""
+        records = self.records
+        left_out = superseded(records)
+        return [
+            r for r in records if isinstance(r, FrameRecord) and role in (None, r.role) and r.sequence not in left_out
+        ]
 
     def readings(self) -> list[ReadingRecord]:
-        """List the records of the meter's readings, in order."""
-        return [r for r in self.records if isinstance(r, ReadingRecord)]
+        """List the records of the meter's readings that count, in order."""
+        records = self.records
+        left_out = superseded(records)
+        return [r for r in records if isinstance(r, ReadingRecord) and r.sequence not in left_out]
+
+    @property
+    def exposures_s(self) -> tuple[float, ...] | None:
+        """Exposures of the plan, or those last found where the plan has none; None if they are still to be found."""
+        if self.configuration.plan.exposures_s is not None:
+            return self.configuration.plan.exposures_s
+        found = [r for r in self.records if isinstance(r, EventRecord) and r.kind == EXPOSURES]
+        return tuple(found[-1].content["exposures_s"]) if found else None
 
     def load(self, frame: FrameRecord) -> Frame:
         """Read a frame, bit for bit as it was recorded.
@@ -172,36 +196,72 @@ class Session:
         """
         return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
 
-    def add_frame(self, frame: Frame, role: Role = "light") -> FrameRecord:
-        """Record a frame.
+    def add_frame(self, frame: Frame, role: Role = "light", patch: str | None = None) -> FrameRecord:
+        """Record a frame; as `add_frames`."""
+        return self.add_frames([(frame, role, patch)])[0]
+
+    def add_frames(self, frames: Sequence[tuple[Frame, Role, str | None]]) -> list[FrameRecord]:
+        """Record frames together, which takes less time than one by one.
+
+        Parameters
+        ----------
+        frames : sequence of (Frame, str, str or None)
+            Each with its role, and the patch that was before the camera where patches are shown one by one.
+
+        Raises
+        ------
+        SessionError
+            If one cannot be written; the session is then as it was before.
+        InputError
+            If a role is not 'light' or 'dark', or the configuration has no such patch.
+        """
+        for _, role, patch in frames:
+            if role not in ROLES:
+                raise InputError(f"role is {role!r}: give 'light' or 'dark'")
+            if patch is not None:
+                self._require_patch(patch)
+        journal = self._writer()
+        first = self._next_number
+        names = [
+            f"{FRAMES}/{frame_file_name(number, role, frame.exposure_s)}"
+            for number, (frame, role, _) in enumerate(frames, start=first)
+        ]
+        compress = self._entries[0].content["compress"]
+        data = (frame_to_tiff(frame, compress) for frame, _, _ in frames)
+        # Counted first: a number is used again only if its file is surely gone.
+        self._next_number += len(frames)
+        try:
+            with reported(self.path / names[0], "written"):
+                files = write_several(self.path, zip(names, data, strict=True))
+            lines = [
+                Line("frame", frame_content(number, role, frame.shape, frame.metadata(), patch), file)
+                for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False)
+            ]
+            entries = journal.append_several(lines)
+        except BaseException:
+            self._take_back(first, names)
+            raise
+        return [frame_record(entry) for entry in entries]
+
+    def _take_back(self, first: int, names: list[str]) -> None:
+        """Remove files the journal does not know; their numbers are free again if all are surely gone."""
+        if {entry.file.name for entry in self._entries[-len(names) :] if entry.file} & set(names):
+            return
+        with suppress(OSError):
+            for name in names:
+                (self.path / name).unlink(missing_ok=True)
+            self._next_number = first
+
+    def supersede(self, records: Sequence[FrameRecord | ReadingRecord], reason: str) -> EventRecord:
+        """Let frames and readings no longer count, because they are taken again; they stay on the disk.
 
         Raises
         ------
         SessionError
             If it cannot be written; the session is then as it was before.
-        InputError
-            If `role` is not 'light' or 'dark'.
         """
-        if role not in ROLES:
-            raise InputError(f"role is {role!r}: give 'light' or 'dark'")
-        journal = self._writer()
-        number = self._next_number
-        name = f"{FRAMES}/{frame_file_name(number, role, frame.exposure_s)}"
-        data = frame_to_tiff(frame, self._entries[0].content["compress"])
-        # Counted first: a number is used again only if its file is surely gone.
-        self._next_number += 1
-        try:
-            with reported(self.path / name, "written"):
-                file = write_whole(self.path, name, data)
-            content = frame_content(number, role, frame.shape, frame.metadata())
-            entry = journal.append("frame", content, file)
-        except BaseException:
-            if self._entries[-1].file is None or self._entries[-1].file.name != name:
-                with suppress(OSError):
-                    (self.path / name).unlink(missing_ok=True)
-                    self._next_number = number
-            raise
-        return frame_record(entry)
+        lines = [record.sequence for record in records]
+        return event_record(self._writer().append(SUPERSEDED, {"lines": lines, "reason": reason}))
 
     def add_reading(self, reading: Reading, patch: str) -> ReadingRecord:
         """Record a reading of the meter, taken on a patch of the target.
@@ -213,9 +273,7 @@ class Session:
         InputError
             If the configuration has no such patch.
         """
-        names = [known.name for known in self.configuration.target.patches]
-        if patch not in names:
-            raise InputError(f"patch is {patch!r}: give one of the target's, {', '.join(names)}")
+        self._require_patch(patch)
         return reading_record(self._writer().append("reading", reading_content(patch, reading)))
 
     def add_event(self, kind: str, content: Mapping[str, Any]) -> EventRecord:
@@ -237,37 +295,11 @@ class Session:
 
         A whole frame is among them if its writer was killed just before it could add the line to the journal.
         """
-        known = {entry.file.name for entry in self._entries if entry.file} | {JOURNAL, JOURNAL_END}
-        with reported(self.path, "read"):
-            files = [path for path in self.path.rglob("*") if path.is_file() and not is_partial(path)]
-        return sorted({path.relative_to(self.path).as_posix() for path in files} - known)
+        return unrecorded(self.path, self._entries)
 
     def problems(self) -> list[str]:
         """Check the journal on the disk and every file in it; one line for each fault, none if all is sound."""
-        found: list[str] = []
-        try:
-            text = read_journal(self.path)
-            if text.torn:
-                found.append(
-                    f"{self.path / JOURNAL} ends with a line that is not whole: open the session for writing once "
-                    "to set it aside"
-                )
-            if not text.has_end:
-                found.append(
-                    f"{self.path / JOURNAL_END} is missing: restore it from a copy of the session, or open the "
-                    "session for writing once to make a new one"
-                )
-            if [entry.check for entry in text.entries[: len(self._entries)]] != [e.check for e in self._entries]:
-                found.append(f"{self.path / JOURNAL} was replaced since it was opened: open the session again")
-        except SessionError as error:
-            found.append(str(error))
-        for entry in self._entries:
-            if entry.file is not None:
-                try:
-                    read_checked(self.path, entry.file)
-                except SessionError as error:
-                    found.append(str(error))
-        return found
+        return problems(self.path, self._entries)
 
     def verify(self) -> None:
         """Check everything, as `problems` does.
@@ -281,6 +313,11 @@ class Session:
         if found:
             raise SessionError(found[0] + (f" (fault 1 of {len(found)})" if len(found) > 1 else ""))
 
+    def _require_patch(self, patch: str) -> None:
+        names = [known.name for known in self.configuration.target.patches]
+        if patch not in names:
+            raise InputError(f"patch is {patch!r}: give one of the target's, {', '.join(names)}")
+
     def _writer(self) -> Journal:
         if self._journal is None:
             raise SessionError(f"{self.path} is not open for writing: open it with writable=True")
@@ -290,9 +327,9 @@ class Session:
         first = self._entries[0] if self._entries else None
         if first is None or first.kind != "session" or first.file is None:
             raise SessionError(f"{self.path / JOURNAL} does not begin with a session: restore it from a copy")
-        if first.content["format"] != _FORMAT:
+        if first.content["format"] != FORMAT:
             raise SessionError(
-                f"{self.path} has format {first.content['format']}, this labcdp knows {_FORMAT}: update labcdp"
+                f"{self.path} has format {first.content['format']}, this labcdp knows {FORMAT}: update labcdp"
             )
         text = read_checked(self.path, first.file).decode()
         return SessionConfiguration.from_toml(text, str(self.path / first.file.name))
@@ -311,30 +348,6 @@ class Session:
         journal.write_end()
         for name in self.unrecorded():
             _log.warning("%s is not in the journal: it is left alone and not part of the session", self.path / name)
-        names = [path.name for path in frames.iterdir()] + [r.file.name for r in self.frames()]
+        names = [path.name for path in frames.iterdir()] + [entry.file.name for entry in self._entries if entry.file]
         numbers = [int(found[1]) for name in names if (found := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
         self._next_number = max(numbers, default=0) + 1
-
-
-def _require_session(path: Path) -> None:
-    with reported(path, "read"):
-        try:
-            names = os.listdir(path)
-        except (FileNotFoundError, NotADirectoryError):
-            names = []
-    if JOURNAL not in names and CONFIGURATION not in names:
-        raise SessionError(f"{path} is not a session: it has no {JOURNAL}; give the folder of a session")
-
-
-def _make(folder: Path, configuration: SessionConfiguration, compress: bool) -> None:
-    """Write a whole session without records."""
-    (folder / FRAMES).mkdir(parents=True)
-    toml = write_whole(folder, CONFIGURATION, configuration.to_toml().encode())
-    readme = write_whole(folder, README, README_TEXT.encode())
-    versions = {"labcdp": version("labcdp"), "numpy": version("numpy"), "python": platform.python_version()}
-    journal = Journal.create(folder)
-    try:
-        journal.append("session", {"format": _FORMAT, "compress": compress, "versions": versions}, toml)
-        journal.append("readme", {}, readme)
-    finally:
-        journal.close()

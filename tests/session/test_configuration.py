@@ -87,6 +87,8 @@ def test_a_configuration_cannot_be_changed(configuration):
 PATCH = '[[target.patch]]\nname = "{}"\nroi = [0, 0, 1, 1]\n'
 EXPOSURES = "exposures_s = [0.005, 0.02]"
 
+METER = 'model = "LS-110"'
+
 WRONG = [
     # (what to replace, by what, the message after "bench.toml: ")
     (EXPOSURES, "exposures_s = [0.005, -0.01]", "plan.exposures_s[1] is -0.01 s: give exposures above 0 s"),
@@ -102,13 +104,25 @@ WRONG = [
         "plan.exposures_s is 0.005 s: give a list in square brackets, exposures above 0 s",
     ),
     (EXPOSURES, "exposures_s = [0.1, 0.2, 0.1]", "plan.exposures_s has 0.1 s 2 times: give each exposure once"),
-    (EXPOSURES, "", "plan.exposures_s is missing: give exposures above 0 s"),
+    (EXPOSURES, "interval_s = -1", "plan.interval_s is -1 s: give a time of at least 0 s"),
+    (
+        EXPOSURES,
+        "drift_check = 1",
+        "plan.drift_check is 1: give true to read the first patch also before the frames, or false",
+    ),
+    (EXPOSURES, "largest_flicker_rel = 0", "plan.largest_flicker_rel is 0: give a fraction above 0, up to 1"),
+    (
+        'name = "checkerboard"',
+        'name = "checkerboard"\npresentation = "all"',
+        'target.presentation is \'all\': give "together" for patches in one image, "one by one" for one patch after '
+        "another",
+    ),
     (EXPOSURES, "exposure_s = [0.1]", "plan.exposure_s is not a known key: did you mean exposures_s?"),
     (
         EXPOSURES,
         EXPOSURES + "\n'a b' = 1",
         'plan."a b" is not a known key: known here are exposures_s, gain_db, pixel_format, frames_per_exposure, '
-        "dark_frames_per_exposure, readings_per_patch",
+        "dark_frames_per_exposure, readings_per_patch, interval_s, drift_check, largest_flicker_rel, largest_drift_rel",
     ),
     (
         EXPOSURES,
@@ -133,7 +147,24 @@ WRONG = [
         "f_number = 2.6\ntransmittance = 96",
         "lens.transmittance is 96: give a fraction above 0, up to 1",
     ),
-    ('"LS-110"', '"LS-150"', 'meter.model is \'LS-150\': give "LS-110" or "LS-100"'),
+    (
+        '"LS-110"',
+        '"LS-150"',
+        'meter has model \'LS-150\': give "LS-110" or "LS-100", or entry = "by hand" or "csv" for another instrument',
+    ),
+    (METER, METER + '\nentry = "csv"', 'meter lacks file: give the path of a CSV file with entry = "csv"'),
+    (METER, METER + '\nentry = "by hand"\nfile = "a.csv"', 'meter has file: leave it out with entry = "by hand"'),
+    (
+        METER,
+        METER + '\nentry = "by hand"\nrepeatability_rel = 0.01',
+        'meter lacks scale_half_width_rel: with entry = "by hand" give the accuracy of the instrument',
+    ),
+    (
+        METER,
+        METER + '\nentry = "by hand"\nport = "x"',
+        'meter has port, which belongs to entry = "serial": leave it out',
+    ),
+    (METER, METER + "\ndigits = 1", 'meter has digits, which belongs to entry = "by hand" or "csv": leave it out'),
     ("2025-03-31", '"31.3.2025"', "meter.calibration_date is '31.3.2025': give an ISO date such as 2025-03-31"),
     ("2025-03-31", "20250331", "meter.calibration_date is 20250331: give an ISO date such as 2025-03-31"),
     ('[source]\nspectrum = "LED-B4"', "", "source is missing: give a [source] table"),

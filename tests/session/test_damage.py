@@ -186,7 +186,8 @@ def test_an_empty_journal_is_no_session(damaged):
 
 
 def test_a_newer_format_is_refused(tmp_path, configuration, monkeypatch):
-    monkeypatch.setattr("labcdp.session.store._FORMAT", 2)
+    for module in ("store", "folder"):
+        monkeypatch.setattr(f"labcdp.session.{module}.FORMAT", 2)
     Session.create(tmp_path / "session", configuration).close()
     monkeypatch.undo()
     with pytest.raises(SessionError, match=r"session has format 2, this labcdp knows 1: update labcdp"):

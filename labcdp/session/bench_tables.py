@@ -1,0 +1,105 @@
+"""Tables of a session's configuration that say which devices stand on the bench."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+# Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
+Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$")]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Positive = Annotated[Number, Field(gt=0)]
+Fraction = Annotated[Number, Field(gt=0, le=1)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Several = Annotated[int, Field(strict=True, ge=2)]
+
+
+def _date_of_text(value: object) -> object:
+    """Take a date in quotes too; leave anything else for the type check."""
+    try:
+        return date.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+IsoDate = Annotated[date, Field(strict=True), BeforeValidator(_date_of_text)]
+
+
+class Table(BaseModel):
+    """Base of the tables below: unchangeable, and unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
+
+
+class CameraConfiguration(Table):
+    """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
+
+    vendor: Text | None = Field(None, description="the vendor's name as text")
+    model: Text | None = Field(None, description="the model's name as text")
+    serial: Text | None = Field(None, description="the serial number as text, in quotes")
+    address: Text | None = Field(None, description="the network address as text")
+    pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
+
+
+class LensConfiguration(Table):
+    """Which lens, and how it is set."""
+
+    model: Text = Field(description="the model's name as text")
+    serial: Text = Field(description="the serial number as text, in quotes")
+    focal_length_m: Positive = Field(description="a focal length above 0 m")
+    f_number: Positive = Field(description="an f-number above 0")
+    transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
+
+
+#: Models whose protocol and data sheet the drivers know.
+SERIAL_MODELS = ("LS-110", "LS-100")
+
+
+class MeterConfiguration(Table):
+    """Which luminance meter; it cannot tell its own serial number and calibration date.
+
+    Readings come over a serial line, are typed by a person, or stand in a CSV file. For the last two the accuracy
+    of the instrument is given here, since no driver knows it.
+    """
+
+    model: Text = Field(description="the model's name as text")
+    entry: Literal["serial", "by hand", "csv"] = Field("serial", description='"serial", "by hand" or "csv"')
+    port: Text | None = Field(None, description="the serial port as text")
+    file: Text | None = Field(None, description="the path of a CSV file as text")
+    serial: Text = Field(description="the serial number as text, in quotes")
+    calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
+    scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for +-2 %")
+    repeatability_rel: NotNegative | None = Field(None, description="a fraction of at least 0")
+    digits: Count | None = Field(None, description="a whole number of at least 1, 1 for +-1 digit")
+
+    @model_validator(mode="after")
+    def _known_or_described(self) -> Self:
+        accuracy = ("scale_half_width_rel", "repeatability_rel", "digits")
+        if self.entry == "serial":
+            if self.model not in SERIAL_MODELS:
+                raise ValueError(
+                    f'has model {self.model!r}: give "LS-110" or "LS-100", or entry = "by hand" or "csv" for '
+                    "another instrument"
+                )
+            given = [name for name in ("file", *accuracy) if getattr(self, name) is not None]
+            if given:
+                raise ValueError(f'has {given[0]}, which belongs to entry = "by hand" or "csv": leave it out')
+            return self
+        if self.port is not None:
+            raise ValueError('has port, which belongs to entry = "serial": leave it out')
+        if (self.file is None) == (self.entry == "csv"):
+            wrong = "lacks file: give the path of a CSV file" if self.entry == "csv" else "has file: leave it out"
+            raise ValueError(f'{wrong} with entry = "{self.entry}"')
+        missing = [name for name in accuracy if getattr(self, name) is None]
+        if missing:
+            raise ValueError(f'lacks {missing[0]}: with entry = "{self.entry}" give the accuracy of the instrument')
+        return self
+
+
+class SourceConfiguration(Table):
+    """What lights the target."""
+
+    spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")

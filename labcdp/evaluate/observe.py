@@ -110,8 +110,10 @@ def observe_session(
         raise CalibrationError("the session has no dark frames: cover the lens and go on with the acquisition")
     patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
     for group in by_exposure(session, "light").values():
-        for observation in observe_patches(frames(group), regions, vignetting):
-            patches[observation.patch].append(observation)
+        for shown, records in by_patch(group).items():
+            seen = [region for region in regions if shown in (None, region.name)]
+            for observation in observe_patches(frames(records), seen, vignetting) if seen else ():
+                patches[observation.patch].append(observation)
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without:
@@ -125,6 +127,19 @@ def by_exposure(session: Session, role: Role) -> dict[float, list[FrameRecord]]:
     for record in session.frames(role):
         groups.setdefault(record.exposure_s, []).append(record)
     return dict(sorted(groups.items()))
+
+
+def by_patch(records: Sequence[FrameRecord]) -> dict[str | None, list[FrameRecord]]:
+    """Frames by the patch that was before the camera; None stands for the whole target."""
+    groups: dict[str | None, list[FrameRecord]] = {}
+    for record in records:
+        groups.setdefault(record.patch, []).append(record)
+    return groups
+
+
+def shows(record: FrameRecord, patch: str) -> bool:
+    """Whether a patch can be seen in a frame."""
+    return record.patch in (None, patch)
 
 
 def calibrate_session(observed: ObservedSession) -> Calibration:

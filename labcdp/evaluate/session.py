@@ -21,11 +21,12 @@ from ..calibration import (
 from ..calibration.readings import combine_readings
 from ..contrast import CdpResult, ContrastDistribution, cdp, contrast_distribution
 from ..errors import CalibrationError, InputError
-from ..luminance import Invalid, LuminanceMap
+from ..luminance import LuminanceMap
 from ..roi import Roi
 from ..session import ContrastConfiguration, Session
 from .guess import guessed_conversion
-from .observe import ObservedSession, by_exposure, lens_of
+from .observe import ObservedSession, by_exposure, lens_of, shows
+from .target_map import target_map
 
 #: Bars of the contrast histogram.
 _N_BINS = 200
@@ -95,8 +96,9 @@ class ContrastRow:
         Weber contrast of the calibrated patch luminances; scale and fit cancel.
     exposure_s : float
         Exposure of the frame.
-    frame_number : int
-        Number of the frame in the session.
+    frame_number, dark_frame_number : int
+        Numbers of the frames in the session with the bright and the dark patch: one frame, unless patches were
+        shown one by one.
     """
 
     bright: str
@@ -109,10 +111,12 @@ class ContrastRow:
     camera_standard_uncertainty: float
     exposure_s: float
     frame_number: int
+    dark_frame_number: int
 
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
         result = self.cdp
+        other = {} if self.dark_frame_number == self.frame_number else {"dark_frame_number": self.dark_frame_number}
         return {
             "bright": self.bright,
             "dark": self.dark,
@@ -133,6 +137,7 @@ class ContrastRow:
             "camera_standard_uncertainty": self.camera_standard_uncertainty,
             "exposure_s": self.exposure_s,
             "frame_number": self.frame_number,
+            **other,
         }
 
 
@@ -240,7 +245,7 @@ def evaluate_session(
             _contrast_row(session, observed, calibration, pair, luminance[pair.bright], luminance[pair.dark])
             for pair in pairs
         ],
-        map=_map(session, calibration),
+        map=target_map(session, observed, calibration),
         warnings=tuple(dict.fromkeys([*warnings, *calibration.warnings])),
     )
 
@@ -304,9 +309,13 @@ def _contrast_row(
     dark: PatchRow,
 ) -> ContrastRow:
     exposure_s = _longest_unsaturated(observed, pair)
-    record = by_exposure(session, "light")[exposure_s][0]
-    seen = calibration.to_luminance(session.load(record)).luminance_cd_m2
-    a, b = bright.region.select(seen), dark.region.select(seen)
+    records = by_exposure(session, "light")[exposure_s]
+    bright_record, dark_record = (next(r for r in records if shows(r, name)) for name in (pair.bright, pair.dark))
+    seen = {
+        record.number: calibration.to_luminance(session.load(record)).luminance_cd_m2
+        for record in {r.number: r for r in (bright_record, dark_record)}.values()
+    }
+    a, b = bright.region.select(seen[bright_record.number]), dark.region.select(seen[dark_record.number])
     result = cdp(a, b, pair.contrast, pair.epsilon)
     if result.bright == "b":
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
@@ -326,7 +335,8 @@ def _contrast_row(
         camera_contrast=camera,
         camera_standard_uncertainty=(1 + camera) * hypot(*camera_rel),
         exposure_s=exposure_s,
-        frame_number=record.number,
+        frame_number=bright_record.number,
+        dark_frame_number=dark_record.number,
     )
 
 
@@ -354,22 +364,3 @@ def _longest_unsaturated(observed: ObservedSession, pair: ContrastConfiguration)
             f"patch {pair.bright!r} or {pair.dark!r} has saturated pixels at every exposure: acquire a shorter one"
         )
     return max(fitting)
-
-
-def _map(session: Session, calibration: Calibration) -> LuminanceMap:
-    merged: LuminanceMap | None = None
-    for records in by_exposure(session, "light").values():
-        new = calibration.to_luminance(session.load(records[0]))
-        if merged is None:
-            merged = new
-            continue
-        better = new.invalid & Invalid.SATURATED == 0
-        merged = LuminanceMap(
-            np.where(better, new.luminance_cd_m2, merged.luminance_cd_m2),
-            np.where(better, new.random_rel, merged.random_rel),
-            merged.common_rel,
-            np.where(better, new.invalid, merged.invalid),
-        )
-    if merged is None:
-        raise CalibrationError("the session has no light frames: uncover the lens and go on with the acquisition")
-    return merged

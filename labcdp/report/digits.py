@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from math import floor, isfinite, log10
 
 from ..contrast import DetectionResult
@@ -72,7 +72,7 @@ def exposure(exposure_s: float) -> str:
     return f"{exposure_s * 1e6:.4g} µs"
 
 
-def exposures(exposures_s: Sequence[float]) -> str:
+def exposures(exposures_s: Iterable[float]) -> str:
     """Write several exposures, the shortest first."""
     return ", ".join(exposure(value) for value in sorted(exposures_s))
 

@@ -161,7 +161,7 @@ def provenance_facts(evaluation: SessionEvaluation) -> list[Fact]:
             f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels, gain {state.gain_db:g} dB, "
             f"saturated from {state.saturation_dn:g} DN",
         ),
-        Fact("Exposures", exposures(configuration.plan.exposures_s)),
+        Fact("Exposures", exposures({o.exposure_s for group in evaluation.observed.patches.values() for o in group})),
         Fact("Lens", _lens(configuration.lens)),
         Fact("Luminance meter", "; ".join(meters)),
         Fact("Light", configuration.source.spectrum),

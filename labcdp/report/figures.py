@@ -117,6 +117,12 @@ def _fit(evaluation: SessionEvaluation) -> ReportFigure:
     )
 
 
+def _frames(row: ContrastRow) -> str:
+    if row.dark_frame_number == row.frame_number:
+        return f"frame {row.frame_number}"
+    return f"frames {row.frame_number} and {row.dark_frame_number}"
+
+
 def _contrast(row: ContrastRow, number: int, simulated: bool) -> ReportFigure:
     beyond = 1 - float(row.distribution.cumulative[-1])
     low, high = row.cdp.interval
@@ -124,7 +130,7 @@ def _contrast(row: ContrastRow, number: int, simulated: bool) -> ReportFigure:
         f"contrast-{number}.png",
         contrast_figure(row, simulated),
         f"{pair_name(row)}: contrasts of all pairs of a bright and a dark pixel, at an exposure of "
-        f"{exposure(row.exposure_s)} (frame {row.frame_number}). Blue: share of the pairs with at most this contrast; "
+        f"{exposure(row.exposure_s)} ({_frames(row)}). Blue: share of the pairs with at most this contrast; "
         "grey: density, scaled to a largest bar of 1; shaded: what counts as detected."
         + (f" {share_percent(beyond)} of the pairs lie to the right of the plot." if beyond > 1e-9 else ""),
         f"Distribution of the contrasts between {pair_name(row)}. Of all pairs of pixels, a share of "

@@ -131,7 +131,8 @@ def _contrasts(contrasts: Sequence[ContrastRow]) -> Sheet:
         "below",
         "above",
         "exposure in ms",
-        "frame",
+        "frame of the bright patch",
+        "frame of the dark patch",
     )
     return Sheet("Contrasts", header, [_contrast(row) for row in contrasts])
 
@@ -151,6 +152,7 @@ def _contrast(row: ContrastRow) -> tuple[Cell, ...]:
         *(Number(value, n) for value in (*result.confidence_interval, result.below, result.above)),
         _as_written(1e3 * row.exposure_s),
         Number(row.frame_number, 0),
+        Number(row.dark_frame_number, 0),
     )
 
 

@@ -2,20 +2,35 @@
 
 A replay is strict. It gives each recorded frame and reading once, in the order of the recording, and never
 anything that was not recorded. What was left over at the end stands in ``unused``; a procedure that runs
-exactly as the recorded one did leaves nothing.
+exactly as the recorded one did leaves nothing. It gives them at once, or at the pace of the recording, or any
+other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from os import PathLike
 from typing import Self
 
+from ..clock import Clock
 from ..frame import CameraIdentity, Frame
-from ..reading import MeterIdentity, Reading
-from ..session import FrameRecord, ReadingRecord, Session
-from .camera import CameraError, CameraNotFoundError, CameraSettingError, CameraSettings
-from .meter import MeterError, MeterNotFoundError
+from ..session import EventRecord, FrameRecord, Session
+from .camera import (
+    CameraError,
+    CameraNotFoundError,
+    CameraSettingError,
+    CameraSettings,
+    FeatureValue,
+    Gap,
+    Refused,
+    StreamStatistics,
+)
+from .device import Device
+from .replay_meter import ReplayMeter
+from .replay_pace import Pace
+
+__all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]
 
 #: A camera rounds an exposure to what it can do; a replay takes the recorded one nearest to the one asked for,
 #: at most this far from it, as a fraction.
@@ -23,8 +38,11 @@ EXPOSURE_TOLERANCE_REL = 0.01
 #: The same for the gain, in decibels: half the step of cameras that set it in tenths.
 GAIN_TOLERANCE_DB = 0.05
 
+#: Kind of the event that keeps a camera's GenICam features.
+FEATURES_EVENT = "camera features"
 
-class ReplayCamera:
+
+class ReplayCamera(Device):
     """The camera of a recorded session, with the protocol of `Camera`.
 
     Light and dark frames come in recorded order for each setting, so a procedure that takes them in the same order
@@ -35,14 +53,28 @@ class ReplayCamera:
     ----------
     session : Session or path
         The session, or its folder.
+    speed : float or None
+        None gives all at once. 1 keeps the times between two frames of the recording, 10 makes them ten times as
+        short; time that passes between two calls counts.
+    clock : Clock
+        What waiting is done on.
+
+    Raises
+    ------
+    InputError
+        If `speed` is not a number above 0.
     """
 
-    def __init__(self, session: Session | str | PathLike[str]) -> None:
+    def __init__(
+        self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
+    ) -> None:
         self._source = session
+        self._pace = Pace(speed, clock)
         self._session: Session | None = None
         self._recorded: list[FrameRecord] = []
         self._left: list[FrameRecord] = []
         self._settings: CameraSettings | None = None
+        self._temperature_c: float | None = None
         self._is_open = False
 
     def open(self) -> Self:
@@ -56,7 +88,7 @@ class ReplayCamera:
             If it holds no frame.
         """
         if self._session is None:
-            session = _session(self._source)
+            session = self._source if isinstance(self._source, Session) else Session.open(self._source)
             frames = session.frames()
             if not frames:
                 raise CameraNotFoundError(f"{session.path} holds no frames: give a session with frames")
@@ -69,14 +101,6 @@ class ReplayCamera:
         """Give no more frames; may be called twice."""
         self._is_open = False
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self.open()
-
-    def __exit__(self, *exc: object) -> None:
-        """Close."""
-        self.close()
-
     @property
     def identity(self) -> CameraIdentity:
         """Who took the first frame; raises CameraError if not open."""
@@ -88,7 +112,45 @@ class ReplayCamera:
         """Settings in force: at first those of the first frame; raises CameraError if not open."""
         self._opened()
         assert self._settings is not None
-        return self._settings
+        first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
+        return replace(self._settings, black_level_dn=float(first.metadata["black_level_dn"]))
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure recorded, in seconds; raises CameraError if not open."""
+        self._opened()
+        exposures_s = [frame.exposure_s for frame in self._recorded]
+        return min(exposures_s), max(exposures_s)
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Temperature recorded with the frame last given, in degrees Celsius; None before the first one."""
+        self._opened()
+        return self._temperature_c
+
+    @property
+    def statistics(self) -> StreamStatistics:
+        """Frames given so far; a recording has whole ones only."""
+        self._opened()
+        return StreamStatistics(completed=len(self._recorded) - len(self._left))
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """None: a replay loses no camera."""
+        return ()
+
+    def features(self) -> dict[str, FeatureValue]:
+        """Return the camera's GenICam features as last recorded; none if they were not.
+
+        Raises
+        ------
+        CameraError
+            If not open.
+        """
+        events = [
+            event for event in self._opened().records if isinstance(event, EventRecord) and event.kind == FEATURES_EVENT
+        ]
+        return dict(events[-1].content["features"]) if events else {}
 
     @property
     def unused(self) -> tuple[FrameRecord, ...]:
@@ -127,10 +189,10 @@ class ReplayCamera:
                 f"{'; '.join(map(_text, recorded))}"
             )
         self._settings = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
-        return self._settings
+        return self.settings
 
     def snap(self, timeout_s: float | None = None) -> Frame:
-        """Give the next frame recorded with the settings in force; it never has to wait.
+        """Give the next frame recorded with the settings in force; it never times out.
 
         Raises
         ------
@@ -143,16 +205,19 @@ class ReplayCamera:
         for index, record in enumerate(self._left):
             if _settings(record) == self._settings:
                 frame = session.load(record)
+                self._pace.keep(frame.timestamp)
                 del self._left[index]
+                self._temperature_c = frame.temperature_c
                 return frame
-        settings = self.settings
+        settings = self._settings
+        assert settings is not None
         n = sum(_settings(frame) == settings for frame in self._recorded)
         raise CameraError(
             f"{n} frames were recorded with {_text(settings)}, and all were given: ask for no more than {n}"
         )
 
-    def grab(self, n: int, timeout_s: float | None = None) -> Iterator[Frame]:
-        """Give `n` frames in a row, each as by `snap`."""
+    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
+        """Give `n` frames in a row, each as by `snap`; a recording has no incomplete one to refuse."""
         for _ in range(n):
             yield self.snap(timeout_s)
 
@@ -160,89 +225,6 @@ class ReplayCamera:
         if self._session is None or not self._is_open:
             raise CameraError("the replayed camera is not open: open it first")
         return self._session
-
-
-class ReplayMeter:
-    """The luminance meter of a recorded session, with the protocol of `Meter`.
-
-    Readings given once are not given again after closing and opening.
-
-    Parameters
-    ----------
-    session : Session or path
-        The session, or its folder.
-    """
-
-    def __init__(self, session: Session | str | PathLike[str]) -> None:
-        self._source = session
-        self._recorded: list[ReadingRecord] = []
-        self._given = 0
-        self._is_open = False
-
-    def open(self) -> Self:
-        """Read the session's journal.
-
-        Raises
-        ------
-        SessionError
-            If it is no session, or its journal was altered.
-        MeterNotFoundError
-            If it holds no reading.
-        """
-        if not self._recorded:
-            session = _session(self._source)
-            self._recorded = session.readings()
-            if not self._recorded:
-                raise MeterNotFoundError(f"{session.path} holds no readings: give a session with readings")
-        self._is_open = True
-        return self
-
-    def close(self) -> None:
-        """Give no more readings; may be called twice."""
-        self._is_open = False
-
-    def __enter__(self) -> Self:
-        """Open."""
-        return self.open()
-
-    def __exit__(self, *exc: object) -> None:
-        """Close."""
-        self.close()
-
-    @property
-    def identity(self) -> MeterIdentity:
-        """The meter of the first reading; raises MeterError if not open."""
-        self._require_open()
-        return self._recorded[0].reading.meter
-
-    @property
-    def unused(self) -> tuple[ReadingRecord, ...]:
-        """Recorded readings that nobody asked for so far; none before the first `open`."""
-        return tuple(self._recorded[self._given :])
-
-    def measure(self) -> Reading:
-        """Give the next reading; it never has to wait.
-
-        Raises
-        ------
-        MeterError
-            If all of them were given; the message says how many there were.
-        """
-        self._require_open()
-        if self._given == len(self._recorded):
-            raise MeterError(
-                f"{self._given} readings were recorded, and all were given: ask for no more than {self._given}"
-            )
-        self._given += 1
-        return self._recorded[self._given - 1].reading
-
-    def _require_open(self) -> None:
-        if not self._is_open:
-            raise MeterError("the replayed meter is not open: open it first")
-
-
-def _session(source: Session | str | PathLike[str]) -> Session:
-    return source if isinstance(source, Session) else Session.open(source)
 
 
 def _settings(frame: FrameRecord) -> CameraSettings:

@@ -35,7 +35,7 @@ class StoredFile:
     size: int
 
 
-def write_whole(folder: Path, name: str, data: bytes) -> StoredFile:
+def write_whole(folder: Path, name: str, data: Buffer) -> StoredFile:
     """Write a file under a temporary name, flush it to the disk, then give it its name.
 
     Whenever the process is killed, there is the whole file or none of that name; what may stay behind is a

@@ -1,11 +1,17 @@
 """A recorded session gives again what was recorded: all of it, in order, and nothing else."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 
-from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, CameraSettings
+from labcdp.drivers.camera import (
+    CameraError,
+    CameraNotFoundError,
+    CameraSettingError,
+    CameraSettings,
+    StreamStatistics,
+)
 from labcdp.drivers.meter import MeterError, MeterNotFoundError
 from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 from labcdp.errors import SessionError
@@ -41,7 +47,7 @@ METER = MeterIdentity("LS-110", "73323007", "2025-03-31")
 NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 
 
-def frame(frame_id, exposure_s, gain_db=0.0, pixel_format="Mono12"):
+def frame(frame_id, exposure_s, gain_db=0.0, pixel_format="Mono12", at_s=0.0, temperature_c=40.1):
     return Frame(
         dn=np.random.default_rng(frame_id).integers(0, 4096, (3, 4), dtype=np.uint16),
         exposure_s=exposure_s,
@@ -51,15 +57,15 @@ def frame(frame_id, exposure_s, gain_db=0.0, pixel_format="Mono12"):
         black_level_dn=16,
         pixel_format=pixel_format,
         colour_filter=None,
-        temperature_c=40.1,
-        timestamp=NOON,
+        temperature_c=temperature_c,
+        timestamp=NOON + timedelta(seconds=at_s),
         camera_timestamp_ns=frame_id,
         frame_id=frame_id,
         camera=CAMERA,
     )
 
 
-def reading(value):
+def reading(value, at_s=0.0):
     return Reading(
         value=value,
         unit="cd/m2",
@@ -71,7 +77,7 @@ def reading(value):
         correction="preset",
         held=False,
         meter=METER,
-        timestamp=NOON,
+        timestamp=NOON + timedelta(seconds=at_s),
         raw=f"OK00,CcPM{value:6.1f}",
     )
 
@@ -113,9 +119,9 @@ def assert_same(frame, other):
 def test_the_recorded_procedure_uses_all_frames(recorded):
     with ReplayCamera(recorded) as camera:
         assert camera.identity == CAMERA
-        assert camera.settings == CameraSettings(0.004998, 0.0, "Mono12", 4, 3)
+        assert camera.settings == CameraSettings(0.004998, 0.0, "Mono12", 4, 3, black_level_dn=16)
         got = list(camera.grab(2))
-        assert camera.configure(exposure_s=0.02) == CameraSettings(0.020003, 0.0, "Mono12", 4, 3)
+        assert camera.configure(exposure_s=0.02) == CameraSettings(0.020003, 0.0, "Mono12", 4, 3, black_level_dn=16)
         got.append(camera.snap())
         camera.configure(exposure_s=0.005)
         got.append(camera.snap(timeout_s=0.1))
@@ -198,7 +204,16 @@ def test_a_frame_is_given_once_even_after_opening_again(recorded):
 def test_a_camera_that_is_not_open_gives_nothing(recorded):
     camera = ReplayCamera(recorded)
     assert camera.unused == ()
-    for use in (camera.snap, camera.configure, lambda: camera.settings, lambda: camera.identity):
+    for use in (
+        camera.snap,
+        camera.configure,
+        camera.features,
+        lambda: camera.settings,
+        lambda: camera.identity,
+        lambda: camera.exposure_range_s,
+        lambda: camera.temperature_c,
+        lambda: camera.statistics,
+    ):
         with pytest.raises(CameraError, match=r"the replayed camera is not open: open it first"):
             use()
     camera.open().close()
@@ -248,3 +263,43 @@ def test_a_folder_that_is_no_session_is_refused_on_opening(tmp_path, device):
     replay = device(tmp_path)
     with pytest.raises(SessionError, match=r"is not a session: it has no journal.jsonl"):
         replay.open()
+
+
+# What the camera tells
+
+
+def test_the_replayed_camera_tells_what_was_recorded(empty):
+    with Session.open(empty, writable=True) as session:
+        session.add_event("camera features", {"features": {"Gain": 1.0}})
+        session.add_frame(frame(1, 0.01, temperature_c=31.0))
+        session.add_frame(frame(2, 0.002, temperature_c=None))
+        session.add_frame(frame(3, 0.05, temperature_c=33.0))
+        session.add_event("camera features", {"features": {"Gain": 2.0, "DeviceID": "SIM", "ReverseX": False}})
+        session.add_event("other", {"features": {}})
+    with ReplayCamera(empty) as camera:
+        assert camera.exposure_range_s == (0.002, 0.05)
+        assert camera.features() == {"Gain": 2.0, "DeviceID": "SIM", "ReverseX": False}
+        assert camera.gaps == ()
+        assert camera.temperature_c is None
+        assert camera.statistics == StreamStatistics()
+        camera.snap()
+        assert camera.temperature_c == 31.0
+        camera.configure(exposure_s=0.05)
+        camera.snap()
+        assert camera.temperature_c == 33.0
+        assert camera.statistics == StreamStatistics(completed=2)
+        camera.configure(exposure_s=0.002)
+        camera.snap()
+        assert camera.temperature_c is None
+
+
+def test_a_session_without_features_gives_none(recorded):
+    with ReplayCamera(recorded) as camera:
+        assert camera.features() == {}
+
+
+def test_no_frame_is_refused(recorded):
+    refused = []
+    with ReplayCamera(recorded) as camera:
+        assert [one.frame_id for one in camera.grab(3, None, refused.append)] == [1, 2, 4]
+    assert refused == []

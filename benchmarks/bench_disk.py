@@ -1,0 +1,80 @@
+"""Full frames of a Manta to the disk at its 15 frames/s, and how fast the disk would let them go.
+
+Run ``python benchmarks/bench_disk.py [FOLDER]``; FOLDER is on the disk to try, by default a temporary one. A simulated
+camera in a process of its own streams 2452 x 2056 pixels of 16 bits over GigE Vision on loopback; each frame is
+recorded in a session, with its checksum, and flushed. The frame ids tell whether one is missing. The first line is a
+program that does nothing but write and flush as many bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+from bench_grab import SERIAL, camera
+
+from labcdp.acquire.writer import FrameWriter
+from labcdp.clock import SystemClock
+from labcdp.drivers import open_camera
+from labcdp.session import Session, SessionConfiguration, example_session
+
+N_FRAMES = 300
+HEIGHT, WIDTH = 2056, 2452
+
+
+def floor_per_s(folder: Path) -> float:
+    """Frames a second that can be written and flushed by doing nothing else."""
+    data = os.urandom(2 * HEIGHT * WIDTH)
+    start, n = time.perf_counter(), 40
+    for _ in range(n):
+        with open(folder / "floor", "wb", buffering=0) as file:
+            file.write(data)
+            os.fsync(file.fileno())
+    (folder / "floor").unlink()
+    return n / (time.perf_counter() - start)
+
+
+def record(folder: Path, frame_rate_hz: float) -> None:
+    configuration = SessionConfiguration.load(example_session() / "session.toml")
+    ids = []
+    with (
+        camera(WIDTH, HEIGHT, frame_rate_hz),
+        open_camera(SERIAL) as opened,
+        Session.create(folder / f"session {frame_rate_hz:g}", configuration) as session,
+    ):
+        opened.configure(pixel_format="Mono12", exposure_s=1e-3, frame_rate_hz=frame_rate_hz)
+        start, cpu = time.perf_counter(), time.process_time()
+        with FrameWriter(session, SystemClock()) as writer:
+            for frame in opened.grab(N_FRAMES):
+                ids.append(frame.frame_id)
+                writer.put(frame, "light", None)
+            grabbed_s = time.perf_counter() - start
+        wall_s, cpu_s = time.perf_counter() - start, time.process_time() - cpu
+        # Ids have 16 bits, and 0 is left out.
+        left_out = sum((after - before) % 65535 - 1 for before, after in pairwise(ids))
+        throughput = writer.throughput
+        statistics = opened.statistics
+        on_disk = len(session.frames())
+    print(
+        f"asked for {frame_rate_hz:3g}/s: grabbed {N_FRAMES / grabbed_s:5.1f}/s, on the disk {on_disk} of {N_FRAMES} "
+        f"({N_FRAMES / wall_s:.1f}/s), ids left out {left_out}, failed {statistics.failed}, underruns "
+        f"{statistics.underruns}, waited for the disk {throughput.waited_s:.2f} s"
+        f"{' (limited by the disk)' if throughput.limited_by_disk else ''}, processor "
+        f"{1e3 * cpu_s / N_FRAMES:.0f} ms a frame"
+    )
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory(dir=sys.argv[1] if len(sys.argv) > 1 else None) as name:
+        folder = Path(name)
+        print(f"writing and flushing alone: {floor_per_s(folder):.1f} frames/s of {2 * HEIGHT * WIDTH / 1e6:.1f} MB")
+        for frame_rate_hz in (15.0, 60.0):
+            record(folder, frame_rate_hz)
+
+
+if __name__ == "__main__":
+    main()

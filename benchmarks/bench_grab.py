@@ -1,0 +1,176 @@
+"""Frames per second and processor time per frame, beside Debian's arv-camera-test on the same simulated camera.
+
+Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
+loopback; arv-camera-test and labcdp take turns receiving from it. The rate is compared where the camera sends as fast
+as it can, the processor time also at the 15 frames/s of a Manta. Processor time is that of the receiving process alone,
+its start left out. The last line grabs small frames and tells whether memory grew on the way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labcdp.drivers import open_camera
+from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
+
+SERIAL = "SIM-BENCH"
+#: Seconds of a short and a long run, whose difference leaves out the start.
+SHORT_S, LONG_S = 2, 8
+ROUNDS = 3
+N_MEMORY_FRAMES = 20_000
+#: Label, width, height, pixel format, frame rate asked for.
+STREAMS = (
+    ("2048 x 2048 Mono8, as fast as it goes", 2048, 2048, "Mono8", 500.0),
+    ("2048 x 2048 Mono8 at 15/s", 2048, 2048, "Mono8", 15.0),
+    ("2452 x 2056 Mono12 at 15/s", 2452, 2056, "Mono12", 15.0),
+)
+
+
+class Still:
+    """One picture for ever: the camera's side shall cost little."""
+
+    state = 0
+
+    def __init__(self, height: int, width: int) -> None:
+        self._dn = np.random.default_rng(1).integers(0, 4096, (height, width), dtype=np.uint16)
+
+    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
+        """Return the picture."""
+        return self._dn
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a receiver did."""
+
+    frames: int
+    wall_s: float
+    cpu_s: float
+
+
+def serve(width: int, height: int, frame_rate_hz: float) -> None:
+    device = SimulatedDevice(SERIAL, width=width, height=height, frame_rate_hz=frame_rate_hz)
+    with SimulatedGigECamera(device, Still(height, width)):
+        print("ready", flush=True)
+        sys.stdin.read()
+
+
+def receive(seconds: float, pixel_format: str, frame_rate_hz: float) -> None:
+    """Grab for a while and print frames, time and processor time."""
+    with open_camera(SERIAL) as camera:
+        camera.configure(pixel_format=pixel_format, exposure_s=100e-6, frame_rate_hz=frame_rate_hz)
+        start, cpu, frames = time.perf_counter(), time.process_time(), 0
+        for _ in camera.grab(10**9, on_refused=lambda _error: None):
+            frames += 1
+            if time.perf_counter() - start > seconds:
+                break
+        print(frames, time.perf_counter() - start, time.process_time() - cpu)
+
+
+def receive_many(frames: int) -> None:
+    """Grab small frames and print the resident memory on the way, in bytes."""
+    with open_camera(SERIAL) as camera:
+        camera.configure(pixel_format="Mono8", exposure_s=100e-6, frame_rate_hz=1000.0)
+        for number, _ in enumerate(camera.grab(frames, on_refused=lambda _error: None), start=1):
+            if number % (frames // 20) == 0:
+                with open("/proc/self/statm") as status:
+                    print(int(status.read().split()[1]) * resource.getpagesize(), flush=True)
+
+
+def ours(seconds: float, pixel_format: str, frame_rate_hz: float) -> Run:
+    command = [sys.executable, __file__, "receive", str(seconds), pixel_format, str(frame_rate_hz)]
+    frames, wall_s, cpu_s = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    return Run(int(frames), float(wall_s), float(cpu_s))
+
+
+def theirs(seconds: int, pixel_format: str, frame_rate_hz: float) -> Run:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [
+        "arv-camera-test-0.8", "-n", SERIAL, "-a", "-f", str(frame_rate_hz), "-e", "100", f"--duration={seconds}",
+        f"--features=PixelFormat={pixel_format}",
+    ]  # fmt: skip
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    completed = re.search(r"Completed buffers\s*=\s*(\d+)", text)
+    assert completed, text
+    cpu_s = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
+    return Run(int(completed[1]), float(seconds), cpu_s)
+
+
+def rate_and_cost(receiver, pixel_format: str, frame_rate_hz: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    """Frames per second and processor milliseconds per frame, from the difference of two runs."""
+    short, long = (receiver(seconds, pixel_format, frame_rate_hz) for seconds in (SHORT_S, LONG_S))
+    frames = long.frames - short.frames
+    return frames / (long.wall_s - short.wall_s), 1e3 * (long.cpu_s - short.cpu_s) / frames
+
+
+def compare(label: str, width: int, height: int, pixel_format: str, frame_rate_hz: float) -> None:
+    with camera(width, height, frame_rate_hz):
+        rounds = [
+            [rate_and_cost(receiver, pixel_format, frame_rate_hz) for receiver in (theirs, ours)] for _ in range(ROUNDS)
+        ]
+    rates = [median(row[who][0] for row in rounds) for who in (0, 1)]
+    costs = [median(row[who][1] for row in rounds) for who in (0, 1)]
+    print(
+        f"{label:38s}  {rates[0]:7.1f}/s  {rates[1]:7.1f}/s  {rates[1] / rates[0]:5.2f}   "
+        f"{costs[0]:6.2f} ms  {costs[1]:6.2f} ms  {costs[1] / costs[0]:5.2f}"
+    )
+
+
+class camera:  # noqa: N801
+    """The simulated camera in a process of its own while the context lasts."""
+
+    def __init__(self, width: int, height: int, frame_rate_hz: float) -> None:
+        self._command = [sys.executable, __file__, "serve", str(width), str(height), str(frame_rate_hz)]
+
+    def __enter__(self) -> None:
+        self._process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == "ready\n"
+
+    def __exit__(self, *exc: object) -> None:
+        self._process.communicate()
+
+
+def memory() -> None:
+    with camera(256, 256, 1000.0):
+        command = [sys.executable, __file__, "memory", str(N_MEMORY_FRAMES)]
+        text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        sizes = [int(line) for line in text.split()]
+    print(
+        f"{N_MEMORY_FRAMES} frames of 256 x 256: resident {sizes[0] / 1e6:.1f} MB after {N_MEMORY_FRAMES // 20}, "
+        f"{sizes[-1] / 1e6:.1f} MB after all, at most {max(sizes) / 1e6:.1f} MB"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="see the head of this file")
+    parser.add_argument("role", nargs="?", choices=("serve", "receive", "memory"))
+    parser.add_argument("values", nargs="*")
+    arguments = parser.parse_args()
+    match arguments.role, arguments.values:
+        case "serve", [width, height, rate]:
+            serve(int(width), int(height), float(rate))
+        case "receive", [seconds, pixel_format, rate]:
+            receive(float(seconds), pixel_format, float(rate))
+        case "memory", [frames]:
+            receive_many(int(frames))
+        case _:
+            print(f"{'':38s}  arv-camera-test  labcdp  ratio  arv-camera-test   labcdp  ratio")
+            for stream in STREAMS:
+                compare(*stream)
+            memory()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""An acquisition survives its process' end at any moment, and the next one goes on with it.
+
+Run as a program, this file is a nursery: for each line on its standard input it forks a process that acquires, so
+that one costs milliseconds and not an interpreter's start.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+from labcdp.acquire import acquire, remaining
+from labcdp.drivers.minolta_ls import MinoltaLS110
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.session import Session, SessionConfiguration, example_session
+
+KILLS = 100
+SHAPE = (400, 480)
+PLANNED = {"light": 6, "dark": 6, "readings": 32}
+
+
+def configuration():
+    return SessionConfiguration.load(example_session() / "session.toml")
+
+
+def work(path, bench):
+    with (
+        Session.open(path, writable=True) as session,
+        bench.in_process_camera() as camera,
+        bench.pty_meter(0) as pty,
+        MinoltaLS110(pty.port) as meter,
+    ):
+        os.write(1, b"begun\n")
+        acquire(session, camera, meter, bench)
+
+
+def nurse():
+    bench = SimulatedBench(configuration(), BenchDevices.standard(), SHAPE)
+    bench.in_process_camera().open().snap()  # renders what every exposure needs, once and not in each process
+    for line in sys.stdin:
+        child = os.fork()
+        if child == 0:
+            work(line.rstrip("\n"), bench)
+            os.write(1, b"complete\n")
+            signal.pause()  # the kill still comes
+        os.write(1, f"pid {child}\n".encode())
+        _, status = os.waitpid(child, 0)
+        os.write(1, f"ended {os.waitstatus_to_exitcode(status)}\n".encode())
+
+
+def counts(session):
+    return {
+        "light": len(session.frames("light")),
+        "dark": len(session.frames("dark")),
+        "readings": len(session.readings()),
+    }
+
+
+def checks(path):
+    """Checks of the journal's whole lines."""
+    lines = (path / "journal.jsonl").read_bytes().split(b"\n")
+    return [line.rpartition(b'"check": ')[2] for line in lines[:-1]]
+
+
+def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_goes_on(tmp_path):
+    rng = random.Random(20261121)
+    nursery = subprocess.Popen([sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        completed, caught_at, path = 0, set(), None
+        for _ in range(KILLS):
+            if path is None:
+                path = tmp_path / f"session {completed}"
+                Session.create(path, configuration()).close()
+            before = checks(path)
+            nursery.stdin.write(f"{path}\n")
+            nursery.stdin.flush()
+            pid = int(nursery.stdout.readline().removeprefix("pid "))
+            assert nursery.stdout.readline() == "begun\n"
+            time.sleep(rng.uniform(0, 0.06))
+            os.kill(pid, signal.SIGKILL)
+            ended = nursery.stdout.readline()
+            if ended == "complete\n":
+                ended = nursery.stdout.readline()
+            assert ended == f"ended {-signal.SIGKILL}\n"
+            assert checks(path)[: len(before)] == before
+            with Session.open(path) as session:
+                assert session.problems() == [] or "a line that is not whole" in session.problems()[0]
+                for record in session.frames():
+                    session.load(record)
+                now = counts(session)
+                assert all(now[kind] <= PLANNED[kind] for kind in PLANNED)
+                caught_at.add(tuple(now.values()))
+                if remaining(session).complete:
+                    assert now == PLANNED
+                    completed, path = completed + 1, None
+    finally:
+        nursery.stdin.close()
+        nursery.wait()
+        nursery.stdout.close()
+    # The kills were spread over the whole of an acquisition, and it came to its end in spite of them.
+    assert completed >= 3
+    assert len(caught_at) >= 20
+
+
+if __name__ == "__main__":
+    nurse()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, Self
 
-from ..errors import DeviceError
-from ..reading import MeterIdentity, Reading
+from ..errors import DeviceError, InputError
+from ..reading import MeterIdentity, Reading, ReadingSeries
 
 
 class MeterError(DeviceError):
@@ -22,6 +22,10 @@ class MeterTimeoutError(MeterError):
 
 class MeterProtocolError(MeterError):
     """The meter sent something its protocol does not know."""
+
+
+class MeterLostError(MeterError):
+    """The connection to an open meter broke: its port is gone."""
 
 
 class MeterReportedError(MeterError):
@@ -64,3 +68,25 @@ class Meter(Protocol):
 
     def measure(self) -> Reading:
         """Take one reading."""
+
+
+def measure_series(meter: Meter, n: int) -> ReadingSeries:
+    """Take several readings of the same light.
+
+    Parameters
+    ----------
+    meter : Meter
+        Open.
+    n : int
+        How many readings.
+
+    Raises
+    ------
+    InputError
+        If `n` is less than 1, or the readings have no mean, for example ratios in %.
+    MeterError
+        As `Meter.measure`.
+    """
+    if n < 1:
+        raise InputError(f"the number of readings is {n}: take at least 1")
+    return ReadingSeries(tuple(meter.measure() for _ in range(n)))

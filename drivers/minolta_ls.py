@@ -6,39 +6,41 @@ switch it off and hold F while switching it on; it then shows "C".
 
 from __future__ import annotations
 
-import errno
 import logging
-import termios
-import time
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isfinite
-from typing import Any, ClassVar, Final, Self, TypeVar
+from os import PathLike
+from typing import Final, Self
 
-import serial
 from serial.tools import list_ports
 
 from ..errors import InputError
 from ..reading import MeterIdentity, Reading
-from .meter import MeterError, MeterNotFoundError, MeterProtocolError, MeterReportedError, MeterTimeoutError
+from .device import Device
+from .minolta_ls_line import MeterLine, port_settings
+from .minolta_ls_memory import MemoryCommands, Reference
 from .minolta_ls_protocol import (
     LS100,
     LS110,
+    MODE_GROUPS,
     LSDataSheet,
     MeterMode,
     parse_acknowledgement,
     parse_reading,
 )
+from .minolta_ls_recovery import MeterLink
+from .wire_writer import TranscriptWriter
 
 __all__ = [
     "LS100",
     "LS110",
     "LSDataSheet",
     "MeterMode",
+    "MinoltaLS",
     "MinoltaLS100",
     "MinoltaLS110",
+    "Reference",
     "SerialPort",
     "find_meter_ports",
     "parse_reading",
@@ -46,16 +48,43 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-_CRLF: Final = b"\r\n"
-_LONGEST_REPLY: Final = 64  # bytes; the longest of the manual has 17
-
-T = TypeVar("T")
+_ON_OPENING: Final = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
 
 
-class _MinoltaLS:
-    """What the two models share; they differ in their data sheets only."""
+class MinoltaLS(MemoryCommands, Device):
+    """What the two models share; use `MinoltaLS100` or `MinoltaLS110`, which have their data sheets.
 
-    data_sheet: ClassVar[LSDataSheet]
+    Parameters
+    ----------
+    port : str
+        Serial port, for example ``/dev/ttyUSB0``; the names in ``/dev/serial/by-id`` outlive a pulled adapter.
+    identity : MeterIdentity, optional
+        Serial number and calibration date to record; the meter cannot tell them.
+    timeout_s : float
+        Longest wait for a reply, in seconds. The meter itself gives up after 5 s: wait longer for a real one.
+        After a failed exchange the next one first waits as long again for a late reply, and drops it.
+    rtscts : bool
+        True to heed the RTS and CTS lines of the cable LS-A12.
+    attempts : int
+        How often a command is sent at most: one that was answered too late, in part or with garbage is sent again; so
+        is one the meter did not understand (ER00), once. Other error codes would repeat themselves.
+    patience_s : float
+        How long to wait for a meter that is gone, in seconds: its port is closed, opened again when it is back, the
+        modes are restored and the command is sent again. A meter still silent after all attempts counts as gone.
+    transcript : path, optional
+        File to create, for every byte that goes over the wire; see `labcdp.drivers.wire_transcript`.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range.
+
+    Notes
+    -----
+    No method takes longer than timeout_s * (attempts + 1) + patience_s, and 0.05 s for looking at the clock. Every
+    recovery is logged as a warning. When the connection broke and did not come back, the port is closed and free for
+    others.
+    """
 
     def __init__(
         self,
@@ -64,20 +93,42 @@ class _MinoltaLS:
         *,
         timeout_s: float = 6.0,
         rtscts: bool = False,
+        attempts: int = 1,
+        patience_s: float = 0.0,
+        transcript: str | PathLike[str] | None = None,
     ) -> None:
         if not (isfinite(timeout_s) and timeout_s > 0):
             raise InputError(f"timeout_s is {timeout_s}: give a positive number of seconds")
+        if attempts < 1:
+            raise InputError(f"attempts is {attempts}: give at least 1")
+        if not (isfinite(patience_s) and patience_s >= 0):
+            raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
         self._port = port
         self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
-        self._timeout_s = timeout_s
-        self._rtscts = rtscts
-        self._serial: Any = None
-        self._reply_due_until = 0.0  # on the monotonic clock: until then an unread reply may still come
+        self._modes: tuple[MeterMode, ...] = _ON_OPENING
+        writer = transcript and TranscriptWriter(
+            transcript, self.data_sheet.model, port, port_settings(rtscts), timeout_s
+        )
+        self._line = MeterLine(port, timeout_s, rtscts, writer or None)
+        self._link = MeterLink(self._line, attempts, patience_s, lambda: [_command(mode) for mode in self._modes])
 
     @property
     def identity(self) -> MeterIdentity:
         """Model, serial number and calibration date, as given: the meter cannot tell them."""
         return self._identity
+
+    @property
+    def port(self) -> str:
+        """Serial port, as given."""
+        return self._port
+
+    @property
+    def modes(self) -> tuple[MeterMode, ...]:
+        """The mode of each group, as this driver set it; none if the meter is not open.
+
+        The meter cannot tell its modes; a person who presses its keys changes them unseen.
+        """
+        return self._modes if self._line.is_open else ()
 
     def open(self) -> Self:
         """Open the port for this program alone, and set PRESET, ABS, FAST and CONT.
@@ -91,31 +142,17 @@ class _MinoltaLS:
             If the port is absent, in use, not permitted, or not a serial port.
         MeterError
             As `measure`, if the meter does not take the modes.
+        InputError
+            If the transcript cannot be created.
         """
-        if self._serial is None:
-            self._serial = _open_port(self._port, self._timeout_s, self._rtscts)
-            try:
-                for mode in (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT):
-                    self.set_mode(mode)
-            except BaseException:
-                self.close()
-                raise
+        if not self._line.is_open:
+            self._modes = _ON_OPENING
+            self._link.connect()
         return self
 
     def close(self) -> None:
         """Close the port; may be called twice."""
-        if self._serial is not None:
-            with suppress(OSError, termios.error):  # a pulled cable must not keep the port from closing
-                # Bytes that RTS/CTS holds back would delay closing and reach the meter when it is switched on.
-                self._serial.reset_output_buffer()
-            self._serial.close()
-            self._serial = None
-
-    def __enter__(self) -> Self:
-        return self.open()
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+        self._line.close()
 
     def set_mode(self, mode: MeterMode) -> None:
         """Set one mode until the next `open`; the other groups keep theirs.
@@ -125,10 +162,13 @@ class _MinoltaLS:
         MeterError
             As `measure`.
         """
-        self._exchange(f"MDS,{mode.value}", parse_acknowledgement)
+        self._link.ask(_command(mode), parse_acknowledgement)
+        self._modes = tuple(
+            mode if mode in group else former for group, former in zip(MODE_GROUPS, self._modes, strict=True)
+        )
 
     def measure(self) -> Reading:
-        """Take one reading in the modes that are set.
+        """Take one reading in the modes that are set; in mode RATIO its unit is ``%``.
 
         A first reading that is too dark can make the meter leave remote mode (seen by users of other
         programs); it is then silent until it is switched on again with F held.
@@ -141,8 +181,10 @@ class _MinoltaLS:
             If it does not answer in time, or not to the end.
         MeterProtocolError
             If the answer is no reading.
+        MeterLostError
+            If the connection broke; the port is closed then.
         MeterError
-            If the meter is not open, or the connection broke.
+            If the meter is not open.
         """
         return self._reading("MES")
 
@@ -160,7 +202,7 @@ class _MinoltaLS:
         def parse(reply: bytes) -> Reading:
             return parse_reading(reply, self.data_sheet, self.identity, datetime.now(UTC))
 
-        reading = self._exchange(command, parse)
+        reading = self._link.ask(command, parse)
         if reading.unit == "fL":
             _log.warning(
                 "%s: the meter is set to fL: %g fL is %g cd/m^2; set its unit switch to cd/m^2 if that is not meant",
@@ -168,96 +210,35 @@ class _MinoltaLS:
                 reading.value,
                 reading.luminance_cd_m2,
             )
+        self._warn_if_out_of_range(reading)
         return reading
 
-    def _exchange(self, command: str, parse: Callable[[bytes], T]) -> T:
-        """Send one command and return its reply, parsed."""
-        if self._serial is None:
-            raise MeterError(f"{self._port}: the meter is not open: call open(), or use it in a with statement")
-        try:
-            self._discard_late_reply()
-            # Whatever ends this exchange early, an exception from anywhere included, leaves the reply due.
-            self._reply_due_until = time.monotonic() + 2 * self._timeout_s
-            _log.debug("%s: sending %s", self._port, command)
-            self._serial.write(command.encode("ascii") + _CRLF)
-            reply = self._read_line()
-        except (OSError, termios.error) as error:
-            raise MeterError(
-                f"{self._port}: the connection to the meter broke ({error}): check cable and adapter, then open "
-                "the meter again"
-            ) from error
-        self._check_whole(reply, command)
-        try:
-            result = parse(reply)
-        except MeterReportedError:
-            self._reply_due_until = 0.0
-            raise
-        self._reply_due_until = 0.0
-        return result
-
-    def _discard_late_reply(self) -> None:
-        """Wait for the reply of a failed exchange, if it may still come, and empty both buffers.
-
-        The meter sends one reply to each command it accepts, and accepts none while it measures. So the wait is
-        over with the next CR LF, or after one more time-out.
-        """
-        if time.monotonic() < self._reply_due_until:
-            self._read_line()
-        self._serial.reset_input_buffer()
-        self._serial.reset_output_buffer()
-
-    def _read_line(self) -> bytes:
-        """Read to CR LF, or what comes of it within the time-out."""
-        line: bytes = self._serial.read_until(_CRLF, _LONGEST_REPLY)
-        _log.debug("%s: received %r", self._port, line)
-        return line
-
-    def _check_whole(self, reply: bytes, command: str) -> None:
-        """Raise if a reply does not end in CR LF, saying how it does not."""
-        if reply.endswith(_CRLF):
+    def _warn_if_out_of_range(self, reading: Reading) -> None:
+        """Warn of a reading that the data sheet does not cover; a user's correction hides what the detector saw."""
+        if reading.unit == "%" or reading.correction != "preset":
             return
-        if len(reply) >= _LONGEST_REPLY:
-            raise MeterProtocolError(
-                f"{self._port}: {command} was answered with {reply!r} and no CR LF: check that the meter is on this "
-                "port"
+        slow = MeterMode.SLOW in self._modes
+        low, high = self.data_sheet.slow_range_cd_m2 if slow else self.data_sheet.fast_range_cd_m2
+        if not low <= reading.luminance_cd_m2 <= high:
+            _log.warning(
+                "%s: %g cd/m^2 is outside the range of the %s with %s response, %g to %g cd/m^2: do not rely on it",
+                self._port,
+                reading.luminance_cd_m2,
+                self.data_sheet.model,
+                "SLOW" if slow else "FAST",
+                low,
+                high,
             )
-        if reply:
-            raise MeterTimeoutError(
-                f"{self._port}: the answer to {command} broke off after {len(reply)} bytes ({reply!r}) and did not "
-                f"go on within {self._timeout_s:g} s: check the cable, then repeat"
-            )
-        raise MeterTimeoutError(
-            f"{self._port}: no answer to {command} within {self._timeout_s:g} s: check that the meter has power and "
-            "shows C for remote mode (switch it off, hold F while switching it on), and check the cable"
-        )
 
 
-class MinoltaLS100(_MinoltaLS):
-    """Konica Minolta LS-100, acceptance angle 1 degree; a `Meter`.
-
-    Parameters
-    ----------
-    port : str
-        Serial port, for example ``/dev/ttyUSB0``.
-    identity : MeterIdentity, optional
-        Serial number and calibration date to record; the meter cannot tell them.
-    timeout_s : float
-        Longest wait for a reply, in seconds. The meter itself gives up after 5 s: wait longer for a real one.
-        After a failed exchange the next one first waits as long again for a late reply, and drops it.
-    rtscts : bool
-        True to heed the RTS and CTS lines of the cable LS-A12.
-
-    Raises
-    ------
-    InputError
-        If `timeout_s` is not a positive number.
-    """
+class MinoltaLS100(MinoltaLS):
+    """Konica Minolta LS-100, acceptance angle 1 degree; a `Meter`. Parameters as of `MinoltaLS`."""
 
     data_sheet = LS100
 
 
-class MinoltaLS110(_MinoltaLS):
-    """Konica Minolta LS-110, acceptance angle 1/3 degree; parameters as of `MinoltaLS100`."""
+class MinoltaLS110(MinoltaLS):
+    """Konica Minolta LS-110, acceptance angle 1/3 degree; a `Meter`. Parameters as of `MinoltaLS`."""
 
     data_sheet = LS110
 
@@ -283,31 +264,5 @@ def find_meter_ports() -> list[SerialPort]:
     return sorted(SerialPort(port.device, port.description) for port in list_ports.comports())
 
 
-def _open_port(port: str, timeout_s: float, rtscts: bool) -> Any:
-    """Open a port for 4800 baud, 7 data bits, even parity and 2 stop bits; no other pyserial program may."""
-    try:
-        return serial.Serial(
-            port,
-            baudrate=4800,
-            bytesize=serial.SEVENBITS,
-            parity=serial.PARITY_EVEN,
-            stopbits=serial.STOPBITS_TWO,
-            timeout=timeout_s,
-            write_timeout=timeout_s,
-            rtscts=rtscts,
-            exclusive=True,
-        )
-    except (OSError, termios.error) as error:
-        match getattr(error, "errno", None):
-            case errno.ENOENT | errno.ENXIO | errno.ENODEV:
-                problem = "there is no such serial port: plug the adapter in, or choose another port"
-            case errno.EACCES | errno.EPERM:
-                problem = (
-                    "no permission to open it: join the group that owns it (on Debian 'sudo adduser $USER "
-                    "dialout') and log in again"
-                )
-            case errno.EBUSY | errno.EAGAIN:
-                problem = "another program uses it: end that program"
-            case _:
-                problem = f"it cannot be used as a serial port ({error}): choose another port"
-        raise MeterNotFoundError(f"{port}: {problem}") from error
+def _command(mode: MeterMode) -> str:
+    return f"MDS,{mode.value}"

@@ -20,8 +20,10 @@ class MeterMode(Enum):
     """Modes of the meter by their number in the command ``MDS,nn``; one of each group is in force.
 
     PRESET to VARI_CCF_LUMI choose the correction: the maker's calibration, the colour correction factor, the
-    user calibration, or both. ABS and RATIO choose luminance or % of the stored reference, FAST and SLOW the
-    response, PEAK and CONT whether the highest or the present value is given.
+    user calibration, or both; `Reading.correction` tells which. ABS and RATIO choose luminance or % of the stored
+    reference; `Reading.unit` is ``%`` then. FAST and SLOW choose the response: SLOW averages longer, for light that
+    flickers, and ends at a lower luminance (`LSDataSheet`). PEAK and CONT choose whether the highest or the
+    present value is given; `Reading.peak` tells which.
     """
 
     PRESET = "00"
@@ -34,6 +36,15 @@ class MeterMode(Enum):
     SLOW = "07"
     PEAK = "08"
     CONT = "09"
+
+
+#: One mode of each group is in force.
+MODE_GROUPS: Final = (
+    (MeterMode.PRESET, MeterMode.VARI_CCF, MeterMode.VARI_LUMI, MeterMode.VARI_CCF_LUMI),
+    (MeterMode.ABS, MeterMode.RATIO),
+    (MeterMode.FAST, MeterMode.SLOW),
+    (MeterMode.PEAK, MeterMode.CONT),
+)
 
 
 @dataclass(frozen=True)
@@ -93,7 +104,8 @@ ERROR_CODES: Final = {
 _UNKNOWN_CODE: Final = "the manual does not know this code: switch the meter off, and on again with F held"
 
 _READING: Final = re.compile(rb"OK00, *([CP])([cf%])([PLKT ])([MH])([ 0-9.]{6})")
-_NUMBER: Final = re.compile(r" *([0-9]+\.?[0-9]*|\.[0-9]+) *")
+#: A number in six characters, blanks around it.
+NUMBER: Final = re.compile(r" *([0-9]+\.?[0-9]*|\.[0-9]+) *")
 _UNITS: Final[dict[str, LuminanceUnit]] = {"c": "cd/m2", "f": "fL", "%": "%"}
 _CORRECTIONS: Final[dict[str, Literal["preset", "luminance", "colour", "both"]]] = {
     "P": "preset",
@@ -119,7 +131,7 @@ def parse_acknowledgement(reply: bytes) -> None:
         If it is anything else.
     """
     reply = reply.removesuffix(b"\r\n")
-    _raise_if_reported(reply)
+    raise_if_reported(reply)
     if reply != b"OK00":
         raise MeterProtocolError(f"the meter sent {reply!r} instead of OK00: check cable and model, then repeat")
 
@@ -151,9 +163,9 @@ def parse_reading(reply: bytes, data_sheet: LSDataSheet, meter: MeterIdentity, t
         If it is anything else than a reading.
     """
     reply = reply.removesuffix(b"\r\n")
-    _raise_if_reported(reply)
+    raise_if_reported(reply)
     fields = _READING.fullmatch(reply)
-    number = fields and _NUMBER.fullmatch(fields[5].decode("ascii"))
+    number = fields and NUMBER.fullmatch(fields[5].decode("ascii"))
     if fields is None or number is None:
         raise MeterProtocolError(
             f"the meter sent {reply!r}, which is not a reading: check cable and model, then measure again"
@@ -176,7 +188,8 @@ def parse_reading(reply: bytes, data_sheet: LSDataSheet, meter: MeterIdentity, t
     )
 
 
-def _raise_if_reported(reply: bytes) -> None:
+def raise_if_reported(reply: bytes) -> None:
+    """Raise MeterReportedError if a reply, without its CR LF, is an error code."""
     if re.fullmatch(rb"ER[0-9]{2}", reply):
         code = reply.decode("ascii")
         raise MeterReportedError(code, f"{code}: {ERROR_CODES.get(code, _UNKNOWN_CODE)}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from math import hypot, isfinite, sqrt
+from math import hypot, isfinite, nan, sqrt
+from statistics import fmean, stdev
 from typing import Any, Literal
 
 from .errors import InputError
@@ -59,7 +60,7 @@ class Reading:
     peak : bool
         True if the meter held its peak, False for the present value.
     correction : {'preset', 'luminance', 'colour', 'both'} or None
-        Which user correction the meter applied; None in ratio mode, where it does not say.
+        Which user correction the meter applied; None where it does not say: in ratio mode, and for other meters.
     held : bool
         True if the value was held, False if measured continuously.
     meter : MeterIdentity
@@ -67,7 +68,7 @@ class Reading:
     timestamp : datetime
         Host time, with time zone.
     raw : str
-        The reply as received, for the record.
+        The reply as received, the text as typed or the row as read, for the record.
     """
 
     value: float
@@ -143,3 +144,78 @@ class Reading:
             raise
         except (TypeError, ValueError, KeyError) as error:
             raise InputError(f"reading cannot be read: {error}") from error
+
+
+@dataclass(frozen=True)
+class ReadingSeries:
+    """Readings of the same light by one meter, and their mean.
+
+    Parameters
+    ----------
+    readings : tuple of Reading
+        At least one.
+
+    Raises
+    ------
+    InputError
+        If there is no reading, one is a ratio in %, or units or meters differ.
+    """
+
+    readings: tuple[Reading, ...]
+
+    def __post_init__(self) -> None:
+        if not self.readings:
+            raise InputError("there are no readings to average: take at least one")
+        first = self.readings[0]
+        for reading in self.readings:
+            if reading.unit == "%":
+                raise InputError(
+                    f"the reading {reading.raw!r} is a ratio in %, not a luminance: set the meter to ABS and measure "
+                    "again"
+                )
+            if reading.meter != first.meter:
+                raise InputError(
+                    f"the readings come from meters {first.meter.model} {first.meter.serial} and "
+                    f"{reading.meter.model} {reading.meter.serial}: average the readings of one meter"
+                )
+            if reading.unit != first.unit:
+                raise InputError(
+                    f"the readings {first.raw!r} and {reading.raw!r} are in {first.unit} and {reading.unit}: leave the "
+                    "meter's unit switch alone and measure again"
+                )
+
+    @property
+    def mean_cd_m2(self) -> float:
+        """Mean, in cd/m^2."""
+        return fmean(reading.luminance_cd_m2 for reading in self.readings)
+
+    @property
+    def scatter_cd_m2(self) -> float:
+        """Sample standard deviation (n - 1), in cd/m^2; nan for one reading, which tells nothing of it."""
+        if len(self.readings) == 1:
+            return nan
+        return stdev(reading.luminance_cd_m2 for reading in self.readings)
+
+    @property
+    def scatter_rel(self) -> float:
+        """Sample standard deviation relative to the mean; nan for one reading, or darkness."""
+        mean = self.mean_cd_m2
+        return self.scatter_cd_m2 / mean if mean else nan
+
+    @property
+    def standard_uncertainty_random_cd_m2(self) -> float:
+        """Standard uncertainty of the mean without the common scale, in cd/m^2.
+
+        The larger of scatter / sqrt(n) (JCGM 100:2008, 4.2.3) and what digits and repeatability of the data sheet
+        give. The repeatability averages down; the digits do not: the same light gives the same rounded number again.
+        """
+        n = len(self.readings)
+        repeatability = sqrt(fmean((r.repeatability_rel * r.luminance_cd_m2) ** 2 for r in self.readings))
+        digits = fmean(r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in self.readings)
+        stated = hypot(repeatability / sqrt(n), digits)
+        return stated if n == 1 else max(stated, self.scatter_cd_m2 / sqrt(n))
+
+    @property
+    def standard_uncertainty_common_rel(self) -> float:
+        """Standard uncertainty of the common scale, relative: the largest stated with the readings."""
+        return max(reading.standard_uncertainty_common_rel for reading in self.readings)

@@ -9,7 +9,7 @@ from io import TextIOWrapper
 import typer
 
 from ..errors import LabcdpError
-from . import bench, demo, devices, doctor, session, simulation
+from . import bench, demo, devices, doctor, meter, session, simulation
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -26,6 +26,8 @@ app.command("demo")(demo.demo)
 app.command("devices")(devices.devices)
 app.command("doctor")(doctor.doctor)
 app.command("snap")(devices.snap)
+app.command("meter")(meter.meter)
+app.command("meter-test")(meter.meter_test)
 app.command("acquire")(session.acquire)
 app.command("calibrate")(session.calibrate)
 app.command("evaluate")(session.evaluate)

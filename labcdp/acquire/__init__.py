@@ -1,6 +1,33 @@
 """Acquisition: record what a plan asks for from a camera and a meter, and go on where it was broken off."""
 
-from .operator import Operator
-from .run import Progress, acquire, check_devices, remaining
+from .before import check_devices
+from .checks import CheckFinding
+from .control import AcquisitionStoppedError, Control
+from .live import Live, PatchNumbers
+from .operator import HandNeededError, Operator, Unattended
+from .progress import Progress
+from .run import Left, acquire
+from .search import FoundExposures, PatchRate, choose_exposures
+from .steps import Remaining, remaining
+from .writer import FrameWriter
 
-__all__ = ["Operator", "Progress", "acquire", "check_devices", "remaining"]
+__all__ = [
+    "AcquisitionStoppedError",
+    "CheckFinding",
+    "Control",
+    "FoundExposures",
+    "FrameWriter",
+    "HandNeededError",
+    "Left",
+    "Live",
+    "Operator",
+    "PatchNumbers",
+    "PatchRate",
+    "Progress",
+    "Remaining",
+    "Unattended",
+    "acquire",
+    "check_devices",
+    "choose_exposures",
+    "remaining",
+]

@@ -3,113 +3,54 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
-from collections.abc import Callable
+import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from ..drivers.camera import Camera, CameraNotFoundError, IncompleteFrameError
+from ..clock import Clock, SystemClock
+from ..drivers.camera import Camera, FeatureValue
 from ..drivers.meter import Meter
-from ..errors import SessionError
-from ..session import Role, Session, SessionConfiguration
-from ..session.configuration import SAME_EXPOSURE_REL
-from .operator import Operator
+from ..roi import Roi
+from ..session import EventRecord, Session
+from ..session.records import EXPOSURES
+from .before import check_devices, check_room
+from .checks import CheckFinding, check_flicker, check_levels, check_meter_drift, check_scatter
+from .control import Control
+from .frame_recorder import FrameRecorder
+from .lens_cap import LensCap
+from .operator import HandNeededError, Operator
+from .progress import Progress, Report
+from .reading_recorder import ReadingRecorder
+from .search import LONGEST_S, Look, choose_exposures, measure_rates
+from .steps import (
+    CHECK,
+    Unit,
+    before_and_after,
+    readings_wanted,
+    records_of,
+    remaining,
+    shown_patches,
+    units,
+    was_checked,
+)
 
 _log = logging.getLogger(__name__)
 
-#: A frame that arrives incomplete is taken again this often before giving up.
-_ATTEMPTS = 3
-
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a run is.
+class Left:
+    """Something that nobody was there to do.
 
     Parameters
     ----------
-    step : str
-        What is being taken, for a person.
-    done, total : int
-        Frames or readings of this kind, those recorded earlier included.
+    what : str
+        The part of the plan.
+    hand : str
+        What a person has to do for it.
     """
 
-    step: str
-    done: int
-    total: int
-
-
-@dataclass(frozen=True)
-class Remaining:
-    """What a session still lacks of its plan.
-
-    Parameters
-    ----------
-    light, dark : dict of float to int
-        Frames by exposure in seconds; complete exposures are left out.
-    readings : dict of str to int
-        Readings by patch; complete patches are left out.
-    """
-
-    light: dict[float, int]
-    dark: dict[float, int]
-    readings: dict[str, int]
-
-    @property
-    def complete(self) -> bool:
-        """Whether nothing is lacking."""
-        return not (self.light or self.dark or self.readings)
-
-
-def remaining(session: Session) -> Remaining:
-    """Compare what is recorded with the plan."""
-    plan = session.configuration.plan
-    read = Counter(record.patch for record in session.readings())
-    patches = [patch.name for patch in session.configuration.target.patches]
-    lacking = {name: plan.readings_per_patch - read[name] for name in patches}
-    return Remaining(
-        light=_lacking_frames(session, "light", plan.frames_per_exposure),
-        dark=_lacking_frames(session, "dark", plan.dark_frames_per_exposure),
-        readings={name: n for name, n in lacking.items() if n > 0},
-    )
-
-
-def _lacking_frames(session: Session, role: Role, wanted: int) -> dict[float, int]:
-    recorded = [float(record.metadata["exposure_s"]) for record in session.frames(role)]
-    lacking = {}
-    for exposure_s in session.configuration.plan.exposures_s:
-        n = wanted - sum(abs(t / exposure_s - 1) <= SAME_EXPOSURE_REL for t in recorded)
-        if n > 0:
-            lacking[exposure_s] = n
-    return lacking
-
-
-def check_devices(camera: Camera, meter: Meter, configuration: SessionConfiguration) -> None:
-    """Refuse devices the configuration does not name, and regions the camera does not see.
-
-    Raises
-    ------
-    CameraNotFoundError
-        If vendor, model or serial number of the camera differ.
-    SessionError
-        If the meter is another model.
-    InputError
-        If a region of the target lies outside the camera's image or holds no pixel.
-    """
-    wanted = configuration.camera
-    for name in ("vendor", "model", "serial"):
-        expected, found = getattr(wanted, name), getattr(camera.identity, name)
-        if expected is not None and expected != found:
-            raise CameraNotFoundError(
-                f"the camera's {name} is {found!r}, the configuration says {expected!r}: connect that camera or "
-                f"correct camera.{name}"
-            )
-    settings = camera.settings
-    for patch in configuration.target.patches:
-        patch.region().mask((settings.height, settings.width))
-    if meter.identity.model != configuration.meter.model:
-        raise SessionError(
-            f"the meter is a {meter.identity.model}, the configuration says {configuration.meter.model}: connect "
-            "that meter or correct meter.model"
-        )
+    what: str
+    hand: str
 
 
 def acquire(
@@ -117,12 +58,14 @@ def acquire(
     camera: Camera,
     meter: Meter,
     operator: Operator,
-    report: Callable[[Progress], None] = lambda _progress: None,
-) -> None:
+    report: Report = lambda _progress: None,
+    clock: Clock | None = None,
+    control: Control | None = None,
+) -> tuple[Left, ...]:
     """Record what the session lacks of its plan.
 
-    Every frame and reading is on the disk before the next is taken: whatever stops the run, calling this again
-    takes only the rest.
+    Frames go to the disk while others are taken, a reading before the next. Whatever stops the run, what was taken
+    is recorded, and calling this again takes only the rest.
 
     Parameters
     ----------
@@ -133,81 +76,184 @@ def acquire(
     operator : Operator
         Does what is done by hand.
     report : callable
-        Called after each frame and reading.
+        Called after each frame and reading. A thread writes to the session meanwhile: leave it alone.
+    clock : Clock or None
+        Times the schedule of the frames; None for the computer's.
+    control : Control or None
+        To pause and stop from another thread.
+
+    Returns
+    -------
+    tuple of Left
+        What needs a hand and was left, see `Unattended`; empty if the plan is complete.
 
     Raises
     ------
     DeviceError
-        If a device fails; what was recorded before stays.
+        If a device fails.
     SessionError
-        If something cannot be recorded.
+        If something cannot be recorded, or there is no room for it.
+    AcquisitionStoppedError
+        If `control` says so.
     """
     check_devices(camera, meter, session.configuration)
-    rest = remaining(session)
-    if rest.complete:
-        return
+    if remaining(session).complete and _ended(session):
+        return ()
+    check_room(camera, session)
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
-    if rest.light:
-        operator.uncover_lens()
-        _frames(session, camera, "light", rest.light, report)
-    if rest.readings:
-        _readings(session, meter, operator, rest.readings, report)
-    if rest.dark:
-        operator.cover_lens()
-        _frames(session, camera, "dark", rest.dark, report)
-        operator.uncover_lens()
-    session.add_event("complete", {})
-
-
-def _frames(
-    session: Session, camera: Camera, role: Role, lacking: dict[float, int], report: Callable[[Progress], None]
-) -> None:
-    plan = session.configuration.plan
-    each = plan.frames_per_exposure if role == "light" else plan.dark_frames_per_exposure
-    total = each * len(plan.exposures_s)
-    done = total - sum(lacking.values())
-    report(Progress(f"{role} frames", done, total))
-    for exposure_s, n in lacking.items():
-        applied = camera.configure(exposure_s=exposure_s, gain_db=plan.gain_db, pixel_format=plan.pixel_format)
-        if abs(applied.exposure_s / exposure_s - 1) > SAME_EXPOSURE_REL:
-            raise SessionError(
-                f"the camera applied {applied.exposure_s:g} s where the plan asks for {exposure_s:g} s: put an "
-                "exposure it can keep into plan.exposures_s"
-            )
-        for _ in range(n):
-            _one_frame(session, camera, role)
-            done += 1
-            report(Progress(f"{role} frames", done, total))
-
-
-def _one_frame(session: Session, camera: Camera, role: Role) -> None:
-    for attempt in range(1, _ATTEMPTS + 1):
+    session.add_event("camera features", {"features": _json_values(camera.features())})
+    control = control or Control()
+    frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
+    readings = ReadingRecorder(session, meter, operator, report, control)
+    run = _Run(session, operator, frames, readings)
+    left: list[Left] = []
+    if session.exposures_s is None:
         try:
-            frame = camera.snap()
-        except IncompleteFrameError as error:
-            session.add_event("refused frame", {"role": role, "reason": str(error)})
-            if attempt == _ATTEMPTS:
-                raise
-            _log.warning("%s; taking it again", error)
-        else:
-            session.add_frame(frame, role)
-            return
+            _search(session, camera, operator, run.cap, frames, report)
+        except HandNeededError as hand:
+            left.append(Left("exposure search", str(hand)))
+    left += run.all_units()
+    if not left:
+        session.add_event("complete", {})
+    return tuple(left)
 
 
-def _readings(
-    session: Session,
-    meter: Meter,
-    operator: Operator,
-    lacking: dict[str, int],
-    report: Callable[[Progress], None],
+def _ended(session: Session) -> bool:
+    return any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
+
+
+def _json_values(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue]:
+    """Features as JSON can hold them: a float that is not finite becomes text."""
+    return {
+        name: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in features.items()
+    }
+
+
+def _search(
+    session: Session, camera: Camera, operator: Operator, cap: LensCap, frames: FrameRecorder, report: Report
 ) -> None:
-    configuration = session.configuration
-    total = configuration.plan.readings_per_patch * len(configuration.target.patches)
-    done = total - sum(lacking.values())
-    report(Progress("meter readings", done, total))
-    for patch, n in lacking.items():
-        operator.point_meter(patch)
-        for _ in range(n):
-            session.add_reading(meter.measure(), patch)
-            done += 1
-            report(Progress("meter readings", done, total))
+    """Find exposures, record them and tell them."""
+    shortest_s, longest_s = camera.exposure_range_s
+    range_s = (shortest_s, max(min(longest_s, LONGEST_S), shortest_s))
+    looks: list[float] = []
+    cap.off()
+    rates = []
+    for shown in shown_patches(session.configuration):
+        regions = frames.regions(shown)
+        if shown is not None:
+            operator.show_patch(shown)
+
+        def look(exposure_s: float, regions: list[Roi] = regions) -> Look:
+            looks.append(exposure_s)
+            return Look.at(frames.look(exposure_s), regions)
+
+        rates += measure_rates(look, [region.name for region in regions], range_s)
+    found = choose_exposures(rates, range_s)
+    applied = [frames.configure(exposure_s).exposure_s for exposure_s in found.exposures_s]
+    findings = [asdict(finding) for finding in found.findings]
+    content = {"exposures_s": applied, "frames": len(looks), "shares": found.shares, "findings": findings}
+    session.add_event(EXPOSURES, content)
+    note = f"Exposures found: {', '.join(f'{exposure_s:.3g}' for exposure_s in applied)} s"
+    report(Progress("exposure search", len(looks), len(looks), note=note))
+    for finding in found.findings:
+        _log.warning("%s", finding)
+    check_room(camera, session)
+
+
+class _Run:
+    """Units of a plan: each is taken, checked, and if the operator says so taken again."""
+
+    def __init__(self, session: Session, operator: Operator, frames: FrameRecorder, readings: ReadingRecorder) -> None:
+        self.cap = LensCap(operator)
+        self._session = session
+        self._operator = operator
+        self._frames = frames
+        self._readings = readings
+        self._plan = session.configuration.plan
+        self._first = session.configuration.target.patches[0].name
+
+    def all_units(self) -> list[Left]:
+        """Do all units that hands can be had for; returns the others."""
+        left = []
+        for unit in units(self._session.configuration):
+            if unit.kind != "readings" and self._session.exposures_s is None:
+                left.append(Left(unit.name, "have the exposures searched first"))
+                continue
+            try:
+                self._do(unit)
+            except HandNeededError as hand:
+                left.append(Left(unit.name, str(hand)))
+        self.cap.leave_off()
+        return left
+
+    def _do(self, unit: Unit) -> None:
+        again = True
+        while again:
+            taken = self._take(unit)
+            if not taken and was_checked(self._session, unit):
+                return
+            findings = self._check(unit)
+            again = bool(findings) and self._operator.repeat(unit.name, findings)
+            if again:
+                # Before the check is noted: if the run ends between the two, the unit is taken again.
+                reason = "; ".join(str(finding) for finding in findings)
+                self._session.supersede(records_of(self._session, unit), reason)
+                self._frames.forget()
+            content = {"unit": unit.name, "findings": [asdict(f) for f in findings], "repeat": again}
+            self._session.add_event(CHECK, content)
+
+    def _take(self, unit: Unit) -> bool:
+        """Take what a unit lacks; returns whether that was anything."""
+        rest = remaining(self._session)
+        if unit.kind == "readings":
+            assert unit.patch is not None
+            return self._readings.point_and_record(unit.patch, readings_wanted(self._session.configuration)[unit.patch])
+        if unit.kind == "dark":
+            if rest.dark:
+                self.cap.on()
+                self._frames.record("dark", None, rest.dark)
+            return bool(rest.dark)
+        light = {exposure_s: n for (patch, exposure_s), n in rest.light.items() if patch == unit.patch}
+        if unit.patch is None:
+            return self._take_together(light)
+        if light or unit.patch in rest.readings:
+            self._take_patch(unit.patch, light)
+            return True
+        return False
+
+    def _take_together(self, light: Mapping[float, int]) -> bool:
+        n = self._plan.readings_per_patch
+        if light:
+            self.cap.off()
+            if self._plan.drift_check:
+                self._readings.point_and_record(self._first, n)
+            self._frames.record("light", None, light)
+        read = self._plan.drift_check and self._readings.point_and_record(self._first, 2 * n)
+        return bool(light) or read
+
+    def _take_patch(self, patch: str, light: Mapping[float, int]) -> None:
+        n = self._plan.readings_per_patch
+        self.cap.off()
+        self._operator.show_patch(patch)
+        if light:
+            self._readings.record(patch, n)
+            self._frames.record("light", patch, light)
+        self._readings.record(patch, 2 * n)
+
+    def _check(self, unit: Unit) -> list[CheckFinding]:
+        plan, findings = self._plan, []
+        if unit.kind in ("light", "patch"):
+            numbers = self._frames.numbers(unit.patch)
+            findings += check_levels(numbers) + check_flicker(numbers, plan.largest_flicker_rel)
+        if unit.kind == "readings":
+            assert unit.patch is not None
+            readings = [r.reading for r in self._session.readings() if r.patch == unit.patch]
+            findings += check_scatter(unit.patch, readings, plan.largest_drift_rel)
+        elif unit.kind == "patch" or (unit.kind == "light" and plan.drift_check):
+            patch = unit.patch or self._first
+            before, after = before_and_after(self._session, patch)
+            for series in (before, after):
+                findings += check_scatter(patch, series, plan.largest_drift_rel)
+            findings += check_meter_drift(patch, before, after, plan.largest_drift_rel)
+        return findings

@@ -9,7 +9,7 @@ from io import TextIOWrapper
 import typer
 
 from ..errors import LabcdpError
-from . import bench, demo, devices, doctor, meter, session, simulation
+from . import acquire, bench, demo, devices, doctor, meter, session, simulation
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -28,7 +28,7 @@ app.command("doctor")(doctor.doctor)
 app.command("snap")(devices.snap)
 app.command("meter")(meter.meter)
 app.command("meter-test")(meter.meter_test)
-app.command("acquire")(session.acquire)
+app.command("acquire")(acquire.acquire)
 app.command("calibrate")(session.calibrate)
 app.command("evaluate")(session.evaluate)
 app.command("replay")(session.replay)

@@ -1,24 +1,32 @@
-"""The devices of an acquisition: real ones with a person as operator, or the simulated bench."""
+"""The devices of an acquisition: real ones with a person as operator, the simulated bench, or a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from os.path import realpath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import DeviceError
-from .terminal import Bars, say
+from ..errors import InputError
+from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+from .terminal import say
 
 if TYPE_CHECKING:
-    from ..acquire import Operator
+    from ..acquire import Operator, Unattended
+    from ..clock import Clock
     from ..drivers.camera import Camera
     from ..drivers.meter import Meter
     from ..drivers.simulated.bench import SimulatedBench
-    from ..session import SessionConfiguration
+    from ..drivers.written_reading import MeterAccuracy
+    from ..reading import MeterIdentity
+    from ..session import MeterConfiguration, Session, SessionConfiguration
 
 #: Time the simulated meter takes for a reading; the real one takes about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
+#: How often a reading that came late, broken or garbled is asked for.
+_METER_ATTEMPTS = 3
 
 
 @dataclass(frozen=True)
@@ -43,93 +51,211 @@ class Devices:
     transport: str
 
 
-class ConsoleOperator:
-    """A person at the terminal.
+@dataclass(frozen=True)
+class DeviceChoice:
+    """Which devices the options of a command ask for.
 
     Parameters
     ----------
-    bars : Bars
-        Taken away while the person is asked.
+    camera, meter : str or None
+        Serial number, address or model of the camera; serial port of the meter; None as configured.
+    simulated, simulated_time : bool
+        The simulated bench; and that on a clock that jumps.
+    faults : Path or None
+        Schedule of faults for the simulated bench.
+    replay : Path or None
+        Recorded session that takes the place of the devices.
+    speed : float or None
+        How fast it is replayed; None for at once.
+    patience_s : float
+        How long a lost device is waited for.
+    transcript : Path or None
+        File for what goes over the meter's wire.
+
+    Raises
+    ------
+    InputError
+        If two of them do not go together.
     """
 
-    def __init__(self, bars: Bars) -> None:
-        self._bars = bars
+    camera: str | None = None
+    meter: str | None = None
+    simulated: bool = False
+    simulated_time: bool = False
+    faults: Path | None = None
+    replay: Path | None = None
+    speed: float | None = None
+    patience_s: float = 0.0
+    transcript: Path | None = None
 
-    def cover_lens(self) -> None:
-        """Ask for the lens cap."""
-        self._ask("Put the cap on the lens")
+    def __post_init__(self) -> None:
+        needs = (
+            ("--simulated-time", self.simulated_time, "--simulated", self.simulated),
+            ("--faults", self.faults is not None, "--simulated", self.simulated),
+            ("--speed", self.speed is not None, "--replay", self.replay is not None),
+        )
+        for option, given, needed, there in needs:
+            if given and not there:
+                raise InputError(f"{option} is for {needed} only: give both, or neither")
+        excluded = (
+            ("--simulated", self.simulated, "--replay", self.replay is not None),
+            ("--camera", self.camera is not None, "--simulated", self.simulated),
+            ("--camera", self.camera is not None, "--replay", self.replay is not None),
+            ("--meter", self.meter is not None, "--simulated", self.simulated),
+            ("--meter", self.meter is not None, "--replay", self.replay is not None),
+            ("--transcript", self.transcript is not None, "--simulated-time", self.simulated_time),
+            ("--transcript", self.transcript is not None, "--replay", self.replay is not None),
+        )
+        for option, given, other, there in excluded:
+            if given and there:
+                raise InputError(f"{option} does not go with {other}: leave one out")
 
-    def uncover_lens(self) -> None:
-        """Ask to take off the lens cap."""
-        self._ask("Take the cap off the lens and light the target")
+    @property
+    def real(self) -> bool:
+        """Whether the devices are no simulated and no recorded ones."""
+        return not self.simulated and self.replay is None
 
-    def point_meter(self, patch: str) -> None:
-        """Ask to point the meter."""
-        self._ask(f"Point the luminance meter at the middle of patch {patch}")
-
-    def _ask(self, request: str) -> None:
-        with self._bars.paused():
-            say(f"{request}, then press Enter.")
-            try:
-                input()
-            except EOFError:
-                raise DeviceError(
-                    "nobody answers at the terminal: run the command where a person can press Enter; what was "
-                    "recorded is safe"
-                ) from None
+    def check(self, meter: MeterConfiguration) -> None:
+        """Refuse what does not go with the configured meter; raises InputError."""
+        if not self.real:
+            return
+        if meter.entry != "serial":
+            for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
+                if given is not None:
+                    raise InputError(
+                        f'{option} is for a meter on a serial port, the configuration says "{meter.entry}"'
+                    )
+        elif self.meter is None and meter.port is None:
+            raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
 
 
 @contextmanager
 def connected(
-    configuration: SessionConfiguration, camera: str | None, meter: str | None, simulated: bool, bars: Bars
+    session: Session, choice: DeviceChoice, clock: Clock, console: Console, nobody: Unattended | None
 ) -> Iterator[Devices]:
     """Open the devices of a session while the context lasts.
+
+    Parameters
+    ----------
+    session : Session
+        Says which devices.
+    choice : DeviceChoice
+        What the options say.
+    clock : Clock
+        Of simulated and recorded devices.
+    console : Console
+        Where a person is asked.
+    nobody : Unattended or None
+        In place of the operator, if nobody is there.
 
     Raises
     ------
     DeviceError
         If a device is absent, busy or silent.
+    InputError
+        If a file of options cannot be read, or says something unknown.
     """
-    from ..drivers.aravis_camera import AravisCamera
+    from ..drivers.csv_meter import CsvMeter
 
-    if simulated:
-        from ..drivers.simulated.bench import BenchDevices, SimulatedBench
-
-        with simulated_devices(configuration, SimulatedBench(configuration, BenchDevices.standard())) as devices:
-            yield devices
-        return
-    port = meter or configuration.meter.port
-    assert port is not None, "checked before the session is made"
-    wanted = configuration.camera
-    selector = camera or wanted.serial or wanted.address or wanted.model
-    with AravisCamera(selector) as opened, _meter(configuration, port) as ls:
-        yield Devices(opened, ls, ConsoleOperator(bars), "Aravis")
+    if choice.replay is not None:
+        opened = _replayed(session, choice.replay, choice.speed, clock)
+    elif choice.simulated:
+        opened = _simulated(session.configuration, choice, clock)
+    else:
+        opened = _real(session, choice, console)
+    with opened as devices:
+        operator: Operator = nobody or devices.operator
+        # A file needs no pointing.
+        if isinstance(devices.meter, CsvMeter):
+            operator = CsvOperator(operator, devices.meter, session)
+        yield replace(devices, operator=operator)
 
 
 @contextmanager
-def simulated_devices(configuration: SessionConfiguration, bench: SimulatedBench) -> Iterator[Devices]:
+def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[Devices]:
+    from ..drivers.aravis_camera import AravisCamera
+    from ..drivers.csv_meter import CsvMeter
+    from ..drivers.manual_meter import ManualMeter
+
+    configuration = session.configuration
+    wanted = configuration.camera
+    selector = choice.camera or wanted.serial or wanted.address or wanted.model
+    with ExitStack() as stack:
+        camera = stack.enter_context(AravisCamera(selector, patience_s=choice.patience_s))
+        described = configuration.meter
+        meter: Meter
+        if described.entry == "by hand":
+            meter = stack.enter_context(ManualMeter(console.ask, _identity(described), _accuracy(described)))
+        elif described.entry == "csv":
+            assert described.file is not None
+            meter = stack.enter_context(CsvMeter(described.file, _identity(described), _accuracy(described)))
+        else:
+            port = choice.meter or described.port
+            assert port is not None, "checked before the session is made"
+            meter = stack.enter_context(_serial_meter(described, port, choice.patience_s, choice.transcript))
+        yield Devices(camera, meter, ConsoleOperator(console), "Aravis")
+
+
+@contextmanager
+def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -> Iterator[Devices]:
+    from ..drivers.replay import ReplayCamera, ReplayMeter
+    from ..session import Session
+
+    recorded = Session.open(path)
+    if session.exposures_s is None and recorded.exposures_s is not None:
+        # What the recorded search found: its own frames were not kept.
+        session.add_event("exposures", {"exposures_s": list(recorded.exposures_s), "found in": str(path)})
+    with ReplayCamera(recorded, speed, clock) as camera, ReplayMeter(recorded, speed, clock) as meter:
+        yield Devices(camera, meter, RecordingOperator(), "a recorded session")
+
+
+@contextmanager
+def _simulated(configuration: SessionConfiguration, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
+    from ..drivers.simulated.bench import BenchDevices, SimulatedBench
+
+    faults = None if choice.faults is None else _text(choice.faults)
+    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock) as bench:
+        if choice.simulated_time:
+            with bench.in_process_camera(patience_s=choice.patience_s) as camera, bench.in_process_meter() as meter:
+                _schedule(bench, faults, choice.faults)
+                yield Devices(camera, meter, bench, "in this process")
+        else:
+            with simulated_devices(configuration, bench, choice.patience_s, choice.transcript) as devices:
+                _schedule(bench, faults, choice.faults)
+                yield devices
+
+
+def _schedule(bench: SimulatedBench, faults: str | None, path: Path | None) -> None:
+    if faults is not None:
+        bench.schedule(faults, str(path))
+
+
+@contextmanager
+def simulated_devices(
+    configuration: SessionConfiguration, bench: SimulatedBench, patience_s: float = 0.0, transcript: Path | None = None
+) -> Iterator[Devices]:
     """Open the devices of a simulated bench: GigE Vision on loopback, or in this process where that fails."""
     with ExitStack() as stack:
         pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
-        ls = stack.enter_context(_meter(configuration, pty.port))
-        camera, transport = _simulated_camera(bench, stack)
-        yield Devices(camera, ls, bench, transport)
+        meter = stack.enter_context(_serial_meter(configuration.meter, pty.port, patience_s, transcript))
+        camera, transport = _simulated_camera(bench, stack, patience_s)
+        yield Devices(camera, meter, bench, transport)
 
 
-def _simulated_camera(bench: SimulatedBench, stack: ExitStack) -> tuple[Camera, str]:
+def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> tuple[Camera, str]:
     from ..drivers.aravis_camera import AravisCamera
     from ..drivers.camera import CameraError
 
     try:
         with ExitStack() as trial:
             trial.enter_context(bench.gige_camera())
-            camera = trial.enter_context(AravisCamera(bench.device.serial))
+            camera = trial.enter_context(AravisCamera(bench.device.serial, patience_s=patience_s))
             _try(camera)
             stack.push(trial.pop_all())
             return camera, "GigE Vision on loopback"
     except CameraError as error:
         say(f"The camera is simulated in this process, not over GigE Vision: {error}")
-        return stack.enter_context(bench.in_process_camera()), "in this process"
+        return stack.enter_context(bench.in_process_camera(patience_s=patience_s)), "in this process"
 
 
 def _try(camera: Camera) -> None:
@@ -142,17 +268,33 @@ def _try(camera: Camera) -> None:
         camera.snap()
 
 
-def _meter(configuration: SessionConfiguration, port: str) -> Meter:
+def _serial_meter(described: MeterConfiguration, port: str, patience_s: float, transcript: Path | None) -> Meter:
     from ..drivers.minolta_ls import MinoltaLS100, MinoltaLS110
+
+    # Meters have serial lines; a pseudo-terminal is a program's, whatever link leads to it.
+    identity = _identity(described, simulated=realpath(port).startswith("/dev/pts/"))
+    driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
+    return driver(port, identity, attempts=_METER_ATTEMPTS, patience_s=patience_s, transcript=transcript)
+
+
+def _identity(described: MeterConfiguration, simulated: bool = False) -> MeterIdentity:
     from ..reading import MeterIdentity
 
-    wanted = configuration.meter
-    identity = MeterIdentity(
-        wanted.model,
-        wanted.serial,
-        None if wanted.calibration_date is None else wanted.calibration_date.isoformat(),
-        # Meters have serial lines; a pseudo-terminal is a program's.
-        simulated=port.startswith("/dev/pts/"),
+    date = described.calibration_date
+    return MeterIdentity(described.model, described.serial, None if date is None else date.isoformat(), simulated)
+
+
+def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
+    from ..drivers.written_reading import MeterAccuracy
+
+    # The configuration requires all three where no driver knows them.
+    return MeterAccuracy(
+        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
     )
-    driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[wanted.model]
-    return driver(port, identity)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read as text ({error}): give a schedule of faults") from error

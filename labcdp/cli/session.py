@@ -1,4 +1,4 @@
-"""Commands acquire, calibrate, evaluate and replay: the steps of a bench session."""
+"""Commands calibrate, evaluate and replay: what is made of a recorded session."""
 
 from __future__ import annotations
 
@@ -22,63 +22,6 @@ WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be 
 CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 1000%; default: as configured.")
 EPSILON_OPTION = typer.Option(None, help="Tolerance of the contrast, for example 50%; default: as configured.")
 PAIR_OPTION = typer.Option([], "--pair", help="BRIGHT:DARK, two patches; default: as configured. May be repeated.")
-
-
-def _example(wanted: bool) -> None:
-    from ..session import example_configuration
-
-    if wanted:
-        typer.echo(example_configuration(), nl=False)
-        raise typer.Exit
-
-
-def acquire(
-    configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see --example."),
-    session: Path = SESSION_ARGUMENT,
-    camera: str | None = typer.Option(
-        None, help="Serial number, address or model; default: as configured, else the only one."
-    ),
-    meter: str | None = typer.Option(None, help="Serial port, for example /dev/ttyUSB0; default: as configured."),
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
-    example: bool = typer.Option(
-        False, "--example", help="Print a configuration to start from and stop.", is_eager=True, callback=_example
-    ),
-    as_json: bool = JSON_OPTION,
-) -> None:
-    """Record frames and meter readings as planned; a session that was broken off goes on."""
-    from ..acquire import acquire as run
-    from ..acquire import remaining
-    from .devices_of_session import connected
-
-    with _open_or_create(session, configuration, need_port=meter is None and not simulated) as opened:
-        if not remaining(opened).complete:
-            with progress_bars() as bars, connected(opened.configuration, camera, meter, simulated, bars) as devices:
-                run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition)
-        counts = {"frames": len(opened.frames()), "readings": len(opened.readings())}
-    if as_json:
-        print_json({"session": str(session), **counts})
-    else:
-        say(f"{session}: {counts['frames']} frames and {counts['readings']} readings recorded")
-        say(f"Next: labcdp calibrate {quote(str(session))}")
-
-
-def _open_or_create(path: Path, configuration: Path, need_port: bool) -> Session:
-    from ..session import Session, SessionConfiguration
-
-    wanted = SessionConfiguration.load(configuration)
-    if need_port and wanted.meter.port is None:
-        raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        return Session.create(path, wanted)
-    session = Session.open(path, writable=True)
-    if session.configuration != wanted:
-        session.close()
-        raise SessionError(
-            f"{path} was begun with another configuration than {configuration}: give its own "
-            f"{path / 'session.toml'}, or a new folder"
-        )
-    say(f"{path} exists: going on with it")
-    return session
 
 
 def calibrate(

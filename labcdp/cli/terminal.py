@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,8 @@ import typer
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..acquire import Progress
+    from ..acquire import Live
+    from ..acquire import Progress as AcquisitionProgress
 
 #: Loggers whose warnings a person should see at once; the calibration's are in its result.
 _SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
@@ -99,8 +100,17 @@ class Bars:
             self._tasks[name] = self._progress.add_task(name, total=total)
         self._progress.update(self._tasks[name], completed=done, total=total)
 
-    def acquisition(self, progress: Progress) -> None:
-        """Set the bar of a step of an acquisition."""
+    def acquisition(self, progress: AcquisitionProgress) -> None:
+        """Set the bar of a step of an acquisition, and show its live numbers below the bars."""
+        from .live_text import live_line
+
+        if progress.note is not None:
+            say(progress.note)
+        if progress.live is not None:
+            if self._progress.console.is_terminal:
+                self._progress.live_numbers = progress.live
+            elif progress.live.finished:
+                say(live_line(progress.live))
         self.update(progress.step, progress.done, progress.total)
 
     @contextmanager
@@ -119,16 +129,38 @@ class Bars:
 @contextmanager
 def progress_bars() -> Iterator[Bars]:
     """Show progress bars on standard error while the context lasts."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    progress = Progress(*columns, console=Console(stderr=True))
+    progress = _progress()
     try:
         yield Bars(progress)
     finally:
+        progress.live_numbers = None
         if progress.live.is_started:
             progress.stop()
+
+
+def _progress() -> Any:
+    from rich.console import Console, RenderableType
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    from .live_text import live_line, live_table
+
+    class WithLiveNumbers(Progress):
+        """Progress bars, and below them the numbers of the frames that are being taken."""
+
+        live_numbers: Live | None = None
+
+        def get_renderables(self) -> Iterable[RenderableType]:
+            yield self.make_tasks_table(self.tasks)
+            live = self.live_numbers
+            if live is not None:
+                yield Text(live_line(live))
+                # Its heading, the bars and some lines of before.
+                if len(live.patches) + 10 <= self.console.height:
+                    yield live_table(live)
+
+    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return WithLiveNumbers(*columns, console=Console(stderr=True))
 
 
 def fraction_of_percent(text: str, name: str) -> float:

@@ -69,7 +69,8 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
         acquire(session, camera, meter, bench, unplug)
     with Session.open(path) as session:
         session.verify()
-        assert counts(session) == (3, 0, 0)
+        # The fourth, of the same exposure, may have been on its way.
+        assert counts(session) in ((3, 0, 0), (4, 0, 0))
     with Session.open(path, writable=True) as session, bench.gige_camera(), AravisCamera() as camera:
         acquire(session, camera, meter, bench)
         session.verify()
@@ -104,16 +105,14 @@ def test_incomplete_frames_are_taken_again_and_noted(bench, stack, small_configu
 
         def __init__(self, camera):
             self._camera = camera
-            self._n = 0
 
         def __getattr__(self, name):
             return getattr(self._camera, name)
 
-        def snap(self, timeout_s=None):
-            self._n += 1
-            if self._n % 2:
-                raise IncompleteFrameError("frame 1 is incomplete")
-            return self._camera.snap()
+        def grab(self, n, timeout_s=None, on_refused=None):
+            for frame in self._camera.grab(n):
+                on_refused(IncompleteFrameError("frame 1 is incomplete", "MISSING_PACKETS", 1))
+                yield frame
 
     session = stack.enter_context(Session.create(tmp_path / "s", small_configuration))
     meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
@@ -121,6 +120,13 @@ def test_incomplete_frames_are_taken_again_and_noted(bench, stack, small_configu
     assert counts(session) == (6, 32, 6)
     refused = [r for r in session.records if getattr(r, "kind", "") == "refused frame"]
     assert len(refused) == 12
+    assert refused[0].content == {
+        "role": "light",
+        "exposure_s": 0.002,
+        "reason": "frame 1 is incomplete",
+        "status": "MISSING_PACKETS",
+        "frame_id": 1,
+    }
 
 
 def test_a_complete_session_asks_nothing_of_the_devices(small_configuration):

@@ -12,6 +12,7 @@ import sys
 import time
 
 from labcdp.acquire import acquire, remaining
+from labcdp.clock import SimulatedClock
 from labcdp.drivers.minolta_ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import Session, SessionConfiguration, example_session
@@ -37,7 +38,7 @@ def work(path, bench):
 
 
 def nurse():
-    bench = SimulatedBench(configuration(), BenchDevices.standard(), SHAPE)
+    bench = SimulatedBench(configuration(), BenchDevices.standard(), SHAPE, clock=SimulatedClock())
     bench.in_process_camera().open().snap()  # renders what every exposure needs, once and not in each process
     for line in sys.stdin:
         child = os.fork()
@@ -78,7 +79,7 @@ def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_goes_on(tm
             nursery.stdin.flush()
             pid = int(nursery.stdout.readline().removeprefix("pid "))
             assert nursery.stdout.readline() == "begun\n"
-            time.sleep(rng.uniform(0, 0.06))
+            time.sleep(rng.uniform(0, 0.12))
             os.kill(pid, signal.SIGKILL)
             ended = nursery.stdout.readline()
             if ended == "complete\n":

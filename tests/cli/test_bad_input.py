@@ -54,7 +54,7 @@ def test_nobody_at_the_terminal_keeps_the_session(fails, running_bench, tmp_path
         (("gain_db", "gain"), ("plan.gain", "gain_db")),
         (("f_number = 2.6", "f_number = -2.6"), ("lens.f_number", "-2.6", "above 0")),
         (("[plan]", "[plan"), ("not valid TOML", "line")),
-        (('model = "LS-110"', 'model = "LS-120"'), ("meter.model", "LS-110")),
+        (('model = "LS-110"', 'model = "LS-120"'), ("meter has model 'LS-120'", "LS-110")),
     ],
 )
 def test_configuration_mistakes(fails, tmp_path, change, words):

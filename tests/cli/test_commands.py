@@ -13,7 +13,22 @@ import serial
 from labcdp.chain import load
 from labcdp.session import Session, SessionConfiguration, example_session
 
-COMMANDS = ("demo", "devices", "doctor", "snap", "meter", "meter-test", "acquire", "calibrate", "evaluate", "replay", "simulate-bench")
+COMMANDS = (
+    *("demo", "devices", "doctor", "snap", "meter", "meter-test"),
+    *("acquire", "calibrate", "evaluate", "replay", "simulate-bench"),
+)
+    "demo",
+    "devices",
+    "doctor",
+    "snap",
+    "meter",
+    "meter-test",
+    "acquire",
+    "calibrate",
+    "evaluate",
+    "replay",
+    "simulate-bench",
+)
 
 
 def test_help_names_every_command(labcdp):

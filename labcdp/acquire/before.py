@@ -1,0 +1,78 @@
+"""Before the start: devices that do not fit the plan, and a plan that does not fit the disk."""
+
+from __future__ import annotations
+
+import shutil
+
+from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
+from ..drivers.meter import Meter
+from ..drivers.pixel_format import pixel_format
+from ..errors import SessionError
+from ..session import Session, SessionConfiguration
+from .steps import remaining
+
+#: A frame's file is this much larger than its pixels, at most: header, description, and its line in the journal.
+_FILE_BYTES = 8192
+#: Shortest and longest exposure of a camera are taken with this relative tolerance, against rounding of units.
+_RANGE_REL = 1e-9
+
+
+def check_devices(camera: Camera, meter: Meter, configuration: SessionConfiguration) -> None:
+    """Refuse devices the configuration does not name, and what the camera cannot do or does not see.
+
+    Raises
+    ------
+    CameraNotFoundError
+        If vendor, model or serial number of the camera differ.
+    CameraSettingError
+        If the pixel format is unknown, or an exposure is none of the camera's.
+    SessionError
+        If the meter is another model.
+    InputError
+        If a region of the target lies outside the camera's image or holds no pixel.
+    """
+    wanted = configuration.camera
+    for name in ("vendor", "model", "serial"):
+        expected, found = getattr(wanted, name), getattr(camera.identity, name)
+        if expected is not None and expected != found:
+            raise CameraNotFoundError(
+                f"the camera's {name} is {found!r}, the configuration says {expected!r}: connect that camera or "
+                f"correct camera.{name}"
+            )
+    settings = camera.settings
+    for patch in configuration.target.patches:
+        patch.region().mask((settings.height, settings.width))
+    if meter.identity.model != configuration.meter.model:
+        raise SessionError(
+            f"the meter is a {meter.identity.model}, the configuration says {configuration.meter.model}: connect "
+            "that meter or correct meter.model"
+        )
+    pixel_format(configuration.plan.pixel_format)
+    shortest_s, longest_s = camera.exposure_range_s
+    for exposure_s in configuration.plan.exposures_s or ():
+        if not shortest_s * (1 - _RANGE_REL) <= exposure_s <= longest_s * (1 + _RANGE_REL):
+            raise CameraSettingError(
+                f"plan.exposures_s has {exposure_s:g} s, the camera takes {shortest_s:g} to {longest_s:g} s: give an "
+                "exposure within"
+            )
+
+
+def check_room(camera: Camera, session: Session) -> None:
+    """Refuse a plan whose frames do not fit the disk; what is recorded already does not count.
+
+    Raises
+    ------
+    SessionError
+        With what is needed, what is free, and how many frames fit.
+    """
+    settings = camera.settings
+    bytes_per_pixel = 1 if pixel_format(session.configuration.plan.pixel_format).bit_depth <= 8 else 2
+    frame_bytes = settings.width * settings.height * bytes_per_pixel + _FILE_BYTES
+    n = remaining(session).frames
+    free = shutil.disk_usage(session.path).free
+    if n * frame_bytes > free:
+        raise SessionError(
+            f"the plan still needs {n} frames of {frame_bytes / 1e6:.3g} MB, {n * frame_bytes / 1e9:.4g} GB in all, "
+            f"but {session.path} has room for {free // frame_bytes} ({free / 1e9:.3g} GB free): free the disk, or plan "
+            "fewer frames"
+        )

@@ -1,0 +1,194 @@
+"""Checks of what was taken: saturation, flicker, and the meter before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Literal
+
+from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from ..errors import InputError
+from ..reading import Reading, ReadingSeries
+from .live import PatchNumbers
+
+#: A change counts from this many of its own standard uncertainties on.
+_SIGNIFICANT = 3.0
+
+
+@dataclass(frozen=True)
+class CheckFinding:
+    """Something a person should look at, and perhaps take again.
+
+    Parameters
+    ----------
+    check : {'saturation', 'darkness', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
+        What was checked.
+    cause : str
+        What was found and what may be behind it, on one line.
+    value, limit : float
+        What was measured, and what it should not pass; shares and relative changes as fractions.
+    """
+
+    check: Literal["saturation", "darkness", "flicker", "meter drift", "scatter", "mixed readings"]
+    cause: str
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        """Return the cause."""
+        return self.cause
+
+    @property
+    def passing(self) -> bool:
+        """Whether it may be gone the next time though nobody changes anything."""
+        return self.check not in ("saturation", "darkness")
+
+
+def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
+    """Find patches that no exposure shows between black and saturation.
+
+    A patch needs an exposure at which at most `MAX_CLIPPED_SHARE` of its values are saturated, and one of these
+    at which its signal is `MIN_NET_SIGNAL` times the temporal noise of a pixel.
+
+    Parameters
+    ----------
+    numbers : sequence of PatchNumbers
+        All exposures of all patches.
+    """
+    findings = []
+    for name in dict.fromkeys(n.patch for n in numbers):
+        seen = [n for n in numbers if n.patch == name]
+        clear = [n for n in seen if n.saturated_share <= MAX_CLIPPED_SHARE]
+        if not clear:
+            least = min(seen, key=lambda n: n.saturated_share)
+            findings.append(
+                CheckFinding(
+                    "saturation",
+                    f"patch {name!r} is saturated at every exposure, {least.saturated_share:.1%} of it even at "
+                    f"{least.exposure_s:g} s: add a shorter exposure, or dim the light",
+                    least.saturated_share,
+                    MAX_CLIPPED_SHARE,
+                )
+            )
+            continue
+        best = max(clear, key=lambda n: n.signal_dn)
+        needed_dn = MIN_NET_SIGNAL * (best.temporal_noise_dn or 0.0)
+        if best.signal_dn < needed_dn:
+            findings.append(
+                CheckFinding(
+                    "darkness",
+                    f"patch {name!r} is {best.signal_dn:.1f} DN above black at {best.exposure_s:g} s, within "
+                    f"{MIN_NET_SIGNAL:g} times its noise: add a longer exposure, or more light",
+                    best.signal_dn,
+                    needed_dn,
+                )
+            )
+    return findings
+
+
+def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:
+    """Find exposures whose frames differ in brightness by more than `largest_rel` and more than noise explains.
+
+    The mean of a region of n pixels varies by their temporal noise over sqrt(n) even in steady light.
+
+    Parameters
+    ----------
+    numbers : sequence of PatchNumbers
+        All exposures of all patches; saturated ones are left out.
+    largest_rel : float
+        Largest standard deviation between frames, relative to the signal.
+    """
+    findings = []
+    for exposure_s in sorted({n.exposure_s for n in numbers}):
+        flickering = [
+            (n.flicker_rel, n)
+            for n in numbers
+            if n.exposure_s == exposure_s
+            and n.saturated_share <= MAX_CLIPPED_SHARE
+            and n.flicker_rel is not None
+            and n.flicker_rel > largest_rel
+            and (n.flicker_dn or 0.0) > _SIGNIFICANT * (n.temporal_noise_dn or 0.0) / sqrt(n.pixels)
+        ]
+        if flickering:
+            value, worst = max(flickering, key=lambda pair: pair[0])
+            findings.append(
+                CheckFinding(
+                    "flicker",
+                    f"patch {worst.patch!r} flickers by {value:.1%} between frames of {exposure_s:g} s: lamp flicker? "
+                    "choose an exposure that is a multiple of the mains period, or wait until the lamp is steady",
+                    value,
+                    largest_rel,
+                )
+            )
+    return findings
+
+
+def check_meter_drift(
+    patch: str, before: Sequence[Reading], after: Sequence[Reading], largest_rel: float
+) -> list[CheckFinding]:
+    """Compare the readings of a patch before its frames with those after.
+
+    Parameters
+    ----------
+    patch : str
+        Its name.
+    before, after : sequence of Reading
+        At least one each.
+    largest_rel : float
+        Largest relative change; one within the readings' own uncertainty is none.
+    """
+    try:
+        was, now = ReadingSeries(tuple(before)), ReadingSeries(tuple(after))
+    except InputError:
+        # `check_scatter` tells.
+        return []
+    if was.mean_cd_m2 == 0:
+        return []
+    change = now.mean_cd_m2 / was.mean_cd_m2 - 1
+    own_cd_m2 = hypot(was.standard_uncertainty_random_cd_m2, now.standard_uncertainty_random_cd_m2)
+    if abs(change) <= max(largest_rel, _SIGNIFICANT * own_cd_m2 / was.mean_cd_m2):
+        return []
+    return [
+        CheckFinding(
+            "meter drift",
+            f"patch {patch!r} went from {was.mean_cd_m2:.4g} to {now.mean_cd_m2:.4g} cd/m^2 ({change:+.1%}) while its "
+            "frames were taken: wait until the light is steady",
+            change,
+            largest_rel,
+        )
+    ]
+
+
+def check_scatter(patch: str, readings: Sequence[Reading], largest_rel: float) -> list[CheckFinding]:
+    """Find readings of one patch that differ by more than the meter's repeatability and last digit explain.
+
+    Parameters
+    ----------
+    patch : str
+        Its name.
+    readings : sequence of Reading
+        At least one, taken one after the other; a single one cannot scatter.
+    largest_rel : float
+        Largest standard deviation, relative to the mean.
+    """
+    try:
+        series = ReadingSeries(tuple(readings))
+    except InputError as error:
+        units = len({reading.unit for reading in readings})
+        return [
+            CheckFinding("mixed readings", f"the readings of patch {patch!r} do not go together: {error}", units, 1)
+        ]
+    own_cd_m2 = max(reading.standard_uncertainty_random_cd_m2 for reading in readings)
+    # One reading has a scatter of nan, which is not above anything.
+    if not series.scatter_cd_m2 > max(largest_rel * series.mean_cd_m2, _SIGNIFICANT * own_cd_m2):
+        return []
+    return [
+        CheckFinding(
+            "scatter",
+            f"the {len(readings)} readings of patch {patch!r} scatter by {series.scatter_rel:.1%}: is the meter "
+            "pointed at the patch alone, and held still?",
+            series.scatter_rel,
+            largest_rel,
+        )
+    ]

@@ -1,0 +1,305 @@
+"""Exposure search: the fewest exposures that show every patch between black and saturation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, log10, sqrt
+
+import numpy as np
+
+from ..errors import DeviceError
+from ..frame import Frame
+from ..roi import Roi
+from .checks import CheckFinding
+from .live import RegionPixels
+
+#: Share of the span from black to saturation within which a patch's mean has to lie at one exposure. The lower
+#: is a compromise between noise and the number of exposures, which are about a factor 4 apart with it.
+LOWEST_SHARE = 0.20
+HIGHEST_SHARE = 0.85
+#: The quantile of a patch that has to stay below saturation, and how far: the maximum would be a hot pixel's.
+HIGH_QUANTILE = 0.999
+HIGHEST_QUANTILE_SHARE = 0.95
+#: Longest exposure that is searched: beyond, dark current and hot pixels take over in an uncooled camera.
+LONGEST_S = 1.0
+
+#: Part of the allowed range that is kept free for what the estimates miss.
+_MARGIN = 0.02
+#: A rate counts as known from a frame with at least this share of the span.
+_STRONG_SHARE = 0.10
+#: Share of the span the next frame aims at, and the largest step to it from a frame that says little.
+_AIM_SHARE = 0.5
+_LARGEST_STEP = 32.0
+#: Exposures nearer than this are not told apart any more.
+_NARROW = 1.05
+
+
+@dataclass(frozen=True)
+class Level:
+    """One patch in one frame.
+
+    Parameters
+    ----------
+    mean_dn, high_dn : float
+        Mean and `HIGH_QUANTILE` quantile of its values.
+    """
+
+    mean_dn: float
+    high_dn: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """One frame of a search.
+
+    Parameters
+    ----------
+    exposure_s : float
+        As the camera applied it.
+    levels : mapping of str to Level
+        By patch.
+    black_dn, saturation_dn : float
+        Nominal black, and where the camera saturates.
+    """
+
+    exposure_s: float
+    levels: Mapping[str, Level]
+    black_dn: float
+    saturation_dn: float
+
+    @classmethod
+    def at(cls, frame: Frame, regions: Sequence[Roi]) -> Look:
+        """Look at the regions of a frame."""
+        levels = {}
+        for region in regions:
+            values = RegionPixels(region).of(frame)
+            high = float(np.quantile(values, HIGH_QUANTILE, method="higher"))
+            levels[region.name] = Level(float(values.mean(dtype=np.float64)), high)
+        return cls(frame.exposure_s, levels, frame.black_level_dn, frame.saturation_dn)
+
+
+@dataclass(frozen=True)
+class PatchRate:
+    """How fast a patch fills the camera's span.
+
+    Parameters
+    ----------
+    patch : str
+        Its name.
+    share_per_s : float or None
+        Share of the span from black to saturation in a second; None if it is saturated at the shortest exposure.
+    high_ratio : float
+        Its high quantile over its mean, both above black.
+    """
+
+    patch: str
+    share_per_s: float | None
+    high_ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class FoundExposures:
+    """What a search found.
+
+    Parameters
+    ----------
+    exposures_s : tuple of float
+        Shortest first.
+    shares : dict of str to float
+        For each patch the largest share of the span it reaches at one of them without saturation.
+    findings : tuple of CheckFinding
+        Patches that none of them shows well.
+    """
+
+    exposures_s: tuple[float, ...]
+    shares: dict[str, float]
+    findings: tuple[CheckFinding, ...]
+
+
+def measure_rates(
+    look: Callable[[float], Look], patches: Sequence[str], range_s: tuple[float, float]
+) -> list[PatchRate]:
+    """Find how fast patches fill the span, from the shortest exposure upwards.
+
+    The camera is taken to be linear: the mean above black is proportional to the exposure. Black is the nominal
+    one until two frames give it as the intercept of the darkest patch.
+
+    Parameters
+    ----------
+    look : callable
+        Takes a frame with an exposure in seconds.
+    patches : sequence of str
+        Those in the frames.
+    range_s : (float, float)
+        Shortest and longest exposure.
+    """
+    shortest_s, longest_s = range_s
+    looks = [look(shortest_s)]
+    given_up: set[str] = set()
+    while True:
+        black_dn = _black_dn(looks)
+        open_ones = [
+            (trace.share_per_s(black_dn), trace)
+            for name in patches
+            if name not in given_up and (trace := _Trace.of(looks, name)).wants_more(black_dn, longest_s)
+        ]
+        if not open_ones:
+            break
+        _, brightest = max(open_ones, key=lambda pair: pair[0])
+        exposure_s = brightest.next_s(black_dn, longest_s)
+        if exposure_s is None:
+            given_up.add(brightest.patch)
+        else:
+            looks.append(look(exposure_s))
+            if looks[-1].exposure_s in [earlier.exposure_s for earlier in looks[:-1]]:
+                # The camera knows no exposure between.
+                given_up.add(brightest.patch)
+    return [_Trace.of(looks, name).rate(black_dn) for name in patches]
+
+
+def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -> FoundExposures:
+    """Choose the fewest exposures such that each patch is well exposed at one.
+
+    Each patch allows a range of exposures; the shortest upper end is taken, which serves every range that holds
+    it, and so on (greedy stabbing of intervals, which is optimal).
+
+    Raises
+    ------
+    DeviceError
+        If every patch is saturated at the shortest exposure.
+    """
+    shortest_s, longest_s = range_s
+    findings: list[CheckFinding] = []
+    ranges: list[tuple[float, float]] = []
+    for rate in rates:
+        allowed = _allowed_s(rate)
+        if allowed is None or allowed[1] < shortest_s:
+            findings.append(_too_bright(rate, shortest_s))
+        else:
+            low_s, high_s = (min(t, longest_s) for t in allowed)
+            # Of a very uneven patch the brightest part decides.
+            ranges.append((max(min(low_s, high_s), shortest_s), high_s))
+    if not ranges:
+        raise DeviceError(
+            f"every patch is saturated at the shortest exposure, {shortest_s:g} s: stop the lens down, or dim the light"
+        )
+    chosen: list[float] = []
+    for low_s, high_s in sorted(ranges, key=lambda r: r[1]):
+        # Nearer than the margin, two exposures would be one to a camera that rounds.
+        if not chosen or chosen[-1] * (1 + _MARGIN) < low_s:
+            chosen.append(max(_rounded_down(high_s), low_s))
+    shares = {rate.patch: share for rate in rates if (share := _best_share(rate, chosen)) is not None}
+    for rate in rates:
+        share = shares.get(rate.patch)
+        if share is not None and share < LOWEST_SHARE * (1 - _MARGIN):
+            findings.append(_too_dark(rate.patch, share, max(chosen)))
+    return FoundExposures(tuple(chosen), shares, tuple(findings))
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """One patch through the frames of a search."""
+
+    patch: str
+    clear_s: float | None
+    clear: Level | None
+    full_s: float | None
+    span_dn: float
+
+    @classmethod
+    def of(cls, looks: Sequence[Look], patch: str) -> _Trace:
+        clear = [look for look in looks if _is_clear(look, patch)]
+        full = [look.exposure_s for look in looks if not _is_clear(look, patch)]
+        best = max(clear, key=lambda look: look.exposure_s, default=None)
+        span_dn = looks[0].saturation_dn - looks[0].black_dn
+        level = None if best is None else best.levels[patch]
+        return cls(patch, None if best is None else best.exposure_s, level, min(full, default=None), span_dn)
+
+    def share(self, black_dn: float) -> float:
+        assert self.clear is not None
+        return (self.clear.mean_dn - black_dn) / self.span_dn
+
+    def share_per_s(self, black_dn: float) -> float:
+        assert self.clear_s is not None
+        return self.share(black_dn) / self.clear_s
+
+    def wants_more(self, black_dn: float, longest_s: float) -> bool:
+        if self.clear_s is None or self.share(black_dn) >= _STRONG_SHARE:
+            return False
+        return self.clear_s < longest_s / _NARROW
+
+    def next_s(self, black_dn: float, longest_s: float) -> float | None:
+        assert self.clear_s is not None
+        share = max(self.share(black_dn), _AIM_SHARE / _LARGEST_STEP)
+        wanted_s = min(self.clear_s * _AIM_SHARE / share, longest_s)
+        if self.full_s is not None and wanted_s > self.full_s / _NARROW:
+            wanted_s = sqrt(self.clear_s * self.full_s)
+        return wanted_s if wanted_s > self.clear_s * _NARROW else None
+
+    def rate(self, black_dn: float) -> PatchRate:
+        if self.clear is None:
+            return PatchRate(self.patch, None)
+        signal_dn = self.clear.mean_dn - black_dn
+        high_ratio = (self.clear.high_dn - black_dn) / signal_dn if self.share(black_dn) >= _STRONG_SHARE else 1.0
+        return PatchRate(self.patch, max(self.share_per_s(black_dn), 0.0), max(high_ratio, 1.0))
+
+
+def _is_clear(look: Look, patch: str) -> bool:
+    limit_dn = look.black_dn + HIGHEST_QUANTILE_SHARE * (look.saturation_dn - look.black_dn)
+    return look.levels[patch].high_dn <= limit_dn
+
+
+def _black_dn(looks: Sequence[Look]) -> float:
+    """Black by the line through the shortest and longest clear frame of the darkest patch, else the nominal one."""
+    longest = max(looks, key=lambda look: look.exposure_s)
+    darkest = min(longest.levels, key=lambda name: longest.levels[name].mean_dn)
+    clear = sorted((look for look in looks if _is_clear(look, darkest)), key=lambda look: look.exposure_s)
+    if len(clear) < 2 or clear[-1].exposure_s < 2 * clear[0].exposure_s:
+        return looks[0].black_dn
+    (t0, m0), (t1, m1) = ((look.exposure_s, look.levels[darkest].mean_dn) for look in (clear[0], clear[-1]))
+    return m0 - (m1 - m0) / (t1 - t0) * t0
+
+
+def _allowed_s(rate: PatchRate) -> tuple[float, float] | None:
+    if rate.share_per_s is None:
+        return None
+    if rate.share_per_s == 0:
+        return float("inf"), float("inf")
+    highest = min(HIGHEST_SHARE, HIGHEST_QUANTILE_SHARE / rate.high_ratio) * (1 - _MARGIN)
+    return LOWEST_SHARE * (1 + _MARGIN) / rate.share_per_s, highest / rate.share_per_s
+
+
+def _best_share(rate: PatchRate, exposures_s: Sequence[float]) -> float | None:
+    allowed = _allowed_s(rate)
+    if allowed is None or rate.share_per_s is None:
+        return None
+    highest_s = allowed[1] * (1 + 1e-9)  # against the rounding of floats
+    return max((t * rate.share_per_s for t in exposures_s if t <= highest_s), default=None)
+
+
+def _rounded_down(exposure_s: float) -> float:
+    """Round down to three significant digits."""
+    unit = 10.0 ** (floor(log10(exposure_s)) - 2)
+    return floor(exposure_s / unit * (1 + 1e-12)) * unit
+
+
+def _too_bright(rate: PatchRate, shortest_s: float) -> CheckFinding:
+    share = float("inf") if rate.share_per_s is None else rate.share_per_s * shortest_s * rate.high_ratio
+    return CheckFinding(
+        "saturation",
+        f"patch {rate.patch!r} is too bright even for the shortest exposure, {shortest_s:g} s: stop the lens down, or "
+        "dim the light",
+        min(share, 1.0),
+        HIGHEST_SHARE,
+    )
+
+
+def _too_dark(patch: str, share: float, longest_s: float) -> CheckFinding:
+    return CheckFinding(
+        "darkness",
+        f"patch {patch!r} reaches {share:.1%} of the camera's range at {longest_s:.3g} s, not {LOWEST_SHARE:.0%}: open "
+        "the lens, or add light",
+        share,
+        LOWEST_SHARE,
+    )

@@ -1,0 +1,166 @@
+"""What a session still lacks of its plan, in units that are checked and, if need be, taken again as a whole."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ..reading import Reading
+from ..session import EventRecord, FrameRecord, ReadingRecord, Session, SessionConfiguration
+from ..session.configuration import SAME_EXPOSURE_REL
+
+#: Kind of the event that says that a unit was checked.
+CHECK = "check"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A part of a plan that is taken, checked, and if need be taken again as a whole.
+
+    Parameters
+    ----------
+    kind : {'light', 'patch', 'readings', 'dark'}
+        All light frames of patches seen together; frames and readings of one patch shown alone; readings of one
+        patch; all dark frames.
+    patch : str or None
+        Which patch, for those of one.
+    """
+
+    kind: Literal["light", "patch", "readings", "dark"]
+    patch: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What a person calls it."""
+        if self.kind == "patch":
+            return f"patch {self.patch}"
+        return f"readings of {self.patch}" if self.kind == "readings" else f"{self.kind} frames"
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What a session still lacks of its plan.
+
+    Parameters
+    ----------
+    exposures_known : bool
+        Whether exposures are planned or found; if not, no frames are counted below.
+    light : dict of (str or None, float) to int
+        Light frames by patch shown alone, None for all together, and exposure in seconds; complete ones are left
+        out.
+    dark : dict of float to int
+        Dark frames by exposure in seconds; complete ones are left out.
+    readings : dict of str to int
+        Readings by patch; complete ones are left out.
+    """
+
+    exposures_known: bool
+    light: dict[tuple[str | None, float], int]
+    dark: dict[float, int]
+    readings: dict[str, int]
+
+    @property
+    def frames(self) -> int:
+        """Frames that are lacking."""
+        return sum(self.light.values()) + sum(self.dark.values())
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is lacking."""
+        return self.exposures_known and not (self.light or self.dark or self.readings)
+
+
+def one_by_one(configuration: SessionConfiguration) -> bool:
+    """Whether patches are shown one after another."""
+    return configuration.target.presentation == "one by one"
+
+
+def units(configuration: SessionConfiguration) -> list[Unit]:
+    """List the units of a plan in the order they are taken."""
+    names = [patch.name for patch in configuration.target.patches]
+    if one_by_one(configuration):
+        return [*(Unit("patch", name) for name in names), Unit("dark")]
+    # Of the patch that is read before and after the light frames, the readings belong to these.
+    alone = names[1:] if configuration.plan.drift_check else names
+    return [Unit("light"), *(Unit("readings", name) for name in alone), Unit("dark")]
+
+
+def readings_wanted(configuration: SessionConfiguration) -> dict[str, int]:
+    """Count the readings of each patch: twice as many where the meter is read before and after the frames."""
+    n = configuration.plan.readings_per_patch
+    names = [patch.name for patch in configuration.target.patches]
+    twice = names if one_by_one(configuration) else names[:1] if configuration.plan.drift_check else []
+    return {name: 2 * n if name in twice else n for name in names}
+
+
+def shown_patches(configuration: SessionConfiguration) -> list[str | None]:
+    """Patches that come before the camera alone, or None for all together."""
+    if one_by_one(configuration):
+        return [patch.name for patch in configuration.target.patches]
+    return [None]
+
+
+def remaining(session: Session) -> Remaining:
+    """Compare what is recorded with the plan."""
+    configuration = session.configuration
+    plan, exposures_s = configuration.plan, session.exposures_s
+    read = Counter(record.patch for record in session.readings())
+    lacking = {name: n - read[name] for name, n in readings_wanted(configuration).items()}
+    light, dark = session.frames("light"), session.frames("dark")
+    return Remaining(
+        exposures_known=exposures_s is not None,
+        light={
+            (patch, exposure_s): n
+            for patch in shown_patches(configuration)
+            for exposure_s in exposures_s or ()
+            if (n := plan.frames_per_exposure - len(frames_at(light, exposure_s, patch))) > 0
+        },
+        dark={
+            exposure_s: n
+            for exposure_s in exposures_s or ()
+            if (n := plan.dark_frames_per_exposure - len(frames_at(dark, exposure_s, None))) > 0
+        },
+        readings={name: n for name, n in lacking.items() if n > 0},
+    )
+
+
+def frames_at(records: Sequence[FrameRecord], exposure_s: float, patch: str | None) -> list[FrameRecord]:
+    """Those with an exposure, as far as a camera keeps it, and with the patch that was shown."""
+    return [r for r in records if r.patch == patch and same_exposure(r.exposure_s, exposure_s)]
+
+
+def same_exposure(one_s: float, other_s: float) -> bool:
+    """Whether two exposures are one setting of a camera."""
+    return abs(one_s / other_s - 1) <= SAME_EXPOSURE_REL
+
+
+def records_of(session: Session, unit: Unit) -> list[FrameRecord | ReadingRecord]:
+    """List the frames and readings of a unit that count."""
+    first = session.configuration.target.patches[0].name
+    frames: list[FrameRecord] = []
+    patches: list[str | None] = [unit.patch]
+    if unit.kind in ("light", "patch"):
+        frames = [r for r in session.frames("light") if r.patch == unit.patch]
+    elif unit.kind == "dark":
+        frames = session.frames("dark")
+    if unit.kind == "light":
+        # Read before and after, they are what the check of the light compares.
+        patches = [first] if session.configuration.plan.drift_check else []
+    readings = [r for r in session.readings() if r.patch in patches]
+    return [*frames, *readings]
+
+
+def before_and_after(session: Session, patch: str) -> tuple[list[Reading], list[Reading]]:
+    """Split the readings of a patch into those before its frames and those after."""
+    n = session.configuration.plan.readings_per_patch
+    readings = [r.reading for r in session.readings() if r.patch == patch]
+    return readings[:n], readings[n:]
+
+
+def was_checked(session: Session, unit: Unit) -> bool:
+    """Whether a unit was checked since its last record."""
+    checks = [r for r in session.records if isinstance(r, EventRecord) and r.kind == CHECK]
+    last_check = max((r.sequence for r in checks if r.content["unit"] == unit.name), default=0)
+    return last_check > max((r.sequence for r in records_of(session, unit)), default=0)

@@ -1,0 +1,72 @@
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from labcdp.acquire import acquire
+from labcdp.clock import SimulatedClock
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.session import EventRecord, Session
+
+SHAPE = (400, 480)
+
+
+@dataclass
+class Bench:
+    """A simulated bench in simulated time, with what looks at it open."""
+
+    session: Session
+    bench: SimulatedBench
+    camera: Any
+    meter: Any
+    clock: SimulatedClock
+
+    def acquire(self, operator=None, **options):
+        return acquire(self.session, self.camera, self.meter, operator or self.bench, clock=self.clock, **options)
+
+    def events(self, kind):
+        return [r.content for r in self.session.records if isinstance(r, EventRecord) and r.kind == kind]
+
+    @property
+    def counts(self):
+        return len(self.session.frames("light")), len(self.session.readings()), len(self.session.frames("dark"))
+
+
+@pytest.fixture
+def changed(small_configuration):
+    """The small configuration with other values in its tables."""
+
+    def change(patches=None, **tables):
+        tables.setdefault("target", {})
+        if patches is not None:
+            known = {patch.name: patch for patch in small_configuration.target.patches}
+            tables["target"] = tables["target"] | {"patches": tuple(known[name] for name in patches)}
+            tables["contrasts"] = ()
+        update = {
+            name: getattr(small_configuration, name).model_copy(update=values) if isinstance(values, dict) else values
+            for name, values in tables.items()
+        }
+        return small_configuration.model_copy(update=update)
+
+    return change
+
+
+@pytest.fixture
+def on_bench(tmp_path):
+    """Open a session on a simulated bench in simulated time; opening it again goes on with it."""
+
+    @contextmanager
+    def opened(configuration, patience_s=0.0, name="session"):
+        clock = SimulatedClock()
+        path = tmp_path / name
+        session = Session.open(path, True, clock) if path.exists() else Session.create(path, configuration, clock=clock)
+        with (
+            session,
+            SimulatedBench(configuration, BenchDevices.standard(), SHAPE, clock=clock) as bench,
+            bench.in_process_camera(patience_s=patience_s) as camera,
+            bench.in_process_meter() as meter,
+        ):
+            yield Bench(session, bench, camera, meter, clock)
+
+    return opened

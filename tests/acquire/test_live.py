@@ -1,0 +1,113 @@
+"""Live numbers against numpy on the whole stack, and against known noise."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from itertools import pairwise
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.acquire.live import LiveNumbers
+from labcdp.errors import InputError
+from labcdp.frame import CameraIdentity, Frame
+from labcdp.roi import Roi
+
+RECTANGLE = Roi.rectangle("rectangle", 5, 3, 40, 30)
+TRIANGLE = Roi("triangle", ((50, 5), (90, 10), (60, 50)))
+
+
+def frame(dn, exposure_s=0.01):
+    return Frame(
+        dn=np.asarray(dn, dtype=np.uint16),
+        exposure_s=exposure_s,
+        gain_db=0.0,
+        bit_depth=12,
+        saturation_dn=4095,
+        black_level_dn=64.0,
+        pixel_format="Mono12",
+        colour_filter=None,
+        temperature_c=35.0,
+        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
+        camera_timestamp_ns=0,
+        frame_id=1,
+        camera=CameraIdentity("v", "m", "s"),
+    )
+
+
+def stack(n, sigma_dn, factors=None, mean_dn=1064.0, seed=1):
+    rng = np.random.default_rng(seed)
+    factors = np.ones(n) if factors is None else factors
+    dn = 64 + (mean_dn - 64) * factors[:, None, None] + rng.normal(0, sigma_dn, (n, 60, 100))
+    return np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
+
+
+def numbers_of(images, regions=(RECTANGLE, TRIANGLE)):
+    live = LiveNumbers(regions)
+    for image in images:
+        live.add(frame(image))
+    return live.numbers
+
+
+@pytest.mark.parametrize("region", [RECTANGLE, TRIANGLE])
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_numbers_are_those_of_the_whole_stack(region, n):
+    images = stack(n, 20.0, mean_dn=4060.0)
+    (numbers,) = numbers_of(images, [region])
+    values = np.array([region.select(image) for image in images], dtype=float)
+    means = values.mean(axis=1)
+    assert numbers.frames == n
+    assert numbers.pixels == values.shape[1]
+    assert numbers.mean_dn == pytest.approx(values.mean(), rel=1e-12)
+    assert numbers.saturated_share == pytest.approx((values >= 4095).mean(), rel=1e-12)
+    if n == 1:
+        assert (numbers.temporal_noise_dn, numbers.flicker_dn, numbers.drift_rel) == (None, None, None)
+        return
+    variance = np.mean([np.var(b - a) for a, b in pairwise(values)]) / 2
+    assert numbers.temporal_noise_dn == pytest.approx(sqrt(variance), rel=1e-5)
+    assert numbers.flicker_dn == pytest.approx(sqrt(np.mean(np.diff(means) ** 2) / 2), rel=1e-6)
+    slope = np.polyfit(np.arange(n), means, 1)[0]
+    assert numbers.drift_dn == pytest.approx(slope * (n - 1), rel=1e-6, abs=1e-9)
+    assert numbers.drift_rel == pytest.approx(slope * (n - 1) / (means.mean() - 64), rel=1e-6, abs=1e-9)
+
+
+def test_temporal_noise_is_that_of_the_camera_whatever_the_lamp_does():
+    sigma = 12.0
+    factors = 1 + 0.05 * np.cos(np.arange(20))
+    (numbers,) = numbers_of(stack(20, sigma, factors), [RECTANGLE])
+    # A pair's variance estimate of 1200 pixels scatters by sqrt(2 / 1200); successive pairs share a frame (Kendall).
+    spread = sqrt(2 / 1200 / 19 * 1.5) * sigma / 2
+    # Rounding to whole DN adds 1/12 DN^2.
+    assert abs(numbers.temporal_noise_dn - sqrt(sigma**2 + 1 / 12)) < 4 * spread
+
+
+def test_a_steady_drift_is_no_flicker_and_the_other_way_round():
+    n = 40
+    (drifting,) = numbers_of(stack(n, 5.0, 1 + np.linspace(0, 0.04, n)), [RECTANGLE])
+    assert drifting.drift_rel == pytest.approx(0.04 / 1.02, abs=4 * 5.0 / sqrt(1200) / 1000)
+    assert drifting.flicker_rel < 0.001
+    (flickering,) = numbers_of(stack(n, 5.0, 1 + 0.04 * (-1.0) ** np.arange(n)), [RECTANGLE])
+    # Successive differences of +-0.08: standard deviation 0.08 / sqrt 2.
+    assert flickering.flicker_rel == pytest.approx(0.08 / sqrt(2), rel=0.01)
+    assert abs(flickering.drift_rel) < 0.01
+
+
+def test_next_to_black_nothing_is_told_relative_to_the_signal():
+    (numbers,) = numbers_of(stack(4, 5.0, mean_dn=70.0), [RECTANGLE])
+    assert numbers.drift_rel is None
+    assert numbers.flicker_rel is None
+    assert numbers.temporal_noise_dn == pytest.approx(5.0, rel=0.1)
+
+
+def test_frames_of_another_size_are_looked_at_where_their_region_is():
+    live = LiveNumbers([RECTANGLE])
+    live.add(frame(np.full((60, 100), 100)))
+    with pytest.raises(InputError, match="region 'rectangle' spans"):
+        live.add(frame(np.full((20, 20), 100)))
+
+
+def test_the_numbers_say_of_which_exposure_they_are():
+    live = LiveNumbers([RECTANGLE])
+    assert live.numbers == ()
+    (numbers,) = live.add(replace(frame(np.full((60, 100), 100)), exposure_s=0.25))
+    assert (numbers.patch, numbers.exposure_s, numbers.signal_dn) == ("rectangle", 0.25, 36.0)

@@ -1,0 +1,422 @@
+"""Whole acquisitions on the simulated bench, in simulated time."""
+
+import threading
+from datetime import datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from labcdp.acquire import AcquisitionStoppedError, Control, Unattended, remaining
+from labcdp.drivers.camera import CameraLostError, CameraSettingError, IncompleteFrameError
+from labcdp.errors import InputError, SessionError
+from labcdp.session import Session
+
+TWO = ["P12", "lower left"]
+#: Of very different luminance.
+FAR = ["P01", "lower left"]
+
+
+class Hands:
+    """An operator who notes what was asked and repeats what a test says."""
+
+    def __init__(self, bench, repeat=lambda what, findings: False):
+        self.bench, self._repeat = bench, repeat
+        self.done, self.found = [], []
+
+    def cover_lens(self):
+        self.done.append("cover")
+        self.bench.cover_lens()
+
+    def uncover_lens(self):
+        self.done.append("uncover")
+        self.bench.uncover_lens()
+
+    def point_meter(self, patch):
+        self.done.append(f"point {patch}")
+        self.bench.point_meter(patch)
+
+    def show_patch(self, patch):
+        self.done.append(f"show {patch}")
+        self.bench.show_patch(patch)
+
+    def repeat(self, what, findings):
+        self.found.append((what, [finding.check for finding in findings]))
+        return self._repeat(what, findings)
+
+
+def test_patches_one_by_one(changed, on_bench):
+    configuration = changed(patches=FAR, target={"presentation": "one by one"}, plan={"exposures_s": (0.002, 0.032)})
+    with on_bench(configuration) as on:
+        hands = Hands(on.bench)
+        assert on.acquire(hands) == ()
+        assert hands.done == ["uncover", "show P01", "show lower left", "cover", "uncover"]
+        assert hands.found == []
+        # Two exposures of two frames for each patch; two readings before its frames and two after.
+        assert on.counts == (8, 8, 4)
+        light = {name: [r for r in on.session.frames("light") if r.patch == name] for name in FAR}
+        read = {name: [r.sequence for r in on.session.readings() if r.patch == name] for name in FAR}
+        for name in FAR:
+            assert [r.exposure_s for r in light[name]] == [0.002, 0.002, 0.032, 0.032]
+            assert read[name][1] < light[name][0].sequence < light[name][-1].sequence < read[name][2]
+        assert {r.patch for r in on.session.frames("dark")} == {None}
+        # Each patch was there alone: where the other one is, there was dark background only.
+        region = {patch.name: patch.region() for patch in configuration.target.patches}
+        frame = on.session.load(light["P01"][-1])
+        assert region["lower left"].select(frame.dn).mean() < 1000
+        on.session.verify()
+
+
+def test_a_lost_camera_costs_time_and_nothing_else(changed, on_bench):
+    with on_bench(changed(plan={"frames_per_exposure": 30}), patience_s=60) as on:
+        on.bench.schedule("at 2 s vanish for 20 s")
+        assert on.acquire() == ()
+        assert on.counts == (90, 32, 6)
+        (gap,) = on.events("camera lost and back")
+        assert 15 < gap["duration_s"] < 25
+        lost, back = (datetime.fromisoformat(gap[key]) for key in ("lost_at", "back_at"))
+        assert back - lost == pytest.approx(timedelta(seconds=gap["duration_s"]), abs=timedelta(seconds=1))
+        assert gap["reason"]
+        assert on.events("complete") == [{}]
+
+
+def test_a_camera_that_stays_away_ends_the_run_and_the_next_one_goes_on(changed, on_bench):
+    configuration = changed(plan={"frames_per_exposure": 30})
+    with on_bench(configuration, patience_s=5) as on:
+        on.bench.schedule("at 2 s vanish")
+        with pytest.raises(CameraLostError, match="is lost"):
+            on.acquire()
+        taken = on.counts[0]
+        assert 0 < taken < 90
+        on.session.verify()
+    with on_bench(configuration) as on:
+        on.acquire()
+        assert on.counts == (90, 32, 6)
+        assert len(on.events("camera features")) == 2
+
+
+def test_frames_that_came_incomplete_are_noted_and_taken_again(changed, on_bench):
+    with on_bench(changed(plan={"frames_per_exposure": 20})) as on:
+        on.bench.schedule("wrong size for 0.3 s")
+        on.acquire()
+        assert on.counts == (60, 32, 6)
+        refused = on.events("refused frame")
+        assert refused
+        assert {event["status"] for event in refused} == {"SIZE_MISMATCH"}
+        assert {(event["role"], event["exposure_s"]) for event in refused} == {("light", 0.002)}
+
+
+def test_frames_that_never_come_whole_end_the_run(changed, on_bench):
+    with on_bench(changed()) as on:
+        on.bench.schedule("wrong size")
+        with pytest.raises(IncompleteFrameError, match="incomplete"):
+            on.acquire()
+        assert on.counts == (0, 0, 0)
+        assert len(on.events("refused frame")) == 5
+
+
+def test_light_that_drifts_is_found_and_the_patch_repeated(changed, on_bench):
+    configuration = changed(patches=TWO, target={"presentation": "one by one"})
+    with on_bench(configuration) as on:
+        hands = Hands(on.bench, lambda what, findings: True)
+        on.bench.schedule("at 2 s light -10% in 0 s")
+        on.acquire(hands)
+        (what, checks) = hands.found[0]
+        assert what == "patch P12"
+        assert "meter drift" in checks
+        assert len(hands.found) == 1
+        assert hands.done.count("show P12") == 2
+        # What was taken in the changing light is on the disk and does not count.
+        assert on.counts == (12, 8, 6)
+        (superseded,) = on.events("superseded")
+        assert len(superseded["lines"]) == 10
+        assert "went from" in superseded["reason"]
+        drifted, *others = on.events("check")
+        assert drifted["unit"] == "patch P12"
+        assert drifted["repeat"]
+        assert all(not event["findings"] for event in others)
+        readings = [r.reading.luminance_cd_m2 for r in on.session.readings()]
+        nominal = on.bench.luminance_cd_m2["P12"]
+        assert readings[0] == pytest.approx(0.9 * 1.006 * nominal, rel=0.01)
+
+
+def test_a_person_may_keep_what_was_found(changed, on_bench):
+    with on_bench(changed(patches=TWO, target={"presentation": "one by one"})) as on:
+        hands = Hands(on.bench)
+        on.bench.schedule("at 2 s light -10% in 0 s")
+        on.acquire(hands)
+        assert hands.found[0][0] == "patch P12"
+        assert on.events("superseded") == []
+        assert on.events("check")[0]["findings"][0]["check"] == "meter drift" or on.events("check")[0]["findings"]
+        assert not on.events("check")[0]["repeat"]
+
+
+def test_drift_is_checked_on_the_first_patch_where_the_plan_says_so(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"drift_check": True})) as on:
+        hands = Hands(on.bench, lambda what, findings: True)
+        on.bench.schedule("at 1.7 s light -10% in 0 s")
+        on.acquire(hands)
+        assert hands.found[0][0] == "light frames"
+        assert "meter drift" in hands.found[0][1]
+        # Two before and two after for the first patch, two for the other.
+        assert on.counts == (6, 6, 6)
+        assert [r.patch for r in on.session.readings()] == ["P12"] * 4 + ["lower left"] * 2
+        frames = [r.sequence for r in on.session.frames("light")]
+        read = [r.sequence for r in on.session.readings()]
+        assert read[1] < frames[0] < frames[-1] < read[2]
+
+
+def test_saturated_patches_are_put_to_the_operator(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"exposures_s": (0.03, 0.06)})) as on:
+        hands = Hands(on.bench)
+        on.acquire(hands)
+        assert hands.found == [("light frames", ["saturation", "saturation"])]
+        findings = on.events("check")[0]["findings"]
+        assert "patch 'P12' is saturated at every exposure" in findings[0]["cause"]
+        assert findings[0]["value"] > findings[0]["limit"]
+
+
+def test_live_numbers_are_those_of_the_frames(changed, on_bench):
+    configuration = changed(patches=TWO, plan={"frames_per_exposure": 3})
+    with on_bench(configuration) as on:
+        seen = []
+        on.acquire(report=lambda progress: seen.append(progress.live))
+        light = [live for live in seen if live and live.role == "light"]
+        assert [live.finished for live in light] == [False, False, True] * 3
+        for live, exposure_s in zip(light[2::3], (0.002, 0.008, 0.032), strict=True):
+            assert live.temperature_c == 35.0
+            records = [r for r in on.session.frames("light") if r.exposure_s == exposure_s]
+            for numbers, patch in zip(live.patches, configuration.target.patches, strict=True):
+                values = [patch.region().select(on.session.load(r).dn) for r in records]
+                assert numbers.patch == patch.name
+                assert numbers.mean_dn == pytest.approx(np.mean(values))
+
+
+def test_a_run_that_goes_on_knows_the_numbers_of_the_one_before(changed, on_bench):
+    configuration = changed(patches=TWO, plan={"frames_per_exposure": 4, "exposures_s": (0.002,)})
+
+    def end(progress):
+        if progress.done == 2:
+            raise KeyboardInterrupt
+
+    with on_bench(configuration) as on, pytest.raises(KeyboardInterrupt):
+        on.acquire(report=end)
+    with on_bench(configuration) as on:
+        seen = []
+        on.acquire(report=lambda progress: seen.append(progress.live))
+        assert [live.patches[0].frames for live in seen if live and live.role == "light"] == [3, 4]
+
+
+def test_a_unit_that_was_complete_but_not_checked_is_checked_by_the_next_run(changed, on_bench):
+    configuration = changed(patches=TWO, plan={"exposures_s": (0.03, 0.06)})
+
+    class Gone(Hands):
+        def repeat(self, what, findings):
+            raise KeyboardInterrupt
+
+    with on_bench(configuration) as on, pytest.raises(KeyboardInterrupt):
+        on.acquire(Gone(on.bench))
+    with on_bench(configuration) as on:
+        assert on.counts == (4, 0, 0)
+        hands = Hands(on.bench)
+        on.acquire(hands)
+        assert hands.found == [("light frames", ["saturation", "saturation"])]
+        assert hands.done[0] == "point P12"
+
+
+def test_features_and_settings_are_kept(changed, on_bench):
+    with on_bench(changed()) as on:
+        on.acquire()
+        (features,) = on.events("camera features")
+        assert features["features"] == on.camera.features() | {"ExposureTimeAbs": 10000.0}
+        applied = [(event["role"], event["settings"]["exposure_s"]) for event in on.events("camera settings")]
+        assert applied == [(role, t) for role in ("light", "dark") for t in (0.002, 0.008, 0.032)]
+
+
+def test_a_night_of_frames_on_a_schedule(changed, on_bench):
+    """Eight hours of a frame every ten minutes, with the camera away for 25 of them."""
+    configuration = changed(
+        patches=["P12"], plan={"exposures_s": (0.002,), "frames_per_exposure": 48, "interval_s": 600.0}
+    )
+    with on_bench(configuration, patience_s=3600) as on:
+        on.bench.schedule("at 120 min vanish for 25 min")
+        on.acquire(Hands(on.bench))
+        times = [datetime.fromisoformat(r.metadata["timestamp"]) for r in on.session.frames("light")]
+        steps = np.array([(b - a).total_seconds() for a, b in pairwise(times)])
+        late = np.abs(steps - 600) > 1
+        # The frames that were missed are not made up for: only the steps around the gap are others.
+        assert 1 <= late.sum() <= 2
+        assert times[-1] - times[0] > timedelta(hours=8)
+        assert len(on.events("camera lost and back")) == 1
+
+
+def test_a_pause_takes_nothing_and_going_on_takes_the_rest(changed, on_bench):
+    with on_bench(changed(plan={"frames_per_exposure": 10})) as on:
+        control = Control()
+        counts = []
+
+        def pause(progress):
+            if (progress.step, progress.done) == ("light frames", 5):
+                control.pause()
+                threading.Timer(0.3, resume).start()
+            counts.append((progress.step, progress.done))
+
+        def resume():
+            counts.append("resumed")
+            control.resume()
+
+        on.acquire(report=pause, control=control)
+        at = counts.index("resumed")
+        assert counts[at - 1] == ("light frames", 5)
+        assert on.counts == (30, 32, 6)
+
+
+@pytest.mark.parametrize(("step", "done"), [("light frames", 3), ("meter readings", 5)])
+def test_stopping_keeps_all_that_was_taken(changed, on_bench, step, done):
+    configuration = changed()
+    control = Control()
+
+    def stop(progress):
+        if (progress.step, progress.done) == (step, done):
+            control.stop()
+
+    with on_bench(configuration) as on:
+        with pytest.raises(AcquisitionStoppedError, match="what was recorded is safe"):
+            on.acquire(report=stop, control=control)
+        assert on.counts == ((3, 0, 0) if step == "light frames" else (6, 5, 0))
+        assert on.events("complete") == []
+        on.session.verify()
+    with on_bench(configuration) as on:
+        on.acquire()
+        assert on.counts == (6, 32, 6)
+
+
+def test_stopping_works_while_paused():
+    control = Control()
+    control.pause()
+    threading.Timer(0.1, control.stop).start()
+    with pytest.raises(AcquisitionStoppedError):
+        control.checkpoint()
+
+
+def test_unattended_does_what_needs_no_hand_and_tells_the_rest(changed, on_bench):
+    configuration = changed(patches=TWO)
+    with on_bench(configuration) as on:
+        left = on.acquire(Unattended())
+        assert on.counts == (6, 0, 0)
+        assert [(thing.what, thing.hand) for thing in left] == [
+            ("readings of P12", "point the luminance meter at each patch"),
+            ("readings of lower left", "point the luminance meter at each patch"),
+            ("dark frames", "put the cap on the lens"),
+        ]
+        assert on.events("complete") == []
+    with on_bench(configuration) as on:
+        on.bench.cover_lens()
+        left = on.acquire(Unattended("covered"))
+        assert on.counts == (6, 0, 6)
+        assert [thing.what for thing in left] == ["readings of P12", "readings of lower left"]
+    with on_bench(configuration) as on:
+        hands = Hands(on.bench)
+        assert on.acquire(hands) == ()
+        assert hands.done == ["point P12", "point lower left"]
+        assert on.counts == (6, 4, 6)
+        assert on.events("complete") == [{}]
+
+
+def test_unattended_with_a_covered_lens_leaves_the_search(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"exposures_s": None})) as on:
+        left = on.acquire(Unattended("covered"))
+        assert [thing.what for thing in left][:2] == ["exposure search", "light frames"]
+        assert on.counts == (0, 0, 0)
+
+
+def test_unattended_repeats_once_what_may_be_better_then(changed, on_bench):
+    with on_bench(changed(patches=TWO)) as on:
+        # Between the first two frames, and between the first two of the repeat.
+        on.bench.schedule("at 0.1 s light -10% in 0 s\nat 0.5 s light -10% in 0 s")
+        on.acquire(Unattended())
+        flickered, still = on.events("check")
+        assert [finding["check"] for finding in flickered["findings"]] == ["flicker"]
+        assert [flickered["repeat"], still["repeat"]] == [True, False]
+        assert on.counts == (6, 0, 0)
+        assert len(on.events("superseded")) == 1
+
+
+def test_unattended_does_not_repeat_what_only_a_hand_can_mend(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"exposures_s": (0.03, 0.06)})) as on:
+        on.acquire(Unattended())
+        (check,) = on.events("check")
+        assert [finding["check"] for finding in check["findings"]] == ["saturation", "saturation"]
+        assert not check["repeat"]
+
+
+def test_patches_one_by_one_need_a_hand(changed, on_bench):
+    with on_bench(changed(patches=TWO, target={"presentation": "one by one"})) as on:
+        left = on.acquire(Unattended())
+        assert [thing.what for thing in left] == ["patch P12", "patch lower left", "dark frames"]
+        assert on.counts == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("plan", "kind", "message"),
+    [
+        (
+            {"exposures_s": (0.002, 100.0)},
+            CameraSettingError,
+            r"plan.exposures_s has 100 s, the camera takes \S+ to \d+ s: give an exposure within",
+        ),
+        ({"pixel_format": "Mono11"}, CameraSettingError, "pixel format 'Mono11' is not supported: choose one of"),
+        (
+            {"frames_per_exposure": 10**9},
+            SessionError,
+            r"the plan still needs 3000000006 frames of 0.392 MB, 1.177e\+06 GB in all, but .* has room for \d+ "
+            r"\(.* GB free\): free the disk, or plan fewer frames",
+        ),
+    ],
+)
+def test_impossible_plans_are_refused_before_anything_is_recorded(changed, on_bench, plan, kind, message):
+    with on_bench(changed(plan=plan)) as on:
+        before = len(on.session.records)
+        with pytest.raises(kind, match=message):
+            on.acquire()
+        assert len(on.session.records) == before
+
+
+def test_a_patch_outside_the_sensor_is_refused(changed, on_bench, tmp_path):
+    configuration = changed(patches=TWO)
+    with on_bench(configuration) as on:
+        moved = configuration.target.patches[0].model_copy(update={"roi": (450.0, 20.0, 60.0, 60.0)})
+        target = configuration.target.model_copy(update={"patches": (moved,)})
+        outside = configuration.model_copy(update={"target": target})
+        with Session.create(tmp_path / "outside", outside) as on.session:
+            with pytest.raises(InputError, match=r"region 'P12' spans x 450 to 510.* image is 480 x 400 pixels"):
+                on.acquire()
+            assert not on.session.frames()
+
+
+def test_a_found_exposure_too_many_for_the_disk_is_refused_after_the_search(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"exposures_s": None, "frames_per_exposure": 10**9})) as on:
+        with pytest.raises(SessionError, match=r"the plan still needs \d+ frames"):
+            on.acquire()
+        assert on.counts == (0, 0, 0)
+        assert remaining(on.session).exposures_known
+
+
+def test_a_ratio_is_not_recorded(changed, on_bench):
+    class Ratio:
+        def __init__(self, meter):
+            self._meter = meter
+
+        def __getattr__(self, name):
+            return getattr(self._meter, name)
+
+        def measure(self):
+            from dataclasses import replace
+
+            return replace(self._meter.measure(), unit="%", correction=None)
+
+    with on_bench(changed(patches=TWO)) as on:
+        on.meter = Ratio(on.meter)
+        with pytest.raises(InputError, match="is a ratio in %, not a luminance: set the meter to ABS"):
+            on.acquire()
+        assert on.counts == (6, 0, 0)

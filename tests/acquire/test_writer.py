@@ -1,0 +1,164 @@
+"""The frame writer: everything in order, back-pressure, and errors that come out where frames go in."""
+
+import _thread
+import threading
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from labcdp.acquire.writer import FrameWriter, Throughput
+from labcdp.clock import SystemClock
+from labcdp.errors import InputError, SessionError
+from labcdp.frame import CameraIdentity, Frame
+from labcdp.session import EventRecord, FrameRecord, Session
+
+
+def frame(number):
+    return Frame(
+        dn=np.full((4, 5), number, dtype=np.uint16),
+        exposure_s=0.01,
+        gain_db=0.0,
+        bit_depth=12,
+        saturation_dn=4095,
+        black_level_dn=64.0,
+        pixel_format="Mono12",
+        colour_filter=None,
+        temperature_c=35.0,
+        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
+        camera_timestamp_ns=number,
+        frame_id=number,
+        camera=CameraIdentity("v", "m", "s"),
+    )
+
+
+class Gated:
+    """A disk that takes frames when told to; stands for a session."""
+
+    def __init__(self):
+        self.open = threading.Event()
+        self.asked = threading.Event()
+        self.frames, self.groups = [], []
+
+    def add_frames(self, group):
+        self.asked.set()
+        assert self.open.wait(10)
+        self.groups.append(len(group))
+        self.frames += [frame.frame_id for frame, _, _ in group]
+
+
+@pytest.fixture
+def session(tmp_path, small_configuration):
+    with Session.create(tmp_path / "s", small_configuration) as opened:
+        yield opened
+
+
+def test_frames_and_events_are_recorded_in_order(session):
+    with FrameWriter(session, SystemClock()) as writer:
+        for n in range(40):
+            writer.put(frame(n), "light" if n < 30 else "dark", "P01" if n < 30 else None)
+            if n % 10 == 0:
+                writer.put_event("mark", {"n": n})
+    recorded = [
+        r.metadata["frame_id"] if isinstance(r, FrameRecord) else ("mark", r.content["n"])
+        for r in session.records
+        if isinstance(r, FrameRecord) or (isinstance(r, EventRecord) and r.kind == "mark")
+    ]
+    assert recorded == [x for n in range(40) for x in ((n, ("mark", n)) if n % 10 == 0 else (n,))]
+    assert [(r.role, r.patch) for r in session.frames()] == [("light", "P01")] * 30 + [("dark", None)] * 10
+    assert all((session.load(r).dn == r.metadata["frame_id"]).all() for r in session.frames())
+    session.verify()
+    assert writer.throughput.frames == 40
+
+
+@pytest.mark.parametrize("limits", [{"max_frames": 3}, {"max_bytes": 3 * 40}])
+def test_a_full_queue_holds_the_camera_up_and_loses_nothing(limits):
+    disk = Gated()
+    n_put = 0
+
+    def count(writer):
+        nonlocal n_put
+        for n in range(10):
+            writer.put(frame(n), "light", None)
+            n_put += 1
+
+    with FrameWriter(disk, SystemClock(), **limits) as writer:
+        producer = threading.Thread(target=count, args=(writer,))
+        producer.start()
+        assert disk.asked.wait(10)
+        producer.join(0.3)
+        # Those being written count: their memory is in use.
+        assert n_put == 3
+        disk.open.set()
+        producer.join(10)
+        assert n_put == 10
+    assert disk.frames == list(range(10))
+    assert max(disk.groups) <= 3
+    assert writer.throughput.waited_s >= 0.3
+    assert writer.throughput.limited_by_disk
+
+
+def test_a_frame_larger_than_the_queue_fits_alone(session):
+    with FrameWriter(session, SystemClock(), max_bytes=1) as writer:
+        for n in range(3):
+            writer.put(frame(n), "light", None)
+    assert len(session.frames()) == 3
+
+
+def test_what_was_put_is_recorded_when_something_else_fails(session):
+    def fail():
+        with FrameWriter(session, SystemClock()) as writer:
+            for n in range(20):
+                writer.put(frame(n), "light", None)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert [r.metadata["frame_id"] for r in session.frames()] == list(range(20))
+
+
+def test_a_second_interrupt_does_not_cost_what_waits():
+    disk = Gated()
+
+    def interrupt_again():
+        # Ctrl-C, while the first one is being unwound.
+        _thread.interrupt_main()
+        disk.open.set()
+
+    def interrupted():
+        with FrameWriter(disk, SystemClock()) as writer:
+            for n in range(5):
+                writer.put(frame(n), "light", None)
+            threading.Timer(0.2, interrupt_again).start()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert disk.frames == list(range(5))
+
+
+@pytest.mark.parametrize("n_frames", [1, 1000])
+def test_an_error_of_the_disk_comes_out_at_the_next_frame_or_at_the_end(session, n_frames):
+    session.close()
+
+    def write():
+        with FrameWriter(session, SystemClock()) as writer:
+            for n in range(n_frames):
+                writer.put(frame(n), "light", None)
+
+    with pytest.raises(SessionError, match=r"is not open for writing"):
+        write()
+    assert not any(thread.name == "labcdp frame writer" for thread in threading.enumerate())
+
+
+def test_a_wrong_frame_is_refused_as_the_session_does(session):
+    with pytest.raises(InputError, match=r"patch is 'nowhere'"), FrameWriter(session, SystemClock()) as writer:
+        writer.put(frame(1), "light", "nowhere")
+
+
+def test_no_time_is_no_speed():
+    assert Throughput(0, 0.0, 0.0).frames_per_s == 0
+    assert not Throughput(0, 0.0, 0.0).limited_by_disk
+    assert Throughput(30, 2.0, 0.1).frames_per_s == 15
+    assert not Throughput(30, 2.0, 0.1).limited_by_disk
+    assert Throughput(30, 4.0, 2.0).limited_by_disk

@@ -17,18 +17,6 @@ COMMANDS = (
     *("demo", "devices", "doctor", "snap", "meter", "meter-test"),
     *("acquire", "calibrate", "evaluate", "replay", "simulate-bench"),
 )
-    "demo",
-    "devices",
-    "doctor",
-    "snap",
-    "meter",
-    "meter-test",
-    "acquire",
-    "calibrate",
-    "evaluate",
-    "replay",
-    "simulate-bench",
-)
 
 
 def test_help_names_every_command(labcdp):

@@ -29,20 +29,22 @@ __all__ = [
 ]
 
 
-def open_camera(selector: str | None = None) -> AravisCamera:
+def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisCamera:
     """Open a camera; close it, or use it as a context manager.
 
     Parameters
     ----------
     selector : str or None
         Serial number, address or model; None takes the only one there is.
+    patience_s : float
+        How long to wait for the camera to come back if it is lost later.
 
     Raises
     ------
     CameraError
         If it is absent or busy, or Aravis is not installed.
     """
-    return AravisCamera(selector).open()
+    return AravisCamera(selector, patience_s=patience_s).open()
 
 
 def open_meter(

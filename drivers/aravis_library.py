@@ -6,9 +6,9 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
-from ..frame import CameraIdentity
-from .camera import CameraError, CameraLostError, CameraNotFoundError
+from .camera import CameraError, CameraNotFoundError
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,13 @@ def aravis() -> ModuleType:
         ) from error
     module: ModuleType = Aravis
     return module
+
+
+def gerror() -> Any:
+    """Return the exception that Aravis' functions raise."""
+    from gi.repository import GLib
+
+    return GLib.Error
 
 
 def discover() -> list[CameraInfo]:
@@ -95,16 +102,7 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
 @contextlib.contextmanager
 def camera_errors(message: str, kind: type[CameraError]) -> Iterator[None]:
     """Turn Aravis' errors into one of ours, keeping its reason."""
-    from gi.repository import GLib
-
     try:
         yield
-    except GLib.Error as error:
+    except gerror() as error:
         raise kind(f"{message} [{error.message}]") from error
-
-
-def losing(identity: CameraIdentity, what: str) -> contextlib.AbstractContextManager[None]:
-    """Take Aravis' errors of an opened camera as its loss; `what` says what could not be done."""
-    return camera_errors(
-        f"{identity} stopped answering ({what}): check power and cable, then open it again", CameraLostError
-    )

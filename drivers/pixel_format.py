@@ -42,6 +42,11 @@ class PixelFormat:
     packing: Packing
     colour_filter: str | None
 
+    @property
+    def typestr(self) -> str | None:
+        """Type of a pixel, as in NumPy's array interface, where each lies in memory by itself; else None."""
+        return {"byte": "|u1", "word": "<u2"}.get(self.packing)
+
     def payload_bytes(self, n_pixels: int) -> int:
         """Bytes that `n_pixels` take."""
         bits = {"byte": 8, "word": 16, "lsb12": 12, "gige12": 12}[self.packing]
@@ -60,7 +65,7 @@ class PixelFormat:
         Returns
         -------
         ndarray of uint8 or uint16, shape (height, width)
-            A view of `payload` where the layout allows.
+            A view of `payload` where the layout allows; else read-only memory of its own.
 
         Raises
         ------
@@ -75,10 +80,8 @@ class PixelFormat:
                 f"{needed}: the frame is refused; check packet size and network"
             )
         data = payload[:needed]
-        if self.packing == "byte":
-            return data.reshape(shape)
-        if self.packing == "word":
-            return data.view("<u2").reshape(shape)
+        if self.typestr is not None:
+            return data.view(self.typestr).reshape(shape)
         return _unpack12(data, n, self.packing).reshape(shape)
 
     def pack(self, dn: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.uint8]:
@@ -107,7 +110,10 @@ def _unpack12(data: NDArray[np.uint8], n: int, packing: Packing) -> NDArray[np.u
     else:
         pixels[:, 0] = b0 | (b1 & 15) << 8
         pixels[:, 1] = b1 >> 4 | b2 << 4
-    return pixels.ravel()[:n]
+    # Before a view is made: nobody can write to the pixels, so a frame need not copy them.
+    flat = pixels.reshape(-1)
+    pixels.flags.writeable = flat.flags.writeable = False
+    return flat[:n]
 
 
 def _pack12(dn: NDArray[np.unsignedinteger[Any]], packing: Packing) -> NDArray[np.uint8]:

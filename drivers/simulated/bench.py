@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from math import ceil, floor
+from typing import Self
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...chain import ImagingChain, Optics, PatchScene, load
-from ...chain import Patch as ScenePatch
+from ...chain import ImagingChain, Optics, load
+from ...clock import Clock, SystemClock
 from ...errors import ConfigurationError
-from ...session import Patch, SessionConfiguration
-from ..minolta_ls import LS100, LS110
-from .camera import SimulatedDevice, SimulatedGigECamera
+from ...reading import MeterIdentity
+from ...session import SessionConfiguration
+from ..minolta_ls_protocol import LS100, LS110, LSDataSheet
+from .camera import SimulatedGigECamera
+from .commands import Scheduled
+from .device import SimulatedDevice
+from .drift import Drifts
+from .faults import parse_command, parse_schedule
 from .in_process import InProcessCamera
+from .in_process_meter import InProcessMeter
 from .meter import MeterErrorModel, SimulatedLS
 from .meter_pty import PtyMeter
-
-#: A patch of the simulated target is this much larger than its region on each side, relative to the region.
-_MARGIN_REL = 0.15
-
-#: Luminance around the patches relative to the darkest of them: dark grey cardboard, which a calibration covers.
-_BACKGROUND_REL = 4.0
+from .misfortune import Misfortune
+from .target import SimulatedTarget
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,8 @@ class SimulatedBench:
     """One simulated target, seen by camera and meter alike.
 
     The target has the patches of a session's configuration, at their nominal luminance. The bench does what an
-    operator does: `cover_lens`, `uncover_lens`, `point_meter`.
+    operator does: `cover_lens`, `uncover_lens`, `point_meter`, `show_patch`. It does not forget the devices it has
+    given: faults told by `obey` and `schedule` befall all of them. As a context manager it ends what is scheduled.
 
     Parameters
     ----------
@@ -69,6 +68,8 @@ class SimulatedBench:
         The specimens.
     sensor_shape : (int, int) or None
         Height and width for a smaller sensor; None keeps the camera's own.
+    clock : Clock or None
+        Whose time drifts, schedules and the devices in this process take; None for the computer's.
 
     Raises
     ------
@@ -81,36 +82,30 @@ class SimulatedBench:
         configuration: SessionConfiguration,
         devices: BenchDevices,
         sensor_shape: tuple[int, int] | None = None,
+        clock: Clock | None = None,
     ) -> None:
-        self.luminance_cd_m2 = {patch.name: _nominal_cd_m2(patch) for patch in configuration.target.patches}
-        self.pointed_at = configuration.target.patches[0].name
-        self._meter_model = configuration.meter.model
+        self._clock = SystemClock() if clock is None else clock
+        self._configuration = configuration
         self._devices = devices
         self._chain = _chain(configuration, devices.chain, sensor_shape)
-        self._source = _Source(self._chain, self._scene(configuration), devices)
+        self._drifts = Drifts(self._clock, devices.temperature_c)
+        self._source = SimulatedTarget(configuration, self._chain, self._drifts, devices.seed)
+        self.luminance_cd_m2 = self._source.luminance_cd_m2
+        self.pointed_at = configuration.target.patches[0].name
+        self._misfortune = Misfortune(self._clock, self._drifts, devices.seed)
+        self._repeated: set[str] = set()
 
-    def _scene(self, configuration: SessionConfiguration) -> PatchScene:
-        height, width = self._chain.sensor.shape
-        bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
-        _refuse_overlap(bounds)
-        surroundings: list[ScenePatch] = []
-        regions: list[ScenePatch] = []
-        for patch in configuration.target.patches:
-            x0, y0, x1, y1 = bounds[patch.name]
-            if x1 > width or y1 > height:
-                raise ConfigurationError(
-                    f"patch {patch.name!r} reaches x {x1:g}, y {y1:g}, the simulated sensor has {width} x {height} "
-                    "pixels: move it inside"
-                )
-            dx, dy = _MARGIN_REL * (x1 - x0), _MARGIN_REL * (y1 - y0)
-            for drawn, mx, my in ((surroundings, dx, dy), (regions, 0.0, 0.0)):
-                left, top = max(0, floor(x0 - mx)), max(0, floor(y0 - my))
-                right, bottom = min(width, ceil(x1 + mx)), min(height, ceil(y1 + my))
-                drawn.append(ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[patch.name]))
-        background_cd_m2 = _BACKGROUND_REL * min(self.luminance_cd_m2.values())
-        # Regions last: the margin of a close neighbour must not reach into them.
-        patches = (*surroundings, *regions)
-        return PatchScene(width=width, height=height, background_cd_m2=background_cd_m2, patches=patches)
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """End what is scheduled."""
+        self.close()
+
+    def close(self) -> None:
+        """End what is scheduled; may be called twice."""
+        self._misfortune.close()
 
     @property
     def device(self) -> SimulatedDevice:
@@ -126,17 +121,60 @@ class SimulatedBench:
 
     def gige_camera(self, address: str = "127.0.0.1") -> SimulatedGigECamera:
         """Return the camera as a GigE Vision device on a loopback address, to be started."""
-        return SimulatedGigECamera(self.device, self._source, address)
+        camera = SimulatedGigECamera(self.device, self._source, address, temperature=self._drifts.temperature_c)
+        self._misfortune.add_camera(camera)
+        return camera
 
-    def in_process_camera(self) -> InProcessCamera:
-        """Return the camera without a network."""
-        return InProcessCamera(self.device, self._source)
+    def in_process_camera(self, patience_s: float = 0.0) -> InProcessCamera:
+        """Return the camera without a network; it waits as long for a lost camera to come back."""
+        camera = InProcessCamera(
+            self.device, self._source, self._clock, temperature=self._drifts.temperature_c, patience_s=patience_s
+        )
+        self._misfortune.add_camera(camera)
+        return camera
 
     def pty_meter(self, response_time_s: float = 0.8) -> PtyMeter:
         """Return the meter on a pseudo-terminal, to be started."""
-        sheet = {"LS-100": LS100, "LS-110": LS110}[self._meter_model]
-        engine = SimulatedLS(lambda: self.luminance_cd_m2[self.pointed_at], sheet, self._devices.meter)
-        return PtyMeter(engine, response_time_s=response_time_s)
+        engine = self._engine()
+        meter = PtyMeter(engine, response_time_s=response_time_s)
+        self._misfortune.add_meter(meter, engine)
+        return meter
+
+    def in_process_meter(self, response_time_s: float = 0.8) -> InProcessMeter:
+        """Return the meter without a port."""
+        wanted = self._configuration.meter
+        date = None if wanted.calibration_date is None else wanted.calibration_date.isoformat()
+        identity = MeterIdentity(wanted.model, wanted.serial, date, simulated=True)
+        engine = self._engine()
+        meter = InProcessMeter(engine, self._sheet, identity, self._clock, response_time_s=response_time_s)
+        self._misfortune.add_meter(meter, engine)
+        return meter
+
+    def _engine(self) -> SimulatedLS:
+        return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), self._sheet, self._devices.meter)
+
+    @property
+    def _sheet(self) -> LSDataSheet:
+        model = self._configuration.meter.model
+        sheets = {"LS-100": LS100, "LS-110": LS110}
+        if model not in sheets:
+            raise ConfigurationError(f"meter.model is {model!r}: the simulated bench has an LS-100 or an LS-110")
+        return sheets[model]
+
+    @property
+    def light_rel(self) -> float:
+        """Light on the target now, relative to that of the beginning."""
+        return self._drifts.light_rel()
+
+    @property
+    def temperature_c(self) -> float:
+        """Temperature of the camera now, in degrees Celsius."""
+        return self._drifts.temperature_c()
+
+    @property
+    def drifted(self) -> bool:
+        """Whether light or temperature have ever been made to drift."""
+        return self._drifts.begun
 
     @property
     def covered(self) -> bool:
@@ -163,50 +201,47 @@ class SimulatedBench:
             raise ConfigurationError(f"there is no patch {patch!r}: choose one of {', '.join(self.luminance_cd_m2)}")
         self.pointed_at = patch
 
+    def show_patch(self, patch: str) -> None:
+        """Put a patch before the camera, where patches are shown one by one, and point the meter at it.
 
-class _Source:
-    """Exposures of the target, or of the lens cap."""
+        Raises
+        ------
+        ConfigurationError
+            If the target has no such patch.
+        """
+        self.point_meter(patch)
+        self._source.show(patch)
 
-    def __init__(self, chain: ImagingChain, scene: PatchScene, devices: BenchDevices) -> None:
-        self.covered = False
-        self._chain = chain
-        self._scene = scene
-        self._devices = devices
-        self._electron_rate: NDArray[np.float32] | None = None
+    def repeat(self, what: str, findings: Sequence[object]) -> bool:
+        """Let each part be taken again once, whatever was found, so that a run without a person ends."""
+        first = what not in self._repeated
+        self._repeated.add(what)
+        return first
 
-    @property
-    def state(self) -> Hashable:
-        """What the pixels depend on beside exposure and gain."""
-        return self.covered
+    def obey(self, text: str) -> None:
+        """Let one fault begin, for example ``lose 5% for 20 s``.
 
-    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
-        """Render exposure number `index`."""
-        if self._electron_rate is None:
-            self._electron_rate = self._chain.electron_rate(self._scene.luminance_map())
-        return self._chain.expose(
-            0.0 if self.covered else self._electron_rate,
-            exposure_s,
-            gain_db,
-            temperature_c=self._devices.temperature_c,
-            seed=self._devices.seed,
-            exposure_index=index,
-        )
+        Raises
+        ------
+        ConfigurationError
+            If the text is none; the message gives an example.
+        CameraError
+            If it cannot be brought about.
+        """
+        self._misfortune.tell(parse_command(text))
 
+    def schedule(self, text: str, source: str = "schedule") -> tuple[Scheduled, ...]:
+        """Let faults begin at their times from now, lines such as ``at 1 min vanish for 5 s``; returns them.
 
-def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> None:
-    for (one, (ax0, ay0, ax1, ay1)), (other, (bx0, by0, bx1, by1)) in combinations(bounds.items(), 2):
-        if ceil(ax1) > floor(bx0) and ceil(bx1) > floor(ax0) and ceil(ay1) > floor(by0) and ceil(by1) > floor(ay0):
-            raise ConfigurationError(
-                f"patches {one!r} and {other!r} overlap, so the simulated target cannot show both: move one"
-            )
-
-
-def _nominal_cd_m2(patch: Patch) -> float:
-    if patch.nominal_luminance_cd_m2 is None:
-        raise ConfigurationError(
-            f"patch {patch.name!r} has no nominal_luminance_cd_m2: give one, the simulated target shows it"
-        )
-    return patch.nominal_luminance_cd_m2
+        Raises
+        ------
+        ConfigurationError
+            If a line is not understood; then nothing is scheduled.
+        """
+        scheduled = parse_schedule(text, source)
+        for item in scheduled:
+            self._misfortune.schedule(item)
+        return scheduled
 
 
 def _chain(

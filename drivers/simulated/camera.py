@@ -7,86 +7,48 @@ our pixels.
 from __future__ import annotations
 
 import ctypes
-import errno
 import gc
 import logging
-import socket
 import tempfile
+import threading
 import time
-from collections.abc import Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Any, Protocol, Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Final
 
 from ..aravis_library import aravis
 from ..camera import CameraError
-from ..pixel_format import PIXEL_FORMATS, PixelFormat
-from ..sockets import own_udp_sockets
-from .genicam import GAIN_STEPS_PER_DB, TEMPERATURE_STEPS_PER_C, Address, description
+from ..device import Device
+from ..gvcp import GVCP_PORT
+from .device import FORMATS, FrameSource, SimulatedDevice
+from .frame_pool import FramePool, Wanted
+from .genicam import TEMPERATURE_STEPS_PER_C, Address, description
+from .loopback import ControlPort, check_free
+from .registers import Registers
+from .second_controller import SecondController
+from .trouble import NO_TROUBLE, CameraTrouble
+
+__all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
 _log = logging.getLogger(__name__)
 
-#: UDP port of the GigE Vision control protocol (GVCP), fixed by the standard.
-GVCP_PORT = 3956
+#: How far back wrong frame ids go: Aravis takes ids up to 100 behind the last one for late packets.
+_BACKWARD: Final = 1000
 
-#: Formats the simulated Manta offers.
-FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[name] for name in ("Mono8", "Mono12", "Mono12Packed"))
-
-#: Stream packet size in bytes: loopback takes jumbo frames, and fewer packets cost less time.
-_PACKET_BYTES = 9000
+#: A program that wants control may find that the other has reconnected first; it then tries again.
+_ATTEMPTS_TO_TAKE: Final = 10
 
 _FillPattern = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )
 
 
-class FrameSource(Protocol):
-    """Where the simulated camera's pixels come from."""
-
-    @property
-    def state(self) -> Hashable:
-        """What the pixels depend on beside exposure and gain; rendered frames are kept while it is the same."""
-
-    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
-        """Render exposure number `index`: 12-bit DN, shape (sensor height, sensor width)."""
-
-
-@dataclass(frozen=True)
-class SimulatedDevice:
-    """What the simulated camera says of itself.
-
-    Parameters
-    ----------
-    serial : str
-        At most 15 characters.
-    width, height : int
-        Sensor size in pixels.
-    temperature_c, black_level_dn : float
-        What the registers tell.
-    vendor, model : str
-        At most 31 characters.
-    frame_rate_hz : float
-        Frame rate after switching on.
-    """
-
-    serial: str
-    width: int = 2452
-    height: int = 2056
-    temperature_c: float = 35.0
-    black_level_dn: float = 0.0
-    vendor: str = "Allied Vision Technologies"
-    model: str = "Manta_G-505B"
-    frame_rate_hz: float = 15.0
-
-
-class SimulatedGigECamera:
+class SimulatedGigECamera(Device):
     """Serve a frame source as a GigE Vision camera, from `start` to `stop`.
 
-    Frames are rendered when first asked for; once `pool_size` of them exist for one exposure, gain and state,
-    they are sent in turn, so that the camera keeps its frame rate.
+    Frames are rendered when first asked for, and sent when they are ready; once `pool_size` of them exist for one
+    exposure, gain and state, they are sent in turn, so that the camera keeps its frame rate. A frame comes no sooner
+    than its exposure takes: of the moments the frame rate gives, the first after it.
 
     Parameters
     ----------
@@ -98,65 +60,175 @@ class SimulatedGigECamera:
         Loopback address to serve; one camera each.
     pool_size : int
         Rendered frames kept.
+    temperature : callable or None
+        Returns the temperature of the device in degrees Celsius; None for one that does not change.
     """
 
     def __init__(
-        self, device: SimulatedDevice, source: FrameSource, address: str = "127.0.0.1", pool_size: int = 4
+        self,
+        device: SimulatedDevice,
+        source: FrameSource,
+        address: str = "127.0.0.1",
+        pool_size: int = 4,
+        temperature: Callable[[], float] | None = None,
     ) -> None:
         self.device = device
         self.address = address
-        self._source = source
-        self._pool_size = pool_size
-        self._pool_key: Hashable = None
-        self._pool: list[NDArray[np.uint8]] = []
-        self._n_sent = 0
+        self._pool = FramePool(source, pool_size)
+        self._temperature = temperature
+        self._frame_id: int | None = None
+        self._exposing: Hashable = None
+        self._exposed_at_s = 0.0
+        self._triggered_at_s: float | None = None
+        self._trouble = NO_TROUBLE
+        self._right_height: int | None = None
+        self._started = False
+        self._other: SecondController | None = None
+        # The last reference to the camera must not go in the thread that its end waits for: who uses it holds this.
+        self._lock = threading.RLock()
         self._gv: Any = None
+        self._registers: Registers | None = None
+        self._control: ControlPort | None = None
         self._lib: Any = None
         # Aravis keeps only the pointer: the callback must live as long as the camera.
         self._callback = _FillPattern(self._fill)
 
-    def __enter__(self) -> Self:
-        """Start."""
-        return self.start()
+    def open(self) -> SimulatedGigECamera:
+        """Start, as a context manager does."""
+        return self if self._started else self.start()
 
-    def __exit__(self, *exc: object) -> None:
-        """Stop."""
+    def close(self) -> None:
+        """Stop, as a context manager does."""
         self.stop()
 
-    def start(self) -> Self:
-        """Begin to answer.
+    def start(self) -> SimulatedGigECamera:
+        """Begin to answer, in whatever trouble it is.
 
         Raises
         ------
         CameraError
             If Aravis is missing, or another camera or program has the address.
         """
-        arv = aravis()
-        _check_free(self.address)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "camera.xml")
-            path.write_text(description(self.device.vendor, self.device.model, FORMATS), encoding="utf-8")
-            self._gv = arv.GvFakeCamera.new_full(self.address, self.device.serial, str(path))
-        if not self._gv.is_running():
-            self._gv = None
-            raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
-        _keep_discovery_on_loopback()
-        self._write_registers()
-        self._lib = ctypes.CDLL("libaravis-0.8.so.0")
-        self._lib.arv_buffer_get_data.restype = ctypes.c_void_p
-        self._lib.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        self._set_fill_pattern(self._callback)
+        trouble, self._trouble = self._trouble, NO_TROUBLE
+        if not trouble.gone:
+            self._switch_on()
+        self._pool.open()
+        self._started = True
+        self.suffer(trouble)
         return self
 
     def stop(self) -> None:
         """Stop answering, as if the cable were pulled; may be called twice."""
-        self._gv = None
-        # Aravis' thread ends when the last reference goes, which may sit in a cycle.
-        gc.collect()
+        self._started = False
+        self._let_go()
+        self._switch_off()
+        self._pool.close()
 
     def set_packet_loss(self, ratio: float) -> None:
         """Lose this share of the stream's packets, 0 to 1, to see what a bad network does."""
-        self._gv.set_property("gvsp-lost-ratio", float(ratio))
+        self.suffer(CameraTrouble(loss=float(ratio)))
+
+    def suffer(self, trouble: CameraTrouble) -> None:
+        """Be in this trouble from now on, and in no other.
+
+        Raises
+        ------
+        CameraError
+            If it should come back and another camera or program has its address.
+        """
+        before, self._trouble = self._trouble, trouble
+        if not self._started:
+            return
+        if before.taken and not trouble.taken:
+            self._let_go()
+        if trouble.gone and not before.gone:
+            self._switch_off()
+        elif before.gone and not trouble.gone:
+            self._switch_on()
+        if trouble.taken and not trouble.gone and self._other is None:
+            self._be_taken()
+        with self._lock:
+            if self._control is not None:
+                self._control.deaf(trouble.frozen)
+            self._set_height(trouble.wrong_size)
+            self._lose(self._share_lost())
+
+    def follow_temperature(self) -> None:
+        """Let the register tell the temperature of now."""
+        with self._lock:
+            if self._temperature is not None and self._registers is not None:
+                self._registers.write(Address.TEMPERATURE, round(self._temperature() * TEMPERATURE_STEPS_PER_C))
+
+    def _switch_on(self) -> None:
+        arv = aravis()
+        check_free(self.address)
+        device = self.device
+        control = ControlPort(self.address)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "camera.xml")
+            path.write_text(description(device.vendor, device.model, FORMATS, device.naming), encoding="utf-8")
+            gv = arv.GvFakeCamera.new_full(self.address, device.serial, str(path))
+        if not gv.is_running():
+            raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
+        control.find()
+        self._lib = ctypes.CDLL("libaravis-0.8.so.0")
+        self._lib.arv_buffer_get_data.restype = ctypes.c_void_p
+        self._lib.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        self._lib.arv_buffer_get_frame_id.restype = ctypes.c_uint64
+        self._lib.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
+        self._lib.arv_buffer_set_frame_id.restype = None
+        self._lib.arv_buffer_set_frame_id.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
+        with self._lock:
+            self._gv, self._control = gv, control
+            self._registers = Registers(gv.get_fake_camera())
+            self._registers.switch_on(device)
+            self._frame_id, self._exposing, self._triggered_at_s = None, None, None
+            self._right_height = None
+            self.follow_temperature()
+            self._set_fill_pattern(self._callback)
+
+    def _switch_off(self) -> None:
+        with self._lock:
+            gone, self._gv = self._gv, None
+            self._registers = self._control = None
+        # Aravis' thread, which may wait for the lock, ends when the last reference goes; that may sit in a cycle.
+        del gone
+        gc.collect()
+
+    def _be_taken(self) -> None:
+        """Let another program take control; where somebody has it, it switches the camera off and on first."""
+        for _ in range(_ATTEMPTS_TO_TAKE):
+            other = SecondController((self.address, GVCP_PORT))
+            if other.take():
+                self._other = other
+                return
+            other.release()
+            self._switch_off()
+            self._switch_on()
+        raise CameraError(f"no second program could take the simulated camera at {self.address}: stop its user first")
+
+    def _let_go(self) -> None:
+        if self._other is not None:
+            self._other.release()
+            self._other = None
+
+    def _share_lost(self) -> float:
+        return 1.0 if self._trouble.stalled or self._trouble.frozen else self._trouble.loss
+
+    def _lose(self, share: float) -> None:
+        if self._gv is not None:
+            self._gv.set_property("gvsp-lost-ratio", share)
+
+    def _set_height(self, wrong: bool) -> None:
+        """Halve the height of the frames, or make it again what it was."""
+        if self._registers is None:
+            return
+        if wrong and self._right_height is None:
+            self._right_height = self._registers.read(Address.HEIGHT)
+            self._registers.write(Address.HEIGHT, max(1, self._right_height // 2))
+        elif not wrong and self._right_height is not None:
+            self._registers.write(Address.HEIGHT, self._right_height)
+            self._right_height = None
 
     def _set_fill_pattern(self, callback: Any) -> None:
         # PyGObject's binding of this function crashes (wrong annotation); the C function works.
@@ -165,95 +237,60 @@ class SimulatedGigECamera:
         function.restype = None
         function(hash(self._gv.get_fake_camera()), callback, None)
 
-    def _write_registers(self) -> None:
-        device = self.device
-        self._write_text(Address.VENDOR, device.vendor, 32)
-        self._write_text(Address.MODEL, device.model, 32)
-        self._write_text(Address.MANUFACTURER_INFO, "labcdp simulated camera", 48)
-        registers = {
-            Address.SENSOR_WIDTH: device.width,
-            Address.SENSOR_HEIGHT: device.height,
-            Address.WIDTH: device.width,
-            Address.HEIGHT: device.height,
-            Address.PIXEL_FORMAT: PIXEL_FORMATS["Mono12"].code,
-            Address.FRAME_PERIOD_US: round(1e6 / device.frame_rate_hz),
-            Address.BLACK_LEVEL: round(device.black_level_dn),
-            Address.TEMPERATURE: round(device.temperature_c * TEMPERATURE_STEPS_PER_C),
-            Address.GAIN: 0,
-            Address.PACKET_SIZE: _PACKET_BYTES,
-        }
-        for address, value in registers.items():
-            self._gv.get_fake_camera().write_register(address, value)
-
-    def _write_text(self, address: int, text: str, length: int) -> None:
-        raw = text.encode("ascii")
-        if len(raw) >= length:
-            raise CameraError(f"{text!r} is too long for the camera's register: use up to {length - 1} letters")
-        for start in range(0, length, 4):
-            word = int.from_bytes(raw.ljust(length, b"\0")[start : start + 4], "big")
-            self._gv.get_fake_camera().write_register(address + start, word)
-
     def _fill(self, buffer: int, _user_data: int | None, exposure_us: int, gain_steps: int, format_code: int) -> None:
         """Write the pixels of the next frame; called in Aravis' thread before it is sent."""
-        if self._gv is None:
-            return  # being stopped
-        try:
-            payload = self._payload(exposure_us, gain_steps, format_code)
-            ctypes.memmove(self._lib.arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
-            period_us = self._register(Address.FRAME_PERIOD_US)
-            time.sleep(max(0, exposure_us - period_us) * 1e-6)
-        except Exception:
-            _log.exception("the simulated camera could not render a frame")
+        with self._lock:
+            if self._registers is None:
+                return  # being stopped
+            try:
+                self._send(self._registers, buffer, exposure_us, gain_steps, format_code)
+            except Exception:
+                _log.exception("the simulated camera could not render a frame")
 
-    def _register(self, address: Address) -> int:
-        return int(self._gv.get_fake_camera().read_register(address).value)
+    def _send(self, registers: Registers, buffer: int, exposure_us: int, gain_steps: int, format_code: int) -> None:
+        triggered = registers.read(Address.TRIGGER_MODE) != 0
+        payload = None
+        if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
+            payload = self._pool.next(Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device)))
+        if payload is None:
+            self._lose(1.0)
+            if triggered:  # come again
+                registers.write(Address.TRIGGER_SOFTWARE, 1)
+            return
+        self._triggered_at_s = None
+        self._exposed_at_s = time.monotonic()
+        self._lose(self._share_lost())
+        self.follow_temperature()
+        ctypes.memmove(self._lib.arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
+        self._lib.arv_buffer_set_frame_id(buffer, self._next_id(buffer))
 
-    def _payload(self, exposure_us: int, gain_steps: int, format_code: int) -> NDArray[np.uint8]:
-        region = tuple(self._register(a) for a in (Address.OFFSET_X, Address.OFFSET_Y, Address.WIDTH, Address.HEIGHT))
-        key = (self._source.state, exposure_us, gain_steps, format_code, region)
-        if key != self._pool_key:
-            self._pool, self._pool_key = [], key
-        index = self._n_sent
-        self._n_sent += 1
-        if len(self._pool) < self._pool_size:
-            dn = self._source.expose(exposure_us * 1e-6, gain_steps / GAIN_STEPS_PER_DB, index)
-            self._pool = [*self._pool, _payload_of(dn, region, format_code)]
-            return self._pool[-1]
-        return self._pool[index % self._pool_size]
+    def _exposing_triggered(self, exposure_us: int) -> bool:
+        """Whether the exposure of a triggered frame is under way; a trigger meanwhile is without effect."""
+        now_s = time.monotonic()
+        if self._triggered_at_s is None:
+            self._triggered_at_s = now_s
+        return now_s - self._triggered_at_s < exposure_us * 1e-6
 
+    def _exposing_freely(self, registers: Registers, exposure_us: int) -> bool:
+        """Whether a frame of this exposure cannot be ready yet; in between, the camera sends nothing."""
+        now_s = time.monotonic()
+        period_us = registers.read(Address.FRAME_PERIOD_US)
+        # A stream has its own port.
+        exposing = (registers.read(Address.STREAM_PORT), exposure_us)
+        if exposing != self._exposing:
+            self._exposing, self._exposed_at_s = exposing, now_s
+            return exposure_us > period_us
+        # Half a period: the moments are not quite evenly spaced.
+        return now_s - self._exposed_at_s < (exposure_us - period_us / 2) * 1e-6
 
-def _payload_of(dn: NDArray[np.uint16], region: tuple[int, ...], format_code: int) -> NDArray[np.uint8]:
-    x, y, width, height = region
-    layout = next(form for form in FORMATS if form.code == format_code)
-    window = np.zeros((height, width), dtype=np.uint16)
-    part = dn[y : y + height, x : x + width]
-    window[: part.shape[0], : part.shape[1]] = part
-    # A 12-bit sensor sends its eight most significant bits in an 8-bit format.
-    return layout.pack(np.right_shift(window, 12 - layout.bit_depth, dtype=np.uint16))
-
-
-def _check_free(address: str) -> None:
-    """Aravis does not notice a taken port and one would reach somebody else's camera."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((address, GVCP_PORT))
-        except OSError as error:
-            remedy = (
-                "end the other simulated camera or program that uses it"
-                if error.errno == errno.EADDRINUSE
-                else "give an address of this machine, best a loopback one"
-            )
-            raise CameraError(
-                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): {remedy}"
-            ) from error
-
-
-def _keep_discovery_on_loopback() -> None:
-    """Let only loopback discover the camera.
-
-    Aravis' simulator also listens to broadcasts, which come from every network. Answering there would show the
-    camera to other machines, and make clients on this one look for its frames on the wrong interface.
-    """
-    for listener, address in own_udp_sockets():
-        if address == ("255.255.255.255", GVCP_PORT):
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+    def _next_id(self, buffer: int) -> int:
+        """Return the id to send; ids of GigE Vision have 16 bits and leave out 0."""
+        if self._frame_id is None:
+            self._frame_id = int(self._lib.arv_buffer_get_frame_id(buffer))
+        else:
+            self._frame_id = self._frame_id % 0xFFFF + 1
+        if not self._trouble.wrong_ids:
+            return self._frame_id
+        # By turns the id of the frame before, and one far behind.
+        back = 1 if self._frame_id % 2 else _BACKWARD
+        return (self._frame_id - 1 - back) % 0xFFFF + 1

@@ -1,7 +1,8 @@
 """GenICam description of the simulated camera: its registers and the features over them.
 
-Feature names are those of an Allied Vision Manta (``ExposureTimeAbs``, ``AcquisitionFrameRateAbs``, gain in
-dB); most register addresses are those that Aravis' GigE Vision simulator acts upon.
+Features have the names of an Allied Vision Manta (``ExposureTimeAbs``, ``StreamBytesPerSecond``) or those of the
+Standard Features Naming Convention (SFNC 2); most register addresses are those that Aravis' GigE Vision simulator
+acts upon.
 """
 
 from __future__ import annotations
@@ -9,8 +10,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from textwrap import indent
+from typing import Literal
 
 from ..pixel_format import PixelFormat
+from .genicam_xml import (
+    command,
+    enumeration,
+    fixed_enumeration,
+    formula,
+    integer,
+    low_half,
+    number,
+    rate,
+    string,
+)
+
+#: Whose names the features have: Allied Vision's (formerly Prosilica), or those of the standard.
+Naming = Literal["prosilica", "sfnc"]
 
 
 class Address(IntEnum):
@@ -23,7 +39,10 @@ class Address(IntEnum):
     SERIAL = 0xD8
     WIDTH = 0x100
     HEIGHT = 0x104
+    BINNING_HORIZONTAL = 0x108
+    BINNING_VERTICAL = 0x10C
     GAIN = 0x110
+    GAIN_AUTO = 0x114
     SENSOR_HEIGHT = 0x118
     SENSOR_WIDTH = 0x11C
     EXPOSURE_US = 0x120
@@ -35,24 +54,46 @@ class Address(IntEnum):
     FRAME_PERIOD_US = 0x138
     BLACK_LEVEL = 0x13C
     TEMPERATURE = 0x140
+    BYTES_PER_SECOND = 0x144
+    THROUGHPUT_LIMIT_MODE = 0x148
+    EXPOSURE_AUTO = 0x14C
+    GAMMA = 0x150
     TRIGGER_MODE = 0x300
     TRIGGER_SOURCE = 0x304
+    TRIGGER_ACTIVATION = 0x308
     TRIGGER_SOFTWARE = 0x30C
+    TICK_FREQUENCY_HIGH = 0x93C
+    TICK_FREQUENCY_LOW = 0x940
+    CONTROL_PRIVILEGE = 0xA00
+    STREAM_PORT = 0xD00
     PACKET_SIZE = 0xD04
+    PACKET_DELAY = 0xD08
 
 
 #: Steps of the gain register per dB, of the temperature register per degree Celsius, of black level per DN.
 GAIN_STEPS_PER_DB = 10
 TEMPERATURE_STEPS_PER_C = 10
 BLACK_LEVEL_STEPS_PER_DN = 1
+GAMMA_STEPS_PER_UNIT = 100
 
 #: Exposure and gain ranges. Data sheet of the Manta G-505 (recall): 21 us to 60 s, 0 to 26 dB.
 EXPOSURE_RANGE_US = (21, 60_000_000)
 GAIN_RANGE_DB = (0, 26)
 FRAME_PERIOD_RANGE_US = (1_000, 60_000_000)
+BLACK_LEVEL_RANGE_DN = (0, 255)
+BINNING_RANGE = (1, 4)
+
+#: Share of a gigabit link in bytes per second that the stream may take; kept, but the simulator sends at will.
+BYTES_PER_SECOND_RANGE = (1_000_000, 124_000_000)
+
+#: The camera's timestamps are nanoseconds.
+TICK_FREQUENCY_HZ = 1_000_000_000
+
+_LEVELS = {"RisingEdge": 0, "FallingEdge": 1, "AnyEdge": 2, "LevelHigh": 3, "LevelLow": 4}
+_AUTO = {"Off": 0, "Continuous": 1}
 
 
-def description(vendor: str, model: str, formats: Sequence[PixelFormat]) -> str:
+def description(vendor: str, model: str, formats: Sequence[PixelFormat], naming: Naming = "prosilica") -> str:
     """Write the GenICam register description (GenApi schema 1.0) of the camera.
 
     Parameters
@@ -61,6 +102,8 @@ def description(vendor: str, model: str, formats: Sequence[PixelFormat]) -> str:
         As shown to the user; blanks are left out of the schema's identifiers.
     formats : sequence of PixelFormat
         Pixel formats to offer.
+    naming : {'prosilica', 'sfnc'}
+        Whose names the features have.
 
     Returns
     -------
@@ -70,9 +113,9 @@ def description(vendor: str, model: str, formats: Sequence[PixelFormat]) -> str:
     categories = {
         "DeviceControl": _device(),
         "ImageFormatControl": _image_format(formats),
-        "AcquisitionControl": _acquisition(),
+        "AcquisitionControl": _acquisition(naming),
         "AnalogControl": _analog(),
-        "TransportLayerControl": _transport(),
+        "TransportLayerControl": _transport(naming),
     }
     root = "\n".join(f"<pFeature>{name}</pFeature>" for name in categories)
     parts = [f'<Category Name="Root" NameSpace="Standard">\n{root}\n</Category>']
@@ -94,124 +137,92 @@ def description(vendor: str, model: str, formats: Sequence[PixelFormat]) -> str:
 """
 
 
+def _limits(low: float, high: float) -> str:
+    return f"<Min>{low}</Min><Max>{high}</Max>"
+
+
 def _device() -> dict[str, str]:
     return {
-        "DeviceVendorName": _string("DeviceVendorName", Address.VENDOR, 32),
-        "DeviceModelName": _string("DeviceModelName", Address.MODEL, 32),
-        "DeviceVersion": _string("DeviceVersion", Address.VERSION, 32),
-        "DeviceManufacturerInfo": _string("DeviceManufacturerInfo", Address.MANUFACTURER_INFO, 48),
-        "DeviceID": _string("DeviceID", Address.SERIAL, 16),
-        "DeviceTemperature": _float(
-            "DeviceTemperature", Address.TEMPERATURE, "C", f"* {TEMPERATURE_STEPS_PER_C}", (-40, 125), "RO"
+        "DeviceVendorName": string("DeviceVendorName", Address.VENDOR, 32),
+        "DeviceModelName": string("DeviceModelName", Address.MODEL, 32),
+        "DeviceVersion": string("DeviceVersion", Address.VERSION, 32),
+        "DeviceManufacturerInfo": string("DeviceManufacturerInfo", Address.MANUFACTURER_INFO, 48),
+        "DeviceID": string("DeviceID", Address.SERIAL, 16),
+        "DeviceTemperature": number(
+            "DeviceTemperature", Address.TEMPERATURE, "C", TEMPERATURE_STEPS_PER_C, (-40, 125), "RO"
         ),
     }
 
 
 def _image_format(formats: Sequence[PixelFormat]) -> dict[str, str]:
+    size = "<Min>1</Min><pMax>{}</pMax><Inc>1</Inc>"
+    offset = "<Min>0</Min><pMax>{}</pMax><Inc>1</Inc>"
+    binning = _limits(*BINNING_RANGE) + "<Inc>1</Inc>"
     return {
-        "SensorWidth": _integer("SensorWidth", Address.SENSOR_WIDTH, access="RO"),
-        "SensorHeight": _integer("SensorHeight", Address.SENSOR_HEIGHT, access="RO"),
-        "Width": _integer("Width", Address.WIDTH, "<Min>2</Min><pMax>SensorWidth</pMax><Inc>2</Inc>"),
-        "Height": _integer("Height", Address.HEIGHT, "<Min>1</Min><pMax>SensorHeight</pMax><Inc>1</Inc>"),
-        "OffsetX": _integer("OffsetX", Address.OFFSET_X, "<Min>0</Min><pMax>SensorWidth</pMax><Inc>1</Inc>"),
-        "OffsetY": _integer("OffsetY", Address.OFFSET_Y, "<Min>0</Min><pMax>SensorHeight</pMax><Inc>1</Inc>"),
-        "PixelFormat": _enumeration("PixelFormat", Address.PIXEL_FORMAT, {form.name: form.code for form in formats}),
+        "SensorWidth": integer("SensorWidth", Address.SENSOR_WIDTH, access="RO"),
+        "SensorHeight": integer("SensorHeight", Address.SENSOR_HEIGHT, access="RO"),
+        "BinningHorizontal": integer("BinningHorizontal", Address.BINNING_HORIZONTAL, binning),
+        "BinningHorizontalMode": fixed_enumeration("BinningHorizontalMode", "Average"),
+        "BinningVertical": integer("BinningVertical", Address.BINNING_VERTICAL, binning),
+        "BinningVerticalMode": fixed_enumeration("BinningVerticalMode", "Average"),
+        "WidthMax": formula("WidthMax", "SENSOR / BINNING", SENSOR="SensorWidth", BINNING="BinningHorizontal"),
+        "HeightMax": formula("HeightMax", "SENSOR / BINNING", SENSOR="SensorHeight", BINNING="BinningVertical"),
+        "Width": integer("Width", Address.WIDTH, size.format("WidthMax")),
+        "Height": integer("Height", Address.HEIGHT, size.format("HeightMax")),
+        "OffsetX": integer("OffsetX", Address.OFFSET_X, offset.format("OffsetXMax"))
+        + formula("OffsetXMax", "MAX - SIZE", MAX="WidthMax", SIZE="Width"),
+        "OffsetY": integer("OffsetY", Address.OFFSET_Y, offset.format("OffsetYMax"))
+        + formula("OffsetYMax", "MAX - SIZE", MAX="HeightMax", SIZE="Height"),
+        "PixelFormat": enumeration("PixelFormat", Address.PIXEL_FORMAT, {form.name: form.code for form in formats}),
     }
 
 
-def _acquisition() -> dict[str, str]:
+def _acquisition(naming: Naming) -> dict[str, str]:
+    exposure, frame_rate = {
+        "prosilica": ("ExposureTimeAbs", "AcquisitionFrameRateAbs"),
+        "sfnc": ("ExposureTime", "AcquisitionFrameRate"),
+    }[naming]
     return {
-        "AcquisitionMode": _enumeration("AcquisitionMode", Address.ACQUISITION_MODE, {"Continuous": 1}),
-        "AcquisitionStart": _command("AcquisitionStart", Address.ACQUISITION, 1),
-        "AcquisitionStop": _command("AcquisitionStop", Address.ACQUISITION, 0),
-        "AcquisitionFrameRateAbs": _frame_rate(),
-        "ExposureTimeAbs": _float("ExposureTimeAbs", Address.EXPOSURE_US, "us", "* 1", EXPOSURE_RANGE_US, "RW"),
-        "TriggerSelector": (
-            '<Enumeration Name="TriggerSelector" NameSpace="Standard"><EnumEntry Name="FrameStart">'
-            "<Value>0</Value></EnumEntry><pValue>TriggerSelectorValue</pValue></Enumeration>\n"
-            '<Integer Name="TriggerSelectorValue" NameSpace="Custom"><Value>0</Value></Integer>'
-        ),
-        "TriggerMode": _enumeration("TriggerMode", Address.TRIGGER_MODE, {"Off": 0, "On": 1}),
-        "TriggerSource": _enumeration("TriggerSource", Address.TRIGGER_SOURCE, {"Line1": 0, "Software": 1}),
-        "TriggerSoftware": _command("TriggerSoftware", Address.TRIGGER_SOFTWARE, 1),
+        "AcquisitionMode": enumeration("AcquisitionMode", Address.ACQUISITION_MODE, {"Continuous": 1}),
+        "AcquisitionStart": command("AcquisitionStart", Address.ACQUISITION, 1),
+        "AcquisitionStop": command("AcquisitionStop", Address.ACQUISITION, 0),
+        frame_rate: rate(frame_rate, Address.FRAME_PERIOD_US, FRAME_PERIOD_RANGE_US),
+        exposure: number(exposure, Address.EXPOSURE_US, "us", 1, EXPOSURE_RANGE_US),
+        "ExposureAuto": enumeration("ExposureAuto", Address.EXPOSURE_AUTO, _AUTO),
+        "TriggerSelector": fixed_enumeration("TriggerSelector", "FrameStart"),
+        "TriggerMode": enumeration("TriggerMode", Address.TRIGGER_MODE, {"Off": 0, "On": 1}),
+        "TriggerSource": enumeration("TriggerSource", Address.TRIGGER_SOURCE, {"Line1": 0, "Software": 1}),
+        "TriggerActivation": enumeration("TriggerActivation", Address.TRIGGER_ACTIVATION, _LEVELS),
+        "TriggerSoftware": command("TriggerSoftware", Address.TRIGGER_SOFTWARE, 1),
     }
 
 
 def _analog() -> dict[str, str]:
     return {
-        "Gain": _float("Gain", Address.GAIN, "dB", f"* {GAIN_STEPS_PER_DB}", GAIN_RANGE_DB, "RW"),
-        "BlackLevel": _float("BlackLevel", Address.BLACK_LEVEL, "DN", f"* {BLACK_LEVEL_STEPS_PER_DN}", (0, 255), "RO"),
+        "Gain": number("Gain", Address.GAIN, "dB", GAIN_STEPS_PER_DB, GAIN_RANGE_DB),
+        "GainAuto": enumeration("GainAuto", Address.GAIN_AUTO, _AUTO),
+        "BlackLevel": number("BlackLevel", Address.BLACK_LEVEL, "DN", BLACK_LEVEL_STEPS_PER_DN, BLACK_LEVEL_RANGE_DN),
+        "Gamma": number("Gamma", Address.GAMMA, "", GAMMA_STEPS_PER_UNIT, (1, 1)),
     }
 
 
-def _transport() -> dict[str, str]:
+def _transport(naming: Naming) -> dict[str, str]:
+    throughput = _limits(*BYTES_PER_SECOND_RANGE)
+    bandwidth = {
+        "prosilica": {
+            "StreamBytesPerSecond": integer("StreamBytesPerSecond", Address.BYTES_PER_SECOND, throughput),
+        },
+        "sfnc": {
+            "DeviceLinkThroughputLimit": integer("DeviceLinkThroughputLimit", Address.BYTES_PER_SECOND, throughput),
+            "DeviceLinkThroughputLimitMode": enumeration(
+                "DeviceLinkThroughputLimitMode", Address.THROUGHPUT_LIMIT_MODE, {"Off": 0, "On": 1}
+            ),
+        },
+    }[naming]
+    size_in_bytes = "(WIDTH * HEIGHT * ((FORMAT &gt;&gt; 16) &amp; 0xFF) + 7) / 8"
     return {
-        "PayloadSize": (
-            '<IntSwissKnife Name="PayloadSize" NameSpace="Standard"><pVariable Name="WIDTH">Width</pVariable>'
-            '<pVariable Name="HEIGHT">Height</pVariable><pVariable Name="FORMAT">PixelFormat</pVariable>'
-            "<Formula>(WIDTH * HEIGHT * ((FORMAT &gt;&gt; 16) &amp; 0xFF) + 7) / 8</Formula></IntSwissKnife>"
-        )
-    }
-
-
-def _register(name: str, address: int, access: str) -> str:
-    return (
-        f'<IntReg Name="{name}Register" NameSpace="Custom"><Address>{address:#x}</Address><Length>4</Length>'
-        f"<AccessMode>{access}</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign>"
-        "<Endianess>BigEndian</Endianess></IntReg>"
-    )
-
-
-def _string(name: str, address: int, length: int) -> str:
-    return (
-        f'<StringReg Name="{name}" NameSpace="Standard"><Address>{address:#x}</Address>'
-        f"<Length>{length}</Length><AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>"
-    )
-
-
-def _integer(name: str, address: int, limits: str = "", access: str = "RW") -> str:
-    return (
-        f'<Integer Name="{name}" NameSpace="Standard"><pValue>{name}Register</pValue>{limits}</Integer>\n'
-        f"{_register(name, address, access)}"
-    )
-
-
-def _enumeration(name: str, address: int, values: dict[str, int]) -> str:
-    entries = "".join(
-        f'<EnumEntry Name="{entry}" NameSpace="Standard"><Value>{value}</Value></EnumEntry>'
-        for entry, value in values.items()
-    )
-    return (
-        f'<Enumeration Name="{name}" NameSpace="Standard">{entries}<pValue>{name}Register</pValue>'
-        f"</Enumeration>\n{_register(name, address, 'RW')}"
-    )
-
-
-def _command(name: str, address: int, value: int) -> str:
-    return (
-        f'<Command Name="{name}" NameSpace="Standard"><pValue>{name}Register</pValue>'
-        f"<CommandValue>{value}</CommandValue></Command>\n{_register(name, address, 'WO')}"
-    )
-
-
-def _float(name: str, address: int, unit: str, steps: str, limits: tuple[float, float], access: str) -> str:
-    back = steps.replace("*", "/")
-    return (
-        f'<Float Name="{name}" NameSpace="Standard"><pValue>{name}Converter</pValue><Min>{limits[0]}</Min>'
-        f"<Max>{limits[1]}</Max><Unit>{unit}</Unit></Float>\n"
-        f'<Converter Name="{name}Converter" NameSpace="Custom"><FormulaTo>FROM {steps}</FormulaTo>'
-        f"<FormulaFrom>TO {back}</FormulaFrom><pValue>{name}Register</pValue></Converter>\n"
-        f"{_register(name, address, access)}"
-    )
-
-
-def _frame_rate() -> str:
-    name = "AcquisitionFrameRateAbs"
-    low_us, high_us = FRAME_PERIOD_RANGE_US
-    return (
-        f'<Float Name="{name}" NameSpace="Standard"><pValue>{name}Converter</pValue>'
-        f"<Min>{1e6 / high_us:.4f}</Min><Max>{1e6 / low_us:.1f}</Max><Unit>Hz</Unit></Float>\n"
-        f'<Converter Name="{name}Converter" NameSpace="Custom"><FormulaTo>1000000 / FROM</FormulaTo>'
-        f"<FormulaFrom>1000000 / TO</FormulaFrom><pValue>{name}Register</pValue></Converter>\n"
-        f"{_register(name, Address.FRAME_PERIOD_US, 'RW')}"
-    )
+        "PayloadSize": formula("PayloadSize", size_in_bytes, WIDTH="Width", HEIGHT="Height", FORMAT="PixelFormat"),
+        "GevSCPSPacketSize": low_half("GevSCPSPacketSize", Address.PACKET_SIZE, _limits(576, 9000)),
+        "GevSCPD": integer("GevSCPD", Address.PACKET_DELAY, _limits(0, 100_000_000)),
+        "GevTimestampTickFrequency": integer("GevTimestampTickFrequency", Address.TICK_FREQUENCY_LOW, access="RO"),
+    } | bandwidth

@@ -1,19 +1,41 @@
-"""A camera in this process, without Aravis or a network: for machines on which these cannot be had."""
+"""A camera in this process, without Aravis or a network, whose frames take their time on any clock."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from datetime import UTC, datetime
-from typing import Self
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import ceil
+from typing import Final, Self
 
+import numpy as np
+
+from ...clock import Clock, SystemClock
 from ...frame import CameraIdentity, Frame
-from ..camera import CameraError, CameraSettingError, CameraSettings
-from .camera import FrameSource, SimulatedDevice
+from ..camera import (
+    CameraError,
+    CameraSettingError,
+    CameraSettings,
+    FeatureValue,
+    FrameTimeoutError,
+    Gap,
+    IncompleteFrameError,
+    Refused,
+    StreamStatistics,
+)
+from ..device import Device
+from .device import FULL_SCALE_DN, FrameSource, SimulatedDevice
 from .genicam import EXPOSURE_RANGE_US, GAIN_RANGE_DB
+from .link import STEP_S, Link
+from .trouble import CameraTrouble
+
+#: Longest wait for a frame beyond the exposure time, as of the camera on the wire.
+_TIMEOUT_S: Final = 2.0
+
+#: Pixel data of a stream packet: 9000 bytes less headers.
+_PACKET_DATA_BYTES: Final = 8964
 
 
-class InProcessCamera:
+class InProcessCamera(Device):
     """The simulated camera behind the camera protocol, with no wire between; 12-bit only.
 
     Parameters
@@ -22,31 +44,66 @@ class InProcessCamera:
         What the camera says of itself.
     source : FrameSource
         Where the pixels come from.
+    clock : Clock or None
+        Whose time frames take: the exposure time, or the period of the frame rate if that is longer. None for the
+        computer's.
+    temperature : callable or None
+        Returns the temperature of the device in degrees Celsius; None for one that does not change.
+    patience_s : float
+        How long to wait for a lost camera to come back; 0 raises CameraLostError at once.
     """
 
-    def __init__(self, device: SimulatedDevice, source: FrameSource) -> None:
+    def __init__(
+        self,
+        device: SimulatedDevice,
+        source: FrameSource,
+        clock: Clock | None = None,
+        *,
+        temperature: Callable[[], float] | None = None,
+        patience_s: float = 0.0,
+    ) -> None:
         self._device = device
         self._source = source
-        self._settings = CameraSettings(0.01, 0.0, "Mono12", device.width, device.height)
+        self._clock = SystemClock() if clock is None else clock
+        self._temperature = temperature
+        self._settings = CameraSettings(
+            0.01,
+            0.0,
+            "Mono12",
+            device.width,
+            device.height,
+            black_level_dn=device.black_level_dn,
+            frame_rate_hz=device.frame_rate_hz,
+        )
         self._open = False
         self._n_taken = 0
+        self._link = Link(self._clock, patience_s, f"{device.vendor} {device.model} ({device.serial}, simulated)")
+        self._statistics = StreamStatistics()
 
     def open(self) -> Self:
-        """Switch on."""
-        self._open = True
+        """Switch on.
+
+        Raises
+        ------
+        CameraNotFoundError, CameraBusyError
+            If it is in such trouble.
+        """
+        if not self._open:
+            self._link.connect()
+            self._open = True
+            self._statistics = StreamStatistics()
         return self
 
     def close(self) -> None:
         """Switch off; may be called twice."""
         self._open = False
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self.open()
+    def suffer(self, trouble: CameraTrouble) -> None:
+        """Be in this trouble from now on, and in no other."""
+        self._link.suffer(trouble)
 
-    def __exit__(self, *exc: object) -> None:
-        """Close."""
-        self.close()
+    def follow_temperature(self) -> None:
+        """Do nothing: the temperature is asked for when it is needed."""
 
     @property
     def identity(self) -> CameraIdentity:
@@ -61,6 +118,43 @@ class InProcessCamera:
         self._require_open()
         return self._settings
 
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure."""
+        return EXPOSURE_RANGE_US[0] * 1e-6, EXPOSURE_RANGE_US[1] * 1e-6
+
+    @property
+    def temperature_c(self) -> float:
+        """Temperature of the device now."""
+        return self._device.temperature_c if self._temperature is None else self._temperature()
+
+    @property
+    def statistics(self) -> StreamStatistics:
+        """Counters since the camera was opened."""
+        return self._statistics
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Times in which the camera was lost since it was opened, and survived."""
+        return self._link.gaps
+
+    def features(self) -> dict[str, FeatureValue]:
+        """Return what the registers of the camera on the wire would tell, by name."""
+        device, settings = self._device, self.settings
+        return {
+            "DeviceVendorName": device.vendor,
+            "DeviceModelName": device.model,
+            "DeviceID": device.serial,
+            "DeviceTemperature": self.temperature_c,
+            "SensorWidth": device.width,
+            "SensorHeight": device.height,
+            "PixelFormat": settings.pixel_format,
+            "ExposureTimeAbs": settings.exposure_s * 1e6,
+            "AcquisitionFrameRateAbs": device.frame_rate_hz,
+            "Gain": settings.gain_db,
+            "BlackLevel": settings.black_level_dn,
+        }
+
     def configure(
         self,
         *,
@@ -68,12 +162,21 @@ class InProcessCamera:
         gain_db: float | None = None,
         pixel_format: str | None = None,
     ) -> CameraSettings:
-        """Change what is given, keep the rest; raises CameraSettingError for values out of range."""
+        """Change what is given, keep the rest.
+
+        Raises
+        ------
+        CameraSettingError
+            For values out of range.
+        CameraLostError
+            If the camera is lost.
+        """
         old = self.settings
+        self._link.survive()
         exposure_us = round((old.exposure_s if exposure_s is None else exposure_s) * 1e6)
         gain = old.gain_db if gain_db is None else gain_db
         if not EXPOSURE_RANGE_US[0] <= exposure_us <= EXPOSURE_RANGE_US[1]:
-            low, high = (us * 1e-6 for us in EXPOSURE_RANGE_US)
+            low, high = self.exposure_range_s
             raise CameraSettingError(f"exposure_s is {exposure_us * 1e-6:g} s: the camera takes {low:g} to {high:g} s")
         if not GAIN_RANGE_DB[0] <= gain <= GAIN_RANGE_DB[1]:
             raise CameraSettingError(
@@ -81,34 +184,90 @@ class InProcessCamera:
             )
         if pixel_format not in (None, "Mono12"):
             raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")
-        self._settings = CameraSettings(exposure_us * 1e-6, gain, "Mono12", old.width, old.height)
+        self._settings = replace(old, exposure_s=exposure_us * 1e-6, gain_db=gain)
         return self._settings
 
     def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame; it never times out."""
+        """Take one frame; see `grab`."""
+        (frame,) = self.grab(1, timeout_s)
+        return frame
+
+    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
+        """Take `n` whole frames in a row, yielding each as it arrives.
+
+        Raises
+        ------
+        FrameTimeoutError, IncompleteFrameError, CameraLostError
+            As the camera on the wire.
+        """
+        for _ in range(n):
+            frame = None
+            while frame is None:
+                try:
+                    frame = self._frame(_TIMEOUT_S if timeout_s is None else timeout_s)
+                except IncompleteFrameError as error:
+                    if on_refused is None:
+                        raise
+                    on_refused(error)
+            yield frame
+
+    def _frame(self, timeout_s: float) -> Frame:
+        """Wait for the next frame; raises IncompleteFrameError if it does not come whole."""
         settings = self.settings
-        dn = self._source.expose(settings.exposure_s, settings.gain_db, self._n_taken)
+        self._link.survive()
+        began_s = self._clock.monotonic_s()
+        self._clock.sleep(max(settings.exposure_s, 1 / self._device.frame_rate_hz))
+        while self._link.trouble.stalled and not self._link.cut:
+            left_s = timeout_s + settings.exposure_s - (self._clock.monotonic_s() - began_s)
+            if left_s <= 0:
+                raise FrameTimeoutError(
+                    f"no frame came from {self.identity} within {timeout_s + settings.exposure_s:.1f} s, though it "
+                    "answers: let the simulated camera recover"
+                )
+            self._clock.sleep(min(STEP_S, left_s))
+        if self._link.cut or self._link.trouble.frozen:
+            return self._frame(timeout_s)
+        index = self._n_taken
         self._n_taken += 1
+        self._refuse_incomplete(settings, index)
+        dn = self._source.expose(settings.exposure_s, settings.gain_db, index)
+        self._statistics = replace(self._statistics, completed=self._statistics.completed + 1)
         return Frame(
             dn=dn,
             exposure_s=settings.exposure_s,
             gain_db=settings.gain_db,
             bit_depth=12,
-            saturation_dn=4095,
-            black_level_dn=self._device.black_level_dn,
+            saturation_dn=FULL_SCALE_DN,
+            black_level_dn=settings.black_level_dn,
             pixel_format="Mono12",
             colour_filter=None,
-            temperature_c=self._device.temperature_c,
-            timestamp=datetime.now(UTC),
-            camera_timestamp_ns=time.monotonic_ns(),
+            temperature_c=self.temperature_c,
+            timestamp=self._clock.now(),
+            camera_timestamp_ns=round(self._clock.monotonic_s() * 1e9),
             frame_id=self._n_taken,
             camera=self.identity,
         )
 
-    def grab(self, n: int, timeout_s: float | None = None) -> Iterator[Frame]:
-        """Take `n` frames in a row."""
-        for _ in range(n):
-            yield self.snap(timeout_s)
+    def _refuse_incomplete(self, settings: CameraSettings, index: int) -> None:
+        n_packets = ceil(2 * settings.width * settings.height / _PACKET_DATA_BYTES)
+        missing = int(np.random.default_rng(index).binomial(n_packets, self._link.trouble.loss))
+        if self._link.trouble.wrong_size:
+            status, problem = "SIZE_MISMATCH", "its size is not the one announced"
+        elif self._link.trouble.wrong_ids:
+            status, problem = "", "its frame id was there before"
+        elif missing:
+            status, problem = "MISSING_PACKETS", f"{missing} packets were lost on the way"
+        else:
+            return
+        counted = self._statistics
+        self._statistics = replace(counted, failed=counted.failed + 1, missing=counted.missing + missing)
+        raise IncompleteFrameError(
+            f"frame {index + 1} from {self.identity} is incomplete, {problem}: it is refused",
+            status,
+            index + 1,
+            round(self._clock.monotonic_s() * 1e9),
+            self._clock.now(),
+        )
 
     def _require_open(self) -> None:
         if not self._open:

@@ -16,18 +16,12 @@ import numpy as np
 
 from ...errors import InputError
 from ...reading import CD_M2_PER_FL
-from ..minolta_ls_protocol import LS110, LSDataSheet, MeterMode
+from ..minolta_ls_protocol import LS110, MODE_GROUPS, LSDataSheet, MeterMode
 from .meter_pty import Fault, PtyMeter
 
 __all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
 
 _CRLF: Final = b"\r\n"
-_MODE_GROUPS: Final = (
-    frozenset({MeterMode.PRESET, MeterMode.VARI_CCF, MeterMode.VARI_LUMI, MeterMode.VARI_CCF_LUMI}),
-    frozenset({MeterMode.ABS, MeterMode.RATIO}),
-    frozenset({MeterMode.FAST, MeterMode.SLOW}),
-    frozenset({MeterMode.PEAK, MeterMode.CONT}),
-)
 _POWER_ON: Final = frozenset({MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT})
 _CORRECTION_FLAGS: Final = {
     MeterMode.PRESET: "P",
@@ -123,6 +117,11 @@ class SimulatedLS:
     unit : {'cd/m2', 'fL'}
         Position of the unit switch; the attribute may be changed at any time, as the switch may.
 
+    Attributes
+    ----------
+    remote : bool
+        Whether the meter is in remote mode; without, it is silent.
+
     Notes
     -----
     Where the manual is silent, this meter decides as follows; a driver should not rely on it. What was never
@@ -139,6 +138,7 @@ class SimulatedLS:
         unit: Literal["cd/m2", "fL"] = "cd/m2",
     ) -> None:
         self.unit = unit
+        self.remote = True
         self._luminance = luminance
         self._data_sheet = data_sheet
         self._errors = errors
@@ -173,8 +173,10 @@ class SimulatedLS:
         Returns
         -------
         bytes
-            The reply with CR LF: ``OK00`` and what was asked for, or an error code.
+            The reply with CR LF: ``OK00`` and what was asked for, or an error code; nothing out of remote mode.
         """
+        if not self.remote:
+            return b""
         try:
             reply = self._execute(command)
         except _RefusedError as refused:
@@ -268,8 +270,8 @@ class SimulatedLS:
 
     def _set_mode(self, number: str) -> str:
         mode = MeterMode(number)
-        group = next(group for group in _MODE_GROUPS if mode in group)
-        self._modes = self._modes - group | {mode}
+        group = next(group for group in MODE_GROUPS if mode in group)
+        self._modes = self._modes.difference(group) | {mode}
         return "OK00"
 
     def _clear_memory(self) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import select
+import shutil
+import tempfile
 import termios
 import threading
 import time
@@ -11,18 +13,24 @@ import tty
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Protocol, Self
+
+import numpy as np
 
 from ...errors import DeviceError, InputError
 
 _CRLF: Final = b"\r\n"
+
+#: Longest garbage; a reading has 17 bytes.
+_LONGEST_GARBAGE: Final = 24
 
 
 class MeterEngine(Protocol):
     """Whatever turns a command into a reply, for example `SimulatedLS`."""
 
     def answer(self, command: bytes) -> bytes:
-        """Return the reply to a command, both with CR LF; a command without it broke off."""
+        """Return the reply to a command, both with CR LF, or nothing; a command without CR LF broke off."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,13 @@ class Fault:
         if self.n_bytes is not None and self.n_bytes < 0:
             raise InputError(f"n_bytes is {self.n_bytes}: give a number of bytes of at least 0")
 
+    @classmethod
+    def garbled(cls, seed: int) -> Fault:
+        """Return a reply of random bytes of that seed, every other time with a CR LF."""
+        rng = np.random.default_rng(seed)
+        garbage = rng.bytes(int(rng.integers(1, _LONGEST_GARBAGE)))
+        return cls(reply=garbage + (_CRLF if rng.integers(2) else b""))
+
     def applied_to(self, reply: bytes) -> bytes:
         """Return what is sent for a good reply."""
         return (reply if self.reply is None else self.reply)[: self.n_bytes]
@@ -65,8 +80,9 @@ class Fault:
 class PtyMeter:
     """Serve a meter on a pseudo-terminal while the context lasts.
 
-    Programs may open and close the port as often as they like, with or without settings and handshake. While the
-    meter measures (MES) it accepts no command: what is sent then is lost, as with the real one.
+    The port is a link in a folder of its own, so that it has the same name after `unplug` and `plug_in`. Programs may
+    open and close the port as often as they like, with or without settings and handshake. While the meter measures
+    (MES) it accepts no command: what is sent then is lost, as with the real one.
 
     Parameters
     ----------
@@ -100,38 +116,65 @@ class PtyMeter:
         self._response_time_s = response_time_s
         self._character_timeout_s = character_timeout_s
         self._faults: deque[Fault] = deque()
-        self._port: str | None = None
+        self._folder: Path | None = None
+        self._plugged = False
+        self._plugging = threading.Lock()
 
     @property
     def port(self) -> str:
-        """Path of the port; raises DeviceError outside the context."""
-        if self._port is None:
+        """Path of the port, also while it is unplugged; raises DeviceError outside the context."""
+        if self._folder is None:
             raise DeviceError("the simulated meter has no port yet: use it in a with statement")
-        return self._port
+        return str(self._folder / "meter")
 
     def inject(self, *faults: Fault) -> None:
         """Queue faults, one for each of the next replies, of whatever command."""
         self._faults.extend(faults)
 
+    def recover(self) -> None:
+        """Forget the faults that are queued."""
+        self._faults.clear()
+
     def __enter__(self) -> Self:
-        if self._port is not None:
-            raise DeviceError(f"the simulated meter is already served on {self._port}: make another one")
-        # The slave stays open: without any, the master would report a hang-up between two programs.
-        self._master, self._slave = os.openpty()
-        self._stop_read, self._stop_write = os.pipe()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._port = os.ttyname(self._slave)
-        self._thread = threading.Thread(target=self._serve, name=f"meter on {self._port}", daemon=True)
-        self._thread.start()
+        if self._folder is not None:
+            raise DeviceError(f"the simulated meter is already served on {self.port}: make another one")
+        self._folder = Path(tempfile.mkdtemp(prefix="labcdp-meter-"))
+        self.plug_in()
         return self
 
     def __exit__(self, *exc: object) -> None:
-        os.write(self._stop_write, b"x")
-        self._thread.join()
-        for descriptor in (self._stop_read, self._stop_write, self._master, self._slave):
-            os.close(descriptor)
-        self._port = None
+        self.unplug()
+        with self._plugging:
+            if self._folder is not None:
+                shutil.rmtree(self._folder)
+                self._folder = None
+
+    def plug_in(self) -> None:
+        """Let the port exist; does nothing outside the context."""
+        with self._plugging:
+            if self._plugged or self._folder is None:
+                return
+            # The slave stays open: without any, the master would report a hang-up between two programs.
+            self._master, self._slave = os.openpty()
+            self._stop_read, self._stop_write = os.pipe()
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
+            Path(self.port).symlink_to(os.ttyname(self._slave))
+            self._thread = threading.Thread(target=self._serve, name=f"meter on {self.port}", daemon=True)
+            self._thread.start()
+            self._plugged = True
+
+    def unplug(self) -> None:
+        """Let the port go, as when the cable is pulled; programs that have it open can neither read nor write."""
+        with self._plugging:
+            if not self._plugged:
+                return
+            os.write(self._stop_write, b"x")
+            self._thread.join()
+            Path(self.port).unlink()
+            for descriptor in (self._stop_read, self._stop_write, self._master, self._slave):
+                os.close(descriptor)
+            self._plugged = False
 
     def _serve(self) -> None:
         """Answer commands until told to stop."""
@@ -168,8 +211,11 @@ class PtyMeter:
 
     def _respond(self, command: bytes) -> bool:
         """Answer one command; returns True if the meter was deaf meanwhile."""
+        answer = self._engine.answer(command)
+        if not answer:
+            return False
         fault = self._faults.popleft() if self._faults else Fault()
-        reply = fault.applied_to(self._engine.answer(command))
+        reply = fault.applied_to(answer)
         busy_s = fault.delay_s + (self._response_time_s if command.startswith(b"MES") else 0.0)
         ready_at = time.monotonic() + busy_s
         while (left_s := ready_at - time.monotonic()) > 0:

@@ -193,7 +193,7 @@ def test_there_is_a_port_only_in_the_context():
     served = PtyMeter(meter())
     with pytest.raises(DeviceError, match="no port yet: use it in a with statement"):
         _ = served.port
-    with served, pytest.raises(DeviceError, match="already served on /dev/pts/"):
+    with served, pytest.raises(DeviceError, match=r"already served on /.*/meter"):
         served.__enter__()
     with pytest.raises(DeviceError, match="no port yet"):
         _ = served.port

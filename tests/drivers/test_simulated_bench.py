@@ -7,6 +7,7 @@ import pytest
 import serial
 
 from labcdp.chain import load
+from labcdp.clock import SimulatedClock
 from labcdp.drivers.aravis_camera import AravisCamera
 from labcdp.drivers.camera import CameraError, CameraSettingError
 from labcdp.drivers.minolta_ls import MinoltaLS110
@@ -154,7 +155,7 @@ def moved(configuration, rois):
 def test_close_patches_keep_their_luminance(small_configuration):
     close = moved(small_configuration, [(100.0, 100.0, 60.0, 60.0), (162.0, 100.0, 60.0, 60.0)])
     bench = SimulatedBench(close, BenchDevices.standard(), SHAPE)
-    scene = bench._source._scene.luminance_map()
+    scene = bench._source.scene().luminance_map()
     for patch in close.target.patches:
         assert set(patch.region().select(scene)) == {np.float32(bench.luminance_cd_m2[patch.name])}
 
@@ -218,3 +219,52 @@ def test_any_serial_program_gets_protocol_answers(bench):
     ):
         port.write(b"MES\r\n")
         assert re.fullmatch(rb"OK00,Cc[PLKT ][MH]358\.\d \r\n|OK00,Cc[PLKT ][MH] 3\d\d\.\d\r\n", port.readline())
+
+
+# --- Patches one by one -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def one_by_one(small_configuration):
+    """Three patches at the same place."""
+    same = moved(small_configuration, [(100.0, 100.0, 60.0, 60.0)] * 3)
+    target = same.target.model_copy(update={"presentation": "one by one"})
+    return same.model_copy(update={"target": target})
+
+
+def test_only_the_shown_patch_is_before_the_camera(one_by_one):
+    bench = SimulatedBench(one_by_one, BenchDevices.standard(), SHAPE)
+    lowest = min(bench.luminance_cd_m2.values())
+    for patch in one_by_one.target.patches:
+        bench.show_patch(patch.name)
+        scene = bench._source.scene().luminance_map()
+        shown = np.float32(bench.luminance_cd_m2[patch.name])
+        assert set(patch.region().select(scene)) == {shown}
+        assert set(np.unique(scene)) == {shown, np.float32(4 * lowest)}
+        assert bench.pointed_at == patch.name
+
+
+def test_camera_and_meter_see_the_shown_patch(one_by_one):
+    bench = SimulatedBench(one_by_one, BenchDevices.standard(), SHAPE, SimulatedClock())
+    region = one_by_one.target.patches[0].region()
+    seen = []
+    with bench.in_process_camera() as camera, bench.in_process_meter() as meter:
+        for patch in one_by_one.target.patches:
+            bench.show_patch(patch.name)
+            true_cd_m2 = bench.luminance_cd_m2[patch.name]
+            assert meter.measure().luminance_cd_m2 == pytest.approx(1.006 * true_cd_m2, rel=0.006, abs=0.006)
+            seen.append((region.select(camera.snap().dn).mean() - 64) / true_cd_m2)
+    # One responsivity for all; 3600 pixels with 6 DN of dark noise at 0.5 cd/m^2, the darkest patch.
+    dark_sigma = 6 / 60 / min(bench.luminance_cd_m2.values())
+    np.testing.assert_allclose(seen, seen[-1], rtol=0.01, atol=5 * dark_sigma)
+
+
+def test_showing_does_nothing_where_all_are_there(bench, small_configuration):
+    before = bench._source.scene().luminance_map()
+    bench.show_patch("P11")
+    np.testing.assert_array_equal(bench._source.scene().luminance_map(), before)
+    assert bench.pointed_at == "P11"
+
+
+def test_a_part_is_repeated_once(bench):
+    assert [bench.repeat(what, []) for what in ("P01", "P01", "P07", "P01", "P07")] == [True, False, True, False, False]

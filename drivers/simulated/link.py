@@ -1,0 +1,104 @@
+"""Link: the connection to a camera in this process, how it is lost, and how it is survived."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from ...clock import Clock
+from ...errors import InputError
+from ..camera import CameraBusyError, CameraLostError, CameraNotFoundError, Gap
+from .trouble import NO_TROUBLE, CameraTrouble
+
+#: A camera that is silent for so long is lost.
+_NOTICED_AFTER_S: Final = 1.0
+
+#: A camera that hears nothing from its user for so long lets go of the connection, as those on a wire do.
+_HEARTBEAT_S: Final = 3.0
+
+#: How often is looked whether trouble is over.
+STEP_S: Final = 0.1
+
+
+class Link:
+    """Connection to a simulated camera.
+
+    Parameters
+    ----------
+    clock : Clock
+        Whose time waiting takes.
+    patience_s : float
+        How long to wait for a lost camera to come back; 0 for not at all.
+    name : str
+        What messages call the camera.
+
+    Attributes
+    ----------
+    trouble : CameraTrouble
+        The trouble of now.
+    cut : str or None
+        Why the connection is lost, or None.
+    gaps : tuple of Gap
+        Losses survived since `connect`.
+
+    Raises
+    ------
+    InputError
+        If `patience_s` is negative.
+    """
+
+    def __init__(self, clock: Clock, patience_s: float, name: str) -> None:
+        if not patience_s >= 0:
+            raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
+        self._clock = clock
+        self._patience_s = patience_s
+        self._name = name
+        self._frozen_at_s = 0.0
+        self.trouble = NO_TROUBLE
+        self.cut: str | None = None
+        self.gaps: tuple[Gap, ...] = ()
+
+    def connect(self) -> None:
+        """Begin anew; raises CameraNotFoundError or CameraBusyError if the camera is in such trouble."""
+        if self.trouble.gone or self.trouble.frozen:
+            raise CameraNotFoundError(f"{self._name} does not answer: let the simulated camera recover")
+        if self.trouble.taken:
+            raise CameraBusyError(f"another program controls {self._name}: let the simulated camera recover")
+        self.cut, self.gaps = None, ()
+
+    def suffer(self, trouble: CameraTrouble) -> None:
+        """Be in this trouble from now on, and in no other."""
+        if trouble.frozen != self.trouble.frozen:
+            now_s = self._clock.monotonic_s()
+            if not trouble.frozen and now_s - self._frozen_at_s >= _HEARTBEAT_S:
+                self.cut = "it did not answer"
+            self._frozen_at_s = now_s
+        self.trouble = trouble
+        # Who loses power or control has lost the connection, however soon the trouble is over.
+        if trouble.gone:
+            self.cut = "it does not answer"
+        elif trouble.taken:
+            self.cut = "another program took control"
+
+    def survive(self) -> None:
+        """Wait until a lost camera is back; raises CameraLostError when patience is over."""
+        began_s, lost_at = self._clock.monotonic_s(), self._clock.now()
+        self._wait_while(lambda: self.trouble.frozen, _NOTICED_AFTER_S)
+        reason = self.cut or ("it does not answer" if self.trouble.frozen else None)
+        if reason is None:
+            return
+        self.cut = reason
+        if self._patience_s > 0:
+            self._wait_while(lambda: self.trouble.out_of_reach, self._patience_s)
+        if self._patience_s == 0 or self.trouble.out_of_reach:
+            raise CameraLostError(
+                f"{self._name} is lost, {reason}: let the simulated camera recover, then open it again"
+            )
+        self.cut = None
+        duration_s = self._clock.monotonic_s() - began_s
+        self.gaps = (*self.gaps, Gap(lost_at, self._clock.now(), duration_s, reason))
+
+    def _wait_while(self, bad: Callable[[], bool], longest_s: float) -> None:
+        until_s = self._clock.monotonic_s() + longest_s
+        while bad() and (left_s := until_s - self._clock.monotonic_s()) > 0:
+            self._clock.sleep(min(STEP_S, left_s))

@@ -1,0 +1,136 @@
+"""The simulated target: the patches of a session's configuration as the sensor sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from itertools import combinations
+from math import ceil, floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...chain import ImagingChain, PatchScene
+from ...chain import Patch as ScenePatch
+from ...errors import ConfigurationError
+from ...session import Patch, SessionConfiguration
+from .drift import Drifts
+
+#: A patch of the simulated target is this much larger than its region on each side, relative to the region.
+_MARGIN_REL = 0.15
+
+#: Luminance around the patches relative to the darkest of them: dark grey cardboard, which a calibration covers.
+_BACKGROUND_REL = 4.0
+
+
+class SimulatedTarget:
+    """Exposures of the target, or of the lens cap; a frame source.
+
+    The patches are there together, or one by one, as the configuration says; in the latter case the first patch is
+    there at the beginning.
+
+    Parameters
+    ----------
+    configuration : SessionConfiguration
+        Its patches, each with a nominal luminance.
+    chain : ImagingChain
+        Camera and lens.
+    drifts : Drifts
+        Temperature and light.
+    seed : int
+        Of the noise.
+
+    Raises
+    ------
+    ConfigurationError
+        If a patch has no nominal luminance, does not lie on the sensor, or overlaps another that is there with it.
+    """
+
+    def __init__(self, configuration: SessionConfiguration, chain: ImagingChain, drifts: Drifts, seed: int) -> None:
+        self.covered = False
+        self.luminance_cd_m2 = {patch.name: _nominal_cd_m2(patch) for patch in configuration.target.patches}
+        self.shown: str | None = None
+        self._chain = chain
+        self._drifts = drifts
+        self._seed = seed
+        height, width = chain.sensor.shape
+        self._bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
+        for name, (_, _, x1, y1) in self._bounds.items():
+            if x1 > width or y1 > height:
+                raise ConfigurationError(
+                    f"patch {name!r} reaches x {x1:g}, y {y1:g}, the simulated sensor has {width} x {height} "
+                    "pixels: move it inside"
+                )
+        if configuration.target.presentation == "one by one":
+            self.shown = next(iter(self._bounds))
+        else:
+            _refuse_overlap(self._bounds)
+        self._rendered: tuple[str | None, NDArray[np.float32]] | None = None
+
+    def show(self, patch: str) -> None:
+        """Put a patch where the one before was; does nothing where all are there together."""
+        if self.shown is not None:
+            self.shown = patch
+
+    def scene(self) -> PatchScene:
+        """Return what is before the camera, by nominal luminance."""
+        height, width = self._chain.sensor.shape
+        surroundings: list[ScenePatch] = []
+        regions: list[ScenePatch] = []
+        for name, (x0, y0, x1, y1) in self._bounds.items():
+            if self.shown not in (None, name):
+                continue
+            dx, dy = _MARGIN_REL * (x1 - x0), _MARGIN_REL * (y1 - y0)
+            for drawn, mx, my in ((surroundings, dx, dy), (regions, 0.0, 0.0)):
+                left, top = max(0, floor(x0 - mx)), max(0, floor(y0 - my))
+                right, bottom = min(width, ceil(x1 + mx)), min(height, ceil(y1 + my))
+                drawn.append(ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[name]))
+        background_cd_m2 = _BACKGROUND_REL * min(self.luminance_cd_m2.values())
+        # Regions last: the margin of a close neighbour must not reach into them.
+        patches = (*surroundings, *regions)
+        return PatchScene(width=width, height=height, background_cd_m2=background_cd_m2, patches=patches)
+
+    def seen_cd_m2(self, patch: str) -> float:
+        """Luminance of now where that patch is, or of the one that is shown in its place."""
+        return self._drifts.light_rel() * self.luminance_cd_m2[self.shown or patch]
+
+    @property
+    def state(self) -> Hashable:
+        """What the pixels depend on beside exposure and gain, in steps of 0.1 % of light and 0.1 degrees Celsius."""
+        drifts = self._drifts
+        return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1)
+
+    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
+        """Render exposure number `index`."""
+        return self._chain.expose(
+            0.0 if self.covered else self._electron_rate(),
+            exposure_s,
+            gain_db,
+            temperature_c=self._drifts.temperature_c(),
+            seed=self._seed,
+            exposure_index=index,
+        )
+
+    def _electron_rate(self) -> NDArray[np.float32]:
+        shown = self.shown
+        if self._rendered is None or self._rendered[0] != shown:
+            self._rendered = shown, self._chain.electron_rate(self.scene().luminance_map())
+        rate = self._rendered[1]
+        light_rel = self._drifts.light_rel()
+        return rate if light_rel == 1 else np.float32(light_rel) * rate
+
+
+def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> None:
+    for (one, (ax0, ay0, ax1, ay1)), (other, (bx0, by0, bx1, by1)) in combinations(bounds.items(), 2):
+        if ceil(ax1) > floor(bx0) and ceil(bx1) > floor(ax0) and ceil(ay1) > floor(by0) and ceil(by1) > floor(ay0):
+            raise ConfigurationError(
+                f"patches {one!r} and {other!r} overlap, so the simulated target cannot show both: move one, or say "
+                'presentation = "one by one"'
+            )
+
+
+def _nominal_cd_m2(patch: Patch) -> float:
+    if patch.nominal_luminance_cd_m2 is None:
+        raise ConfigurationError(
+            f"patch {patch.name!r} has no nominal_luminance_cd_m2: give one, the simulated target shows it"
+        )
+    return patch.nominal_luminance_cd_m2

@@ -1,0 +1,185 @@
+"""Every fault the simulated bench knows in every state: each ends in recovery or one clear error, and costs nothing.
+
+Camera and meter are on their real protocols. Recovered means that what was asked for was done; the error, where one
+is due, is one line of ours. Either way it ends within ten seconds, all that was recorded is whole, the devices can be
+opened again, and no thread, port or file is left behind.
+"""
+
+import os
+import time
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from labcdp.drivers.aravis_camera import AravisCamera
+from labcdp.drivers.minolta_ls import MinoltaLS110
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.errors import LabcdpError
+from labcdp.session import Session
+
+SHAPE = (400, 480)
+LONGEST_S = 10.0
+PATIENCE_S = 5.0
+
+CAMERA_FAULTS = {
+    "packets lost": "lose 2% for 1 s",
+    "all packets lost": "stall for 1 s",
+    "frozen": "freeze for 1 s",
+    "vanished": "vanish for 1 s",
+    "wrong ids": "wrong ids for 500 ms",
+    "wrong size": "wrong size for 500 ms",
+    "temperature drifts": "temperature +8 C in 1 s",
+    "light drifts": "light -5% in 1 s",
+    "second controller": "second controller for 1 s",
+}
+METER_FAULTS = {
+    **{code: f"meter {code}" for code in ("ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30")},
+    "answer cut off": "meter truncate 7",
+    "answer late": "meter delay 700 ms",
+    "garbage": "meter garble",
+    "unit changed": "meter unit fL",
+    "out of remote mode": "meter drop\nat 1 s meter remote",
+    "unplugged": "meter unplug for 1 s",
+}
+FAULTS = CAMERA_FAULTS | METER_FAULTS
+STATES = ("idle", "grabbing", "changing a setting", "reading the meter", "closing")
+
+#: Codes after which asking again is no use: the person has to know.
+REPORTED = ("ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
+
+outcomes: dict[tuple[str, str], str] = {}
+
+
+@pytest.fixture(scope="module")
+def bench(aravis, small_configuration):
+    """The bench, whose devices are switched on and off for each cell."""
+    with SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE) as bench:
+        bench.server, bench.pty = bench.gige_camera(), bench.pty_meter(0.05)
+        with switched_on(bench), devices(bench) as (camera, meter):  # what is made once stays
+            next(camera.grab(1))
+            meter.measure()
+        bench.before = left_behind()
+        yield bench
+
+
+@contextmanager
+def switched_on(bench):
+    with bench.server, bench.pty:
+        yield
+        bench.obey("recover")
+
+
+class devices:  # noqa: N801
+    """Camera and meter, open; both are closed at the end."""
+
+    def __init__(self, bench):
+        self._camera = AravisCamera(bench.server.address, patience_s=PATIENCE_S)
+        self._meter = MinoltaLS110(bench.pty.port, timeout_s=0.4, attempts=2, patience_s=PATIENCE_S)
+
+    def __enter__(self):
+        with ExitStack() as stack:
+            self._camera.open()
+            stack.callback(self._camera.close)
+            self._camera.configure(exposure_s=0.002, frame_rate_hz=40)
+            self._meter.open()
+            stack.pop_all()
+        return self._camera, self._meter
+
+    def __exit__(self, *exc):
+        self._camera.close()
+        self._meter.close()
+
+
+def left_behind():
+    """Threads, sockets and files of this process."""
+    kinds = Counter()
+    for entry in Path("/proc/self/fd").iterdir():
+        try:
+            kinds[os.readlink(entry).split(":")[0]] += 1
+        except OSError:
+            continue
+    return len(list(Path("/proc/self/task").iterdir())), kinds["socket"], kinds.total()
+
+
+def settles(before):
+    """Threads that have been told to end may take a moment."""
+    until = time.monotonic() + 5
+    while (now := left_behind()) != before and time.monotonic() < until:
+        time.sleep(0.05)
+    return now
+
+
+def act(state, bench, fault, camera, meter, session):
+    """Be in a state, let the fault happen, and go on to a frame and a reading."""
+    patch = bench.pointed_at
+    if state == "grabbing":
+        for number, frame in enumerate(camera.grab(6, on_refused=lambda _error: None)):
+            session.add_frame(frame)
+            if number == 1:
+                bench.schedule(fault)
+    else:
+        bench.schedule(fault)
+        if state == "idle":
+            time.sleep(0.2)
+        elif state == "changing a setting":
+            camera.configure(exposure_s=0.004)
+        elif state == "reading the meter":
+            session.add_reading(meter.measure(), patch)
+        else:
+            camera.close()
+            meter.close()
+            return
+    session.add_frame(next(camera.grab(1, on_refused=lambda _error: None)))
+    session.add_reading(meter.measure(), patch)
+
+
+def cell(bench, fault, state, path, configuration):
+    """Let it happen, and return how it ended and what had been recorded."""
+    with Session.create(path, configuration) as session, devices(bench) as (camera, meter):
+        session.add_frame(next(camera.grab(1)))
+        session.add_reading(meter.measure(), bench.pointed_at)
+        began_s = time.monotonic()
+        error = None
+        try:
+            act(state, bench, FAULTS[fault], camera, meter, session)
+        except LabcdpError as reported:
+            error = reported
+        camera.close()
+        meter.close()
+        assert time.monotonic() - began_s < LONGEST_S
+        bench.obey("recover")
+        if error is not None:
+            assert len(str(error).splitlines()) == 1
+            assert ": " in str(error), "an error says what to do"
+        return "recovered" if error is None else "one clear error", len(session.frames()), len(session.readings())
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_a_state_ends_in_recovery_or_one_clear_error(bench, fault, state, small_configuration, tmp_path):
+    with switched_on(bench):
+        outcome, frames, readings = cell(bench, fault, state, tmp_path / "session", small_configuration)
+        with devices(bench) as (camera, meter):
+            assert next(camera.grab(1)).shape == SHAPE
+            assert meter.measure().luminance_cd_m2 > 0
+    assert outcome == ("one clear error" if fault in REPORTED and state != "closing" else "recovered")
+    with Session.open(tmp_path / "session") as session:
+        session.verify()
+        assert (len(session.frames()), len(session.readings())) == (frames, readings)
+    assert settles(bench.before) == bench.before
+    outcomes[fault, state] = outcome
+
+
+def test_the_matrix_is_whole_and_prints_its_count(capsys):
+    missing = [(fault, state) for fault in FAULTS for state in STATES if (fault, state) not in outcomes]
+    if len(missing) > 0 and len(outcomes) < len(FAULTS) * len(STATES):
+        pytest.skip(f"{len(missing)} of {len(FAULTS) * len(STATES)} cells were not run, or failed")
+    counts = Counter(outcomes.values())
+    with capsys.disabled():
+        print(
+            f"\nfault matrix: {len(outcomes)} cells, {len(FAULTS)} faults x {len(STATES)} states: "
+            f"{counts['recovered']} recovered, {counts['one clear error']} one clear error"
+        )
+    assert counts == {"recovered": 80, "one clear error": 30}

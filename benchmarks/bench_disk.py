@@ -15,7 +15,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-from bench_grab import SERIAL, camera
+from bench_grab import ADDRESS, camera
 
 from labcdp.acquire.writer import FrameWriter
 from labcdp.clock import SystemClock
@@ -43,7 +43,7 @@ def record(folder: Path, frame_rate_hz: float) -> None:
     ids = []
     with (
         camera(WIDTH, HEIGHT, frame_rate_hz),
-        open_camera(SERIAL) as opened,
+        open_camera(ADDRESS) as opened,
         Session.create(folder / f"session {frame_rate_hz:g}", configuration) as session,
     ):
         opened.configure(pixel_format="Mono12", exposure_s=1e-3, frame_rate_hz=frame_rate_hz)

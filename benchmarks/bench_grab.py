@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from labcdp.drivers import open_camera
 from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
 
-SERIAL = "SIM-BENCH"
+SERIAL, ADDRESS = "SIM-BENCH", "127.0.0.1"
 #: Seconds of a short and a long run, whose difference leaves out the start.
 SHORT_S, LONG_S = 2, 8
 ROUNDS = 3
@@ -67,7 +67,7 @@ def serve(width: int, height: int, frame_rate_hz: float) -> None:
 
 def receive(seconds: float, pixel_format: str, frame_rate_hz: float) -> None:
     """Grab for a while and print frames, time and processor time."""
-    with open_camera(SERIAL) as camera:
+    with open_camera(ADDRESS) as camera:
         camera.configure(pixel_format=pixel_format, exposure_s=100e-6, frame_rate_hz=frame_rate_hz)
         start, cpu, frames = time.perf_counter(), time.process_time(), 0
         for _ in camera.grab(10**9, on_refused=lambda _error: None):
@@ -79,7 +79,7 @@ def receive(seconds: float, pixel_format: str, frame_rate_hz: float) -> None:
 
 def receive_many(frames: int) -> None:
     """Grab small frames and print the resident memory on the way, in bytes."""
-    with open_camera(SERIAL) as camera:
+    with open_camera(ADDRESS) as camera:
         camera.configure(pixel_format="Mono8", exposure_s=100e-6, frame_rate_hz=1000.0)
         for number, _ in enumerate(camera.grab(frames, on_refused=lambda _error: None), start=1):
             if number % (frames // 20) == 0:
@@ -96,12 +96,12 @@ def ours(seconds: float, pixel_format: str, frame_rate_hz: float) -> Run:
 def theirs(seconds: int, pixel_format: str, frame_rate_hz: float) -> Run:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [
-        "arv-camera-test-0.8", "-n", SERIAL, "-a", "-f", str(frame_rate_hz), "-e", "100", f"--duration={seconds}",
+        "arv-camera-test-0.8", "-n", ADDRESS, "-a", "-f", str(frame_rate_hz), "-e", "100", f"--duration={seconds}",
         f"--features=PixelFormat={pixel_format}",
     ]  # fmt: skip
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    completed = re.search(r"Completed buffers\s*=\s*(\d+)", text)
+    completed = re.search(r"n_completed_buffers\s*=\s*(\d+)", text)
     assert completed, text
     cpu_s = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
     return Run(int(completed[1]), float(seconds), cpu_s)

@@ -13,6 +13,7 @@ from .aravis_library import aravis
 _BRIDGED_S = 0.5
 _POOL_BYTES = 256 * 2**20
 _FEWEST, _MOST = 6, 32
+_PAGE_BYTES = 4096
 
 
 def pool_size(payload_bytes: int, frame_rate_hz: float | None) -> int:
@@ -73,6 +74,8 @@ class BufferPool:
 
     def _add(self) -> None:
         memory = np.empty(self._payload_bytes, dtype=np.uint8)
+        # Touched now: the first touch of a page takes time, which Aravis' thread has not while packets come.
+        memory[::_PAGE_BYTES] = 0
         self._push(self._stream, self._arv.Buffer.new(memory.nbytes, memory.ctypes.data), memory)
 
     def _push(self, stream: Any, buffer: Any, memory: NDArray[np.uint8]) -> None:

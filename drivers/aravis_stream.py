@@ -101,6 +101,7 @@ class Reception:
         self._pool: BufferPool | None = None
         self._counted = StreamStatistics()
         self._n_refused = 0
+        self._known_causes: str | None = None
         self._granted_bytes: int | None = None
 
     def __enter__(self) -> Self:
@@ -223,7 +224,10 @@ class Reception:
 
     def _refuse(self, buffer: Any, fault: tuple[str, str]) -> None:
         """Tell of a frame that is not whole, or raise; its buffer goes back."""
-        causes = "; ".join(self._causes()) or "lower the frame rate or packet size, or raise net.core.rmem_max"
+        if self._known_causes is None:
+            # Once: looking at the computer's settings takes longer than some frames.
+            self._known_causes = "; ".join(self._causes())
+        causes = self._known_causes or "lower the frame rate or packet size, or raise net.core.rmem_max"
         error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
         self._lender().take_back(buffer)
         self._n_refused += 1

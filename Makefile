@@ -13,7 +13,7 @@ demo: setup
 	.venv/bin/labcdp demo
 
 test: setup-test lint
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest --numprocesses auto --dist loadfile
 
 lint: setup-test
 	tools/lint

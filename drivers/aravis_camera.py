@@ -21,6 +21,7 @@ from .aravis_stream import Conditions, Reception
 from .camera import (
     CameraError,
     CameraLostError,
+    CameraSettingError,
     CameraSettings,
     FeatureValue,
     Gap,
@@ -67,6 +68,7 @@ class AravisCamera(Device):
         self._connection = Connection(selector, patience_s)
         self._reception: Reception | None = None
         self._counted = StreamStatistics()
+        self._size: tuple[int, int] | None = None
 
     def open(self) -> Self:
         """Connect and take control; a camera that was lost is connected anew.
@@ -82,6 +84,7 @@ class AravisCamera(Device):
             self.close()
             self._connection.open()
             self._counted = StreamStatistics()
+            self._learn_size()
         return self
 
     def close(self) -> None:
@@ -178,6 +181,8 @@ class AravisCamera(Device):
         self._refuse_while_grabbing("a change of settings")
         for name in self._connection.survive(lambda link: change_settings(link, wanted)):
             self._connection.changes.setting(name, wanted[name])
+        if "region" in wanted or "binning" in wanted:
+            self._learn_size()
         return self.settings
 
     def feature(self, name: str) -> FeatureValue:
@@ -205,11 +210,13 @@ class AravisCamera(Device):
             f"feature {name} cannot be set", lambda camera: write_feature(camera, name, value)
         )
         self._connection.changes.feature(name, value)
+        self._learn_size()
         return applied
 
     def execute(self, name: str) -> None:
         """Carry out a GenICam command, for example ``TimestampReset``; raises CameraSettingError if there is none."""
         self._connection.ask(f"command {name} cannot be carried out", lambda camera: execute_feature(camera, name))
+        self._learn_size()
 
     def features(self) -> dict[str, FeatureValue]:
         """Read all GenICam features that can be read, by name: a snapshot to keep with what is recorded."""
@@ -274,7 +281,9 @@ class AravisCamera(Device):
         """Receive frames; settings must not change meanwhile, or frames would tell wrong ones."""
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
-            conditions = Conditions(read_settings(camera), _temperature_c(camera), self._connection.changes.features)
+            settings = read_settings(camera)
+            conditions = Conditions(settings, _temperature_c(camera), self._connection.changes.features)
+        self._require_size(settings)
         reception = Reception(link, conditions, timeout_s, on_refused)
         self._reception = reception
         try:
@@ -284,6 +293,19 @@ class AravisCamera(Device):
             if self._reception is reception:
                 self._reception = None
                 self._count(reception)
+
+    def _learn_size(self) -> None:
+        settings = self.settings
+        self._size = (settings.width, settings.height)
+
+    def _require_size(self, settings: CameraSettings) -> None:
+        """Refuse frames of a size that somebody else has set."""
+        if self._size != (settings.width, settings.height):
+            assert self._size is not None
+            raise CameraSettingError(
+                f"{self.identity} is set to {settings.width} x {settings.height} pixels, not to the {self._size[0]} x "
+                f"{self._size[1]} of before: something else has changed it; configure the region, or open it again"
+            )
 
     def _count(self, reception: Reception) -> None:
         self._counted = _sum(self._counted, reception.statistics)

@@ -18,6 +18,9 @@ from .sockets import shut_down, udp_socket_numbers
 #: A camera that answered so lately is not asked again before it is used: an answer takes 0.1 to 1 ms.
 _FRESH_S = 0.02
 
+#: An access that takes longer is looked into: Aravis itself gives a camera up after seconds only.
+_LONG_S = 0.1
+
 #: Aravis' errors that tell of the way to the camera, not of what was asked of it.
 _COMMUNICATION = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER", "PROTOCOL_ERROR_ACCESS_DENIED")
 
@@ -76,10 +79,33 @@ class Link:
         if camera is None:
             raise CameraError(f"{self.identity} was closed ({what}): open it again")
         try:
-            yield camera
+            with self._watched():
+                yield camera
         except gerror() as error:
             raise self._explained(error, what) from error
         self.seen_alive()
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Cut an access short if the camera dies in the middle of it."""
+        if not self._is_gige:
+            yield
+            return
+        done = threading.Event()
+        watcher = threading.Thread(target=self._watch, args=(done,), name="camera watcher", daemon=True)
+        watcher.start()
+        try:
+            yield
+        finally:
+            done.set()
+            watcher.join()
+
+    def _watch(self, done: threading.Event) -> None:
+        while not done.wait(_LONG_S):
+            if gvcp.read_register(self.info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE) is None and not done.is_set():
+                self.lost = True
+                shut_down(self._sockets)
+                return
 
     def seen_alive(self) -> None:
         """Note that the camera has just answered or sent something."""
@@ -160,7 +186,7 @@ class Link:
         camera, self.camera, streams, self._streams = self.camera, None, self._streams, []
         if camera is None:
             return
-        if not self.lost and self._is_gige:
+        if not self.lost and self._is_gige and gvcp.announce(self.info.address) is not None:
             # Said in so many words: somebody's traceback may keep Aravis' object alive.
             with contextlib.suppress(CameraError), camera_errors("", CameraError):
                 camera.get_device().leave_control()

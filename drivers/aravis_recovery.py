@@ -28,29 +28,30 @@ class Changes:
     """What was set since a camera was opened, so that it can be set again in the same order."""
 
     def __init__(self) -> None:
-        self._made: dict[tuple[str, str], Any] = {}
+        self._made: list[tuple[str, str, Any]] = []
 
     def setting(self, name: str, value: Any) -> None:
         """Note a parameter of `AravisCamera.configure`."""
-        self._note(("setting", name), value)
+        self._note("setting", name, value)
 
     def feature(self, name: str, value: FeatureValue) -> None:
         """Note a GenICam feature."""
-        self._note(("feature", name), value)
+        self._note("feature", name, value)
 
     @property
     def features(self) -> frozenset[str]:
         """Names of the GenICam features that were set."""
-        return frozenset(name for kind, name in self._made if kind == "feature")
+        return frozenset(name for kind, name, _ in self._made if kind == "feature")
 
-    def _note(self, key: tuple[str, str], value: Any) -> None:
-        # The last change of each counts, at its place in time.
-        self._made.pop(key, None)
-        self._made[key] = value
+    def _note(self, kind: str, name: str, value: Any) -> None:
+        # The last change of each counts, at its place in time; but behind a selector one name means several features.
+        if not any(made.endswith("Selector") for _, made, _ in self._made):
+            self._made = [made for made in self._made if made[:2] != (kind, name)]
+        self._made = [*self._made, (kind, name, value)]
 
     def restore(self, link: Link) -> None:
         """Set everything again."""
-        for (kind, name), value in self._made.items():
+        for kind, name, value in self._made:
             with link.using(f"{name} cannot be restored") as camera:
                 if kind == "setting":
                     change_setting(camera, name, value)

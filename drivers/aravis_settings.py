@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 from .aravis_features import available, writable, write_feature
@@ -18,6 +19,16 @@ from .pixel_format import PIXEL_FORMATS
 
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+_KINDS: dict[str, tuple[Any, str]] = {
+    "pixel_format": (str, "the name of a pixel format as text"),
+    "binning": (tuple, "a pair of whole numbers, (2, 2)"),
+    "region": (Region, "a Region"),
+    "exposure_s": (Real, "a number of seconds"),
+    "frame_rate_hz": (Real, "a number of frames per second"),
+    "gain_db": (Real, "a number of dB"),
+    "black_level_dn": (Real, "a number of DN"),
+    "trigger": (Trigger, "a Trigger"),
+}
 _TRIGGERS = ("FrameStart", "ExposureStart", "AcquisitionStart")
 
 
@@ -65,6 +76,7 @@ def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
     CameraSettingError
         If the camera has no such setting, or does not take the value.
     """
+    _check_types(wanted)
     with link.using("its settings cannot be read") as camera:
         before = read_settings(camera)
     changed: list[str] = []
@@ -79,6 +91,15 @@ def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
     return changed
 
 
+def _check_types(wanted: dict[str, Any]) -> None:
+    """Refuse what is no setting at all before anything is changed."""
+    for name, value in wanted.items():
+        kind, what = _KINDS[name]
+        pair = name == "binning" and not (isinstance(value, tuple) and len(value) == 2)
+        if pair or isinstance(value, bool) or not isinstance(value, kind):
+            raise CameraSettingError(f"{name} is {value!r}: give {what}")
+
+
 def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
     order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level_dn", "trigger"]
     # A frame rate bounds the exposure and the other way round: first what makes room for the other.
@@ -90,9 +111,11 @@ def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
 def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
     """Set back what was changed before a setting was refused."""
     region = Region(before.offset_x, before.offset_y, before.width, before.height)
-    if "binning" in changed and "region" not in changed:
-        changed = [*changed, "region"]
-    for name in changed:
+    backwards = [name for name in reversed(changed) if name != "region"]
+    if "binning" in changed or "region" in changed:
+        # Behind the binning, which sets the region too.
+        backwards.append("region")
+    for name in backwards:
         old = region if name == "region" else getattr(before, name)
         if old is not None:
             with contextlib.suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:

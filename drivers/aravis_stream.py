@@ -33,8 +33,8 @@ _SLICE_S = 0.05
 #: Pause between two questions to a silent camera.
 _PAUSE_S = 0.2
 
-#: A frame may be this late before the camera is asked whether it still lives.
-_MARGIN_S = 0.1
+#: A camera that sends nothing for so long is asked whether it still lives, also while it exposes.
+_ASKED_AFTER_S = 0.2
 
 #: Frames refused in a row after which no whole one is to be hoped for.
 _MOST_REFUSED = 20
@@ -95,8 +95,6 @@ class Reception:
         self._on_refused = on_refused
         self._layout = pixel_format(settings.pixel_format)
         self._wait_s = timeout_s + settings.exposure_s
-        period_s = 1.0 / settings.frame_rate_hz if settings.frame_rate_hz else 0.0
-        self._due_s = settings.exposure_s + period_s + _MARGIN_S
         self._stream: Any = None
         self._pool: BufferPool | None = None
         self._counted = StreamStatistics()
@@ -182,7 +180,7 @@ class Reception:
         while True:
             waited_s = time.monotonic() - began_s
             buffer = self._running().timeout_pop_buffer(int(max(0.0, min(self._wait_s - waited_s, _SLICE_S)) * 1e6))
-            if buffer is None and waited_s >= self._due_s and self._link.silent_s >= _PAUSE_S:
+            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _PAUSE_S:
                 buffer = self._ask_after()
             if buffer is not None:
                 self._link.seen_alive()

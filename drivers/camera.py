@@ -156,9 +156,10 @@ class StreamStatistics:
     completed, failed : int
         Frames that came whole, and that did not.
     underruns : int
-        Frames that found no free buffer: the program did not keep up.
+        Packets of frames that found no free buffer: the program did not keep up.
     resent, missing : int
-        Packets the camera sent again on request, and that never came.
+        Packets the camera sent again on request, and that Aravis counts as missing: of a frame given up, all after
+        its first gap.
     """
 
     completed: int = 0

@@ -178,7 +178,7 @@ def _columns(header: Sequence[str], separator: str) -> _Columns:
         luminance_unit=_LUMINANCE[luminance[0]],
         unit=names.index("unit") if "unit" in names else None,
         time=names.index("time") if "time" in names else None,
-        comma_is_decimal=separator != ",",
+        comma_is_decimal=separator == ";",
     )
 
 

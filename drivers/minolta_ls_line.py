@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import logging
 import termios
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -68,6 +69,7 @@ class MeterLine:
         self._rtscts = rtscts
         self._transcript = transcript
         self._serial: Any = None
+        self._one_at_a_time = threading.Lock()
         self._n_due = 0
         self._due_until_s = 0.0  # on the monotonic clock
 
@@ -96,12 +98,12 @@ class MeterLine:
 
     def close(self) -> None:
         """Close the port; may be called twice."""
-        if self._serial is not None:
+        port, self._serial = self._serial, None
+        if port is not None:
             with suppress(OSError, termios.error):  # a pulled cable must not keep the port from closing
                 # Bytes that RTS/CTS holds back would delay closing and reach the meter when it is switched on.
-                self._serial.reset_output_buffer()
-            self._serial.close()
-            self._serial = None
+                port.reset_output_buffer()
+            port.close()
         if self._transcript is not None:
             self._transcript.close()
 
@@ -124,6 +126,10 @@ class MeterLine:
         MeterError
             If the port is not open, or as `MinoltaLS110.measure`. If the connection broke, the port is closed.
         """
+        with self._one_at_a_time:
+            return self._exchange(command, parse, until_s, again)
+
+    def _exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, again: bool) -> T:
         if self._serial is None:
             raise MeterError(f"{self.port}: the meter is not open: call open(), or use it in a with statement")
         try:
@@ -153,6 +159,10 @@ class MeterLine:
                 f"{self.port}: the connection to the meter broke ({error}): check cable and adapter, then open "
                 "the meter again"
             ) from error
+        except (TypeError, AttributeError) as error:
+            if self._serial is not None:
+                raise
+            raise MeterError(f"{self.port}: the meter was closed while it was asked: open it again") from error
         self._check_whole(reply, command, allowed_s)
         try:
             result = parse(reply)

@@ -10,10 +10,19 @@ import pytest
 _CLONE_NEWNET = 0x40000000
 
 
+def _may_have_a_network_of_its_own() -> bool:
+    return os.geteuid() == 0 and shutil.which("ip") is not None
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """As many processes as processors, but one where all would share the port of the simulated camera."""
+    return os.cpu_count() or 1 if _may_have_a_network_of_its_own() else 1
+
+
 def pytest_configure() -> None:
     """Move the test process into a network namespace with nothing but loopback, where that is allowed."""
-    # Before any thread exists: the call moves the calling thread only.
-    if os.geteuid() == 0 and shutil.which("ip") and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
+    # The call moves the calling thread only, and those it will start.
+    if _may_have_a_network_of_its_own() and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
         subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
         subprocess.run(["ip", "addr", "add", "127.0.0.2/8", "dev", "lo"], check=True)
 

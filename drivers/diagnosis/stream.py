@@ -149,7 +149,7 @@ def _missing(facts: StreamFacts) -> Finding | None:
     return Finding(
         "packets",
         "notice",
-        f"{facts.missing} packets never came",
+        f"{facts.missing} packets are counted as missing",
         "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay",
     )
 
@@ -160,7 +160,7 @@ def _underruns(facts: StreamFacts) -> Finding | None:
     return Finding(
         "underruns",
         "notice",
-        f"{facts.underruns} frames found no free buffer, since the program was too slow to take them",
+        f"{facts.underruns} packets found no free buffer, since the program was too slow to take them",
         "lower the frame rate, or do less between two frames",
     )
 

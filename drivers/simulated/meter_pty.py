@@ -22,6 +22,9 @@ from ...errors import DeviceError, InputError
 
 _CRLF: Final = b"\r\n"
 
+#: How often an idle port is made ready for the next program.
+_IDLE_S: Final = 0.2
+
 #: Longest garbage; a reading has 17 bytes.
 _LONGEST_GARBAGE: Final = 24
 
@@ -179,7 +182,7 @@ class PtyMeter:
     def _serve(self) -> None:
         """Answer commands until told to stop."""
         received = b""
-        while (chunk := self._receive(self._character_timeout_s if received else None)) is not None:
+        while (chunk := self._receive(self._character_timeout_s if received else _IDLE_S)) is not None:
             received += chunk
             while _CRLF in received:
                 command, _, received = received.partition(_CRLF)
@@ -195,6 +198,8 @@ class PtyMeter:
         if self._stop_read in ready:
             return None
         if not ready:
+            # A program may have opened the port and said nothing.
+            self._forget_settings()
             return b""
         self._forget_settings()
         return os.read(self._master, 4096)

@@ -6,7 +6,7 @@ from .control import AcquisitionStoppedError, Control
 from .live import Live, PatchNumbers
 from .operator import HandNeededError, Operator, Unattended
 from .progress import Progress
-from .run import Left, acquire
+from .run import Left, acquire, is_complete
 from .search import FoundExposures, PatchRate, choose_exposures
 from .steps import Remaining, remaining
 from .writer import FrameWriter
@@ -29,5 +29,6 @@ __all__ = [
     "acquire",
     "check_devices",
     "choose_exposures",
+    "is_complete",
     "remaining",
 ]

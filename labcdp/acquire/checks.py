@@ -15,6 +15,9 @@ from .live import PatchNumbers
 #: A change counts from this many of its own standard uncertainties on.
 _SIGNIFICANT = 3.0
 
+#: A dark frame with more than this of the brightest patch's signal was taken without the cap.
+_LIT_SHARE = 0.5
+
 
 @dataclass(frozen=True)
 class CheckFinding:
@@ -22,7 +25,7 @@ class CheckFinding:
 
     Parameters
     ----------
-    check : {'saturation', 'darkness', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
+    check : {'saturation', 'darkness', 'light in the dark', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
         What was checked.
     cause : str
         What was found and what may be behind it, on one line.
@@ -30,7 +33,7 @@ class CheckFinding:
         What was measured, and what it should not pass; shares and relative changes as fractions.
     """
 
-    check: Literal["saturation", "darkness", "flicker", "meter drift", "scatter", "mixed readings"]
+    check: Literal["saturation", "darkness", "light in the dark", "flicker", "meter drift", "scatter", "mixed readings"]
     cause: str
     value: float
     limit: float
@@ -42,7 +45,7 @@ class CheckFinding:
     @property
     def passing(self) -> bool:
         """Whether it may be gone the next time though nobody changes anything."""
-        return self.check not in ("saturation", "darkness")
+        return self.check not in ("saturation", "darkness", "light in the dark")
 
 
 def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
@@ -85,6 +88,32 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
                 )
             )
     return findings
+
+
+def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) -> list[CheckFinding]:
+    """Find dark frames that show the target: half as bright as the light frames where those are brightest.
+
+    Parameters
+    ----------
+    dark, light : sequence of PatchNumbers
+        All exposures of all patches.
+    """
+    for n in light:
+        seen = [d for d in dark if (d.patch, d.exposure_s) == (n.patch, n.exposure_s)]
+        brightest = max((m for m in light if m.exposure_s == n.exposure_s), key=lambda m: m.signal_dn)
+        clear = n is brightest and n.signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
+        if clear and seen and seen[0].signal_dn > _LIT_SHARE * n.signal_dn:
+            share = seen[0].signal_dn / n.signal_dn
+            return [
+                CheckFinding(
+                    "light in the dark",
+                    f"in the dark frames at {n.exposure_s:g} s patch {n.patch!r} is {share:.0%} as bright as in the "
+                    "light frames: put the cap on the lens",
+                    share,
+                    _LIT_SHARE,
+                )
+            ]
+    return []
 
 
 def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict
+from typing import Any
 
 from ..clock import Clock
-from ..drivers.camera import Camera, CameraSettings
+from ..drivers.camera import Camera, CameraLostError, CameraSettings
 from ..errors import SessionError
 from ..frame import Frame
 from ..roi import Roi
@@ -93,18 +94,22 @@ class FrameRecorder:
                     with closing(take_frames(self._camera, n, self._schedule(), self._control, refusals)) as frames:
                         for taken, frame in enumerate(frames, start=1):
                             writer.put(frame, role, shown)
+                            self._note_gaps(writer.put_event)
                             done += 1
                             numbers = live[exposure_s].add(frame)
                             now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
                             self._report(Progress(f"{role} frames", done, total, now))
+        except CameraLostError as error:
+            self._session.add_event("camera lost", {"reason": str(error)})
+            raise
         finally:
-            self._note_gaps()
+            self._note_gaps(self._session.add_event)
         self._note_throughput(writer)
 
-    def numbers(self, shown: str | None) -> list[PatchNumbers]:
-        """Return what the light frames of all exposures say."""
+    def numbers(self, shown: str | None, role: Role = "light") -> list[PatchNumbers]:
+        """Return what the frames of all exposures say."""
         exposures_s = self._session.exposures_s or ()
-        return [n for t in exposures_s for n in self._live_numbers("light", shown, t).numbers]
+        return [n for t in exposures_s for n in self._live_numbers(role, shown, t).numbers]
 
     def regions(self, shown: str | None) -> list[Roi]:
         """Regions of the patches that the camera sees."""
@@ -147,12 +152,12 @@ class FrameRecorder:
             )
         writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
 
-    def _note_gaps(self) -> None:
+    def _note_gaps(self, add_event: Callable[[str, Mapping[str, Any]], object]) -> None:
         for gap in self._camera.gaps[self._gaps_noted :]:
             self._gaps_noted += 1
             times = {"lost_at": gap.lost_at.isoformat(), "back_at": gap.back_at.isoformat()}
             content = times | {"duration_s": gap.duration_s, "reason": gap.reason}
-            self._session.add_event("camera lost and back", content)
+            add_event("camera lost and back", content)
             _log.warning("the camera was lost for %.1f s and is back (%s)", gap.duration_s, gap.reason)
 
     def _note_throughput(self, writer: FrameWriter) -> None:

@@ -14,7 +14,7 @@ from ..roi import Roi
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .before import check_devices, check_room
-from .checks import CheckFinding, check_flicker, check_levels, check_meter_drift, check_scatter
+from .checks import CheckFinding, check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
 from .control import Control
 from .frame_recorder import FrameRecorder
 from .lens_cap import LensCap
@@ -97,7 +97,7 @@ def acquire(
         If `control` says so.
     """
     check_devices(camera, meter, session.configuration)
-    if remaining(session).complete and _ended(session):
+    if is_complete(session):
         return ()
     check_room(camera, session)
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
@@ -118,8 +118,10 @@ def acquire(
     return tuple(left)
 
 
-def _ended(session: Session) -> bool:
-    return any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
+def is_complete(session: Session) -> bool:
+    """Whether all of the plan is recorded and checked."""
+    ended = any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
+    return ended and remaining(session).complete
 
 
 def _json_values(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue]:
@@ -195,6 +197,8 @@ class _Run:
                 return
             findings = self._check(unit)
             again = bool(findings) and self._operator.repeat(unit.name, findings)
+            for finding in () if again else findings:
+                _log.warning("%s: %s", unit.name, finding)
             if again:
                 # Before the check is noted: if the run ends between the two, the unit is taken again.
                 reason = "; ".join(str(finding) for finding in findings)
@@ -246,6 +250,9 @@ class _Run:
         if unit.kind in ("light", "patch"):
             numbers = self._frames.numbers(unit.patch)
             findings += check_levels(numbers) + check_flicker(numbers, plan.largest_flicker_rel)
+        if unit.kind == "dark":
+            light = [n for shown in shown_patches(self._session.configuration) for n in self._frames.numbers(shown)]
+            findings += check_darkness(self._frames.numbers(None, "dark"), light)
         if unit.kind == "readings":
             assert unit.patch is not None
             readings = [r.reading for r in self._session.readings() if r.patch == unit.patch]

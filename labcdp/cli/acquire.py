@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,7 +80,7 @@ def acquire(
         with _ending_cleanly():
             left, frames, readings = _record(session, configuration, wanted, choice, nobody)
     except AcquisitionStoppedError:
-        say(_SAFE)
+        # Said by the program's end, as after Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
     except _EndedBySignal as ended:
         say(_SAFE)
@@ -100,7 +101,7 @@ def acquire(
 def _record(
     path: Path, source: Path, wanted: SessionConfiguration, choice: DeviceChoice, nobody: Unattended | None
 ) -> tuple[tuple[Left, ...], int, int]:
-    from ..acquire import Control, remaining
+    from ..acquire import Control, is_complete
     from ..acquire import acquire as run
     from ..clock import SimulatedClock
 
@@ -110,7 +111,7 @@ def _record(
     control = Control()
     left: tuple[Left, ...] = ()
     with _open_or_create(path, source, wanted, clock) as opened:
-        if not remaining(opened).complete:
+        if not is_complete(opened):
             keys = Keys(control)
             with (
                 progress_bars() as bars,
@@ -155,12 +156,24 @@ def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, cloc
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
         session.close()
+        if _is_bare(session):
+            # Begun, and refused before the first frame: the plan was mended since.
+            shutil.rmtree(path)
+            return Session.create(path, wanted, clock=clock)
         raise SessionError(
             f"{path} was begun with another configuration than {source}: give its own "
             f"{path / 'session.toml'}, or a new folder"
         )
     say(f"{path} exists: going on with it")
     return session
+
+
+def _is_bare(session: Session) -> bool:
+    """Whether a session holds nothing that was ever measured."""
+    from ..session import FrameRecord, ReadingRecord
+
+    measured = any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
+    return not measured and not session.unrecorded()
 
 
 def _holds_something(path: Path) -> bool:

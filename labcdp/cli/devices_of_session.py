@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..drivers.simulated.bench import SimulatedBench
     from ..drivers.written_reading import MeterAccuracy
     from ..reading import MeterIdentity
-    from ..session import MeterConfiguration, Session, SessionConfiguration
+    from ..session import MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
 
 #: Time the simulated meter takes for a reading; the real one takes about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
@@ -202,11 +202,34 @@ def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -
     from ..session import Session
 
     recorded = Session.open(path)
+    _refuse_other_replay(session, recorded)
     if session.exposures_s is None and recorded.exposures_s is not None:
         # What the recorded search found: its own frames were not kept.
         session.add_event("exposures", {"exposures_s": list(recorded.exposures_s), "found in": str(path)})
     with ReplayCamera(recorded, speed, clock) as camera, ReplayMeter(recorded, speed, clock) as meter:
         yield Devices(camera, meter, RecordingOperator(), "a recorded session")
+
+
+def _taken(plan: PlanConfiguration) -> dict[str, object]:
+    """Return what decides which frames and readings a plan takes, and in which order."""
+    return plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"})
+
+
+def _refuse_other_replay(session: Session, recorded: Session) -> None:
+    """Refuse a replay that would give frames and readings of something else than is asked for."""
+    if session.frames() or session.readings():
+        raise InputError(
+            f"{session.path} holds something already, and a replay gives its recording from the beginning: give a new "
+            "folder"
+        )
+    both = (session.configuration, recorded.configuration)
+    here, there = ({"target": c.target, "plan": _taken(c.plan)} for c in both)
+    for key in here:
+        if here[key] != there[key]:
+            raise InputError(
+                f"the [{key}] of the configuration is not that of the recording {recorded.path}: give the recording's "
+                "own session.toml"
+            )
 
 
 @contextmanager
@@ -248,8 +271,8 @@ def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float
 
     try:
         with ExitStack() as trial:
-            trial.enter_context(bench.gige_camera())
-            camera = trial.enter_context(AravisCamera(bench.device.serial, patience_s=patience_s))
+            server = trial.enter_context(bench.gige_camera())
+            camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
             _try(camera)
             stack.push(trial.pop_all())
             return camera, "GigE Vision on loopback"

@@ -41,7 +41,7 @@ def meter(
 
 def meter_test(
     transcript: Path = typer.Argument(help="Wire transcript, as labcdp meter --transcript writes it."),
-    test: Path = typer.Argument(help="Python file to write."),
+    test: Path = typer.Argument(help="New Python file to write."),
 ) -> None:
     """Turn a wire transcript into a test that plays it to the driver."""
     from ..drivers.simulated.meter_pty import PtyMeter
@@ -50,6 +50,8 @@ def meter_test(
     from ..drivers.wire_transcript import read_transcript
     from ..session.files import write_whole
 
+    if test.exists():
+        raise InputError(f"{test} is there already: give a new file, or delete it first")
     wire = read_transcript(transcript)
     recorded = RecordedMeter(wire)
     with PtyMeter(recorded, response_time_s=0) as port:

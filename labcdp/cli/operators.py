@@ -98,9 +98,7 @@ class RecordingOperator:
         """Do nothing."""
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
-        """Tell what was found; a recording is what it is."""
-        for finding in findings:
-            say(f"Warning: {finding}")
+        """Do not: a recording is what it is."""
         return False
 
 
@@ -118,9 +116,12 @@ class CsvOperator:
     """
 
     def __init__(self, operator: Operator, meter: CsvMeter, session: Session) -> None:
+        from ..session import ReadingRecord
+
         self._operator = operator
         self._meter = meter
-        self._recorded = [record.patch for record in session.readings()]
+        # Those that no longer count too: their rows are used.
+        self._recorded = [record.patch for record in session.records if isinstance(record, ReadingRecord)]
 
     def cover_lens(self) -> None:
         """Leave it to the operator."""

@@ -63,7 +63,7 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
 
     with (
         Session.create(path, small_configuration) as session,
-        AravisCamera() as camera,
+        AravisCamera("127.0.0.1") as camera,
         pytest.raises(CameraLostError, match=r"stopped answering .*check power and cable, then open it again"),
     ):
         acquire(session, camera, meter, bench, unplug)
@@ -71,7 +71,7 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
         session.verify()
         # The fourth, of the same exposure, may have been on its way.
         assert counts(session) in ((3, 0, 0), (4, 0, 0))
-    with Session.open(path, writable=True) as session, bench.gige_camera(), AravisCamera() as camera:
+    with Session.open(path, writable=True) as session, bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
         acquire(session, camera, meter, bench)
         session.verify()
         assert counts(session) == (6, 32, 6)

@@ -4,7 +4,7 @@ from math import sqrt
 
 import pytest
 
-from labcdp.acquire.checks import check_flicker, check_levels, check_meter_drift, check_scatter
+from labcdp.acquire.checks import check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
 from labcdp.acquire.live import PatchNumbers
 from labcdp.reading import MeterIdentity, Reading
 
@@ -58,6 +58,26 @@ def test_a_patch_saturated_at_every_exposure_is_named_with_the_best_of_them():
         "patch 'P01' is saturated at every exposure, 25.0% of it even at 0.01 s: add a shorter exposure, or dim the "
         "light"
     )
+
+
+@pytest.mark.parametrize(("dark_dn", "found"), [(563.0, False), (565.0, True)])
+def test_dark_frames_half_as_bright_as_the_light_ones_were_taken_without_the_cap(dark_dn, found):
+    light = [NUMBERS, replace(NUMBERS, patch="P02", mean_dn=164.0)]
+    # The darker patch says nothing: dark current may well be half of its signal.
+    dark = [replace(NUMBERS, mean_dn=dark_dn), replace(NUMBERS, patch="P02", mean_dn=160.0)]
+    findings = check_darkness(dark, light)
+    assert [f.check for f in findings] == (["light in the dark"] if found else [])
+    if found:
+        assert str(findings[0]) == (
+            "in the dark frames at 0.01 s patch 'P01' is 50% as bright as in the light frames: put the cap on the lens"
+        )
+        assert not findings[0].passing
+
+
+def test_a_target_too_dark_to_see_says_nothing_about_the_cap():
+    faint = replace(NUMBERS, mean_dn=80.0)
+    assert check_darkness([faint], [faint]) == []
+    assert check_darkness([], [NUMBERS]) == []
 
 
 @pytest.mark.parametrize(("signal_dn", "found"), [(29.9, ["darkness"]), (30.1, [])])

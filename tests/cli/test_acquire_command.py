@@ -13,7 +13,7 @@ from contextlib import suppress
 import pytest
 import serial
 
-from labcdp.session import EventRecord, Session, example_session
+from labcdp.session import EventRecord, Session, SessionConfiguration, example_session
 
 SIMULATED = ("--simulated", "--simulated-time")
 #: A meter no driver knows.
@@ -82,6 +82,32 @@ def test_a_recorded_session_in_place_of_devices(labcdp, tmp_path):
         assert [r.reading for r in new.readings()] == [r.reading for r in old.readings()]
 
 
+def test_a_recording_is_not_mistaken_for_something_else(labcdp, fails, tmp_path):
+    example = example_session()
+    assert labcdp("acquire", example / "session.toml", "own", "--replay", example).returncode == 0
+    text = (example / "session.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace("readings_per_patch = 2", "readings_per_patch = 1"))
+    line = fails("acquire", "other.toml", "new", "--replay", example)
+    assert "the [plan] of the configuration is not that of the recording" in line
+    assert "give the recording's own session.toml" in line
+    (tmp_path / "bench.toml").write_text(text)
+    wanted = SessionConfiguration.load(tmp_path / "bench.toml")
+    with Session.create(tmp_path / "begun", wanted) as begun, Session.open(example) as old:
+        begun.add_reading(old.readings()[0].reading, old.readings()[0].patch)
+    line = fails("acquire", "bench.toml", "begun", "--replay", example)
+    assert "begun holds something already, and a replay gives its recording from the beginning: give a new" in line
+    with Session.open(tmp_path / "begun") as session:
+        assert len(session.readings()) == 1
+
+
+def test_a_plan_that_was_refused_can_be_mended_in_its_folder(labcdp, fails, configuration, tmp_path):
+    wrong = configuration((r"exposures_s = .*", "exposures_s = [1e-9]"))
+    assert "1e-09 s" in fails("acquire", wrong, "own", *SIMULATED)
+    done = labcdp("acquire", configuration(), "own", *SIMULATED)
+    assert done.returncode == 0, done.stderr
+    assert "own: 4 frames and 2 readings recorded" in done.stderr
+
+
 def test_a_recording_does_not_wait_for_the_schedule_of_the_plan(labcdp, tmp_path):
     example = example_session()
     text = (example / "session.toml").read_text()
@@ -137,11 +163,13 @@ def test_unattended_tells_what_is_left(labcdp, configuration, tmp_path):
 def test_readings_typed_by_hand(labcdp, running_bench, configuration, tmp_path):
     running_bench()
     meter = f'entry = "by hand"\n{ANOTHER}'
-    # Uncover, point, two readings that do not go together: again; two of which the first has a slip, cover, uncover.
-    done = labcdp("acquire", configuration(meter=meter), "own", stdin="\n\n256\n280\ny\n\n25x\n256\n256,5\n\n\n")
+    # Uncover, point, two readings that do not go together: again; two of which the first has a slip, cover, be told
+    # that nobody has covered the simulated lens, uncover.
+    done = labcdp("acquire", configuration(meter=meter), "own", stdin="\n\n256\n280\ny\n\n25x\n256\n256,5\n\n\n\n")
     assert done.returncode == 0, done.stderr
     assert "Luminance shown by Mavo" in done.stderr
     assert "Warning: the 2 readings of patch 'P12' scatter by 6.3%" in done.stderr
+    assert "patch 'P12' is 100% as bright as in the light frames: put the cap on the lens" in done.stderr
     assert "Mend it and take the readings of P12 again? Type y and press Enter; only Enter goes on." in done.stderr
     with Session.open(tmp_path / "own") as session:
         assert [r.reading.luminance_cd_m2 for r in session.readings()] == [256.0, 256.5]
@@ -165,7 +193,7 @@ def test_readings_from_a_file_go_on_where_they_were(labcdp, running_bench, confi
     assert done.returncode == 0, done.stderr
     assert "own: 2 frames and 2 readings recorded" in done.stderr
     assert "Left for a person, put the cap on the lens: dark frames" in done.stderr
-    done = labcdp("acquire", bench, "own", stdin="\n\n")
+    done = labcdp("acquire", bench, "own", stdin="\n\n\n")
     assert done.returncode == 0, done.stderr
     with Session.open(tmp_path / "own") as session:
         assert [r.reading.luminance_cd_m2 for r in session.readings()] == [256.0, 256.1]

@@ -156,7 +156,7 @@ def test_camera_busy(fails, running_bench, aravis):
     from labcdp.drivers.aravis_camera import AravisCamera
 
     _, told = running_bench()
-    with AravisCamera():
+    with AravisCamera("127.0.0.1"):
         line = fails("acquire", example_session() / "session.toml", "new", "--meter", told["meter"]["port"])
     assert "SIM-503363706 at 127.0.0.1 is controlled by another program: close that program" in line
 

@@ -60,7 +60,7 @@ def test_the_constructor_does_no_io():
 
 
 def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.002, gain_db=3.5, pixel_format="Mono12")
         frame = camera.snap()
     assert frame.shape == (48, 64)
@@ -73,7 +73,7 @@ def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
 
 
 def test_all_formats_of_the_camera_give_the_same_scene(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         assert camera.pixel_formats == ["Mono8", "Mono12", "Mono12Packed", "Mono16"]
         frames = {}
         for name in camera.pixel_formats:
@@ -85,7 +85,7 @@ def test_all_formats_of_the_camera_give_the_same_scene(camera_on_loopback):
 
 
 def test_every_frame_is_taken_after_the_last_change(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         for exposure_us in range(1000, 1030):
             applied = camera.configure(exposure_s=exposure_us * 1e-6)
             frame = camera.snap()
@@ -94,7 +94,7 @@ def test_every_frame_is_taken_after_the_last_change(camera_on_loopback):
 
 
 def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.001)
         first = next(camera.grab(20))
         assert first.dn[0, 0] == 1000
@@ -104,7 +104,7 @@ def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
 
 def test_settings_cannot_change_under_a_grab(camera_on_loopback):
     """The rest of its frames would tell a wrong exposure."""
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(20)
         next(frames)
         with pytest.raises(CameraError, match=r"still grabbing: finish that loop, .* before a change of settings"):
@@ -117,11 +117,11 @@ def test_settings_cannot_change_under_a_grab(camera_on_loopback):
 
 
 def test_closing_in_the_middle_of_a_grab_lets_the_camera_go(camera_on_loopback):
-    camera = AravisCamera().open()
+    camera = AravisCamera("127.0.0.1").open()
     frames = camera.grab(20)
     next(frames)
     camera.close()
-    with AravisCamera() as again:
+    with AravisCamera("127.0.0.1") as again:
         assert again.snap().shape == (48, 64)
     with pytest.raises(CameraError, match="was closed while it was grabbing: open it again"):
         next(frames)
@@ -129,12 +129,15 @@ def test_closing_in_the_middle_of_a_grab_lets_the_camera_go(camera_on_loopback):
 
 @pytest.mark.parametrize("timeout_s", [-1.0, float("nan"), float("inf")])
 def test_an_impossible_timeout_is_refused(camera_on_loopback, timeout_s):
-    with AravisCamera() as camera, pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"):
+    with (
+        AravisCamera("127.0.0.1") as camera,
+        pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"),
+    ):
         camera.snap(timeout_s)
 
 
 def test_grab_loses_no_frame(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         numbers = [int(frame.dn[0, 2]) for frame in camera.grab(60)]
         ids = [frame.frame_id for frame in camera.grab(5)]
     # The pool repeats its four frames in turn: neighbours differ, none is left out.
@@ -144,7 +147,7 @@ def test_grab_loses_no_frame(camera_on_loopback):
 
 
 def test_frames_stay_as_they_are_while_others_arrive(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frames = list(camera.grab(20))
         copies = [frame.dn.copy() for frame in frames]
         list(camera.grab(20))
@@ -164,7 +167,7 @@ def test_frames_stay_as_they_are_while_others_arrive(camera_on_loopback):
     ],
 )
 def test_settings_out_of_range_are_refused(camera_on_loopback, settings, message):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         before = camera.settings
         with pytest.raises(CameraSettingError, match=message):
             camera.configure(**settings)
@@ -192,20 +195,20 @@ def test_busy_camera(camera_on_loopback, start_python):
     other = start_python(_CONTROLLER)
     assert other.stdout.readline() == "ready\n"
     with pytest.raises(CameraBusyError, match=r"SIM-1 at 127\.0\.0\.1 is controlled by another program: close that"):
-        AravisCamera().open()
+        AravisCamera("127.0.0.1").open()
 
 
 def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
     settings = ["Width=32", "Height=24", "OffsetX=16", "OffsetY=12"]
     subprocess.run(["arv-tool-0.8", "control", *settings], check=True, capture_output=True)
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frame = camera.snap()
     assert frame.shape == (48, 64)
     np.testing.assert_array_equal(frame.dn[1], np.arange(64))
 
 
 def test_a_camera_can_be_opened_again_after_closing(camera_on_loopback):
-    camera = AravisCamera()
+    camera = AravisCamera("127.0.0.1")
     for _ in range(3):
         with camera:
             assert camera.snap().shape == (48, 64)
@@ -230,7 +233,7 @@ def test_unplugged_while_grabbing(aravis, start_python):
 
 def test_incomplete_frames_are_refused(aravis):
     device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
-    with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera() as camera:
+    with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera("127.0.0.1") as camera:
         server.set_packet_loss(0.2)
         with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; .*lower the frame rate"):
             list(camera.grab(20))
@@ -241,17 +244,17 @@ def test_incomplete_frames_are_refused(aravis):
 def test_a_trigger_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
     for setting in ("TriggerMode=On", "TriggerSource=Software"):
         subprocess.run(["arv-tool-0.8", "control", setting], check=True, capture_output=True)
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         assert camera.settings.trigger == FREE_RUN
         assert camera.snap().shape == (48, 64)
 
 
 def test_nothing_is_left_behind(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera.snap()
     threads, files = len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
     for _ in range(3):
-        with AravisCamera() as camera:
+        with AravisCamera("127.0.0.1") as camera:
             list(camera.grab(2))
     del camera
     # Aravis' threads are not Python's.

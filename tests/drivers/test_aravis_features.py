@@ -6,7 +6,7 @@ from labcdp.drivers.camera import CameraError, CameraSettingError
 
 @pytest.fixture
 def camera(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         yield camera
 
 

@@ -71,7 +71,7 @@ def mend_when_missed(camera_on_loopback):
     ids=["configure", "settings", "set_feature", "features", "snap"],
 )
 def test_a_camera_lost_while_idle_is_noticed_when_used(camera_on_loopback, trouble, use):
-    camera = AravisCamera().open()
+    camera = AravisCamera("127.0.0.1").open()
     camera_on_loopback.suffer(trouble)
     with pytest.raises(CameraLostError, match=r"SIM-1, simulated\) stopped answering \(.*: check power and cable"):
         use(camera)
@@ -83,10 +83,10 @@ def test_a_camera_lost_while_idle_is_noticed_when_used(camera_on_loopback, troub
 
 @pytest.mark.parametrize("trouble", _LOST, ids=["frozen", "gone"])
 def test_loss_during_a_grab_is_noticed_soon_and_nothing_left_behind(camera_on_loopback, trouble):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         list(camera.grab(2))
     threads, files = len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
-    camera = AravisCamera().open()
+    camera = AravisCamera("127.0.0.1").open()
     frames = camera.grab(1000, timeout_s=60)
     next(frames)
     camera_on_loopback.suffer(trouble)
@@ -104,7 +104,7 @@ def test_loss_during_a_grab_is_noticed_soon_and_nothing_left_behind(camera_on_lo
 
 
 def test_a_camera_opened_again_after_a_loss_works(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera_on_loopback.suffer(CameraTrouble(gone=True))
         with pytest.raises(CameraLostError):
             camera.snap()
@@ -115,7 +115,7 @@ def test_a_camera_opened_again_after_a_loss_works(camera_on_loopback):
 
 @pytest.mark.parametrize("trouble", _LOST, ids=["frozen", "gone"])
 def test_a_grab_survives_a_loss_with_all_settings(camera_on_loopback, mend_when_missed, caplog, trouble):
-    with open_camera("SIM-1", patience_s=9) as camera:
+    with open_camera("127.0.0.1", patience_s=9) as camera:
         camera.configure(binning=(2, 2), pixel_format="Mono8", region=Region(4, 2, 16, 12))
         camera.set_feature("ExposureTimeAbs", 3000)
         before = camera.configure(gain_db=2.0)
@@ -138,7 +138,7 @@ def test_a_grab_survives_a_loss_with_all_settings(camera_on_loopback, mend_when_
 
 
 def test_a_change_of_settings_survives_a_loss(camera_on_loopback, mend_when_missed):
-    with AravisCamera(patience_s=9) as camera:
+    with AravisCamera("127.0.0.1", patience_s=9) as camera:
         camera.configure(gain_db=2.0)
         camera_on_loopback.suffer(CameraTrouble(gone=True))
         settings = camera.configure(exposure_s=0.007)
@@ -147,7 +147,7 @@ def test_a_change_of_settings_survives_a_loss(camera_on_loopback, mend_when_miss
 
 
 def test_frames_after_a_gap_are_new(camera_on_loopback, mend_when_missed):
-    with AravisCamera(patience_s=9) as camera:
+    with AravisCamera("127.0.0.1", patience_s=9) as camera:
         camera.configure(exposure_s=0.002)
         frames = camera.grab(10)
         first = next(frames)
@@ -162,7 +162,7 @@ def test_frames_after_a_gap_are_new(camera_on_loopback, mend_when_missed):
 
 
 def test_patience_ends(camera_on_loopback):
-    with AravisCamera(patience_s=0.5) as camera:
+    with AravisCamera("127.0.0.1", patience_s=0.5) as camera:
         camera_on_loopback.suffer(CameraTrouble(gone=True))
         with pytest.raises(CameraLostError, match=r"stopped answering .*; it did not come back within 0\.5 s"):
             camera.snap()
@@ -170,7 +170,7 @@ def test_patience_ends(camera_on_loopback):
 
 
 def test_waiting_for_a_lost_camera_ends_when_it_is_closed(camera_on_loopback, later):
-    camera = AravisCamera(patience_s=60).open()
+    camera = AravisCamera("127.0.0.1", patience_s=60).open()
     camera_on_loopback.suffer(CameraTrouble(gone=True))
     later(0.7, camera.close)
     with pytest.raises(CameraError, match=r"camera SIM-1 was closed while it was waited for: open it again"):
@@ -181,11 +181,11 @@ def test_waiting_for_a_lost_camera_ends_when_it_is_closed(camera_on_loopback, la
 @pytest.mark.parametrize("patience_s", [-1.0, float("nan"), float("inf")])
 def test_impossible_patience_is_refused(patience_s):
     with pytest.raises(InputError, match=r"patience_s is .*: give 0 or more seconds"):
-        AravisCamera(patience_s=patience_s)
+        AravisCamera("127.0.0.1", patience_s=patience_s)
 
 
 def test_a_camera_that_answers_but_sends_nothing_times_out(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.001)
         camera_on_loopback.suffer(CameraTrouble(stalled=True))
         message = r"no frame came from .* within 0\.5 s, though it answers: .*completed 0, failed 0"
@@ -196,7 +196,7 @@ def test_a_camera_that_answers_but_sends_nothing_times_out(camera_on_loopback):
 
 
 def test_a_camera_taken_by_another_program_is_given_up(camera_on_loopback):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(1000, timeout_s=5)
         next(frames)
         camera_on_loopback.suffer(CameraTrouble(taken=True))
@@ -210,7 +210,7 @@ def test_a_camera_taken_by_another_program_is_given_up(camera_on_loopback):
 
 def test_wrong_sizes_are_refused_with_all_that_is_known(camera_on_loopback, later):
     refused = []
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(100, on_refused=refused.append)
         whole = [next(frames)]
         camera_on_loopback.suffer(CameraTrouble(wrong_size=True))
@@ -230,7 +230,7 @@ def test_wrong_sizes_are_refused_with_all_that_is_known(camera_on_loopback, late
 
 def test_refused_frames_are_taken_again(camera_on_loopback):
     refused = []
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera_on_loopback.suffer(CameraTrouble(wrong_ids=True))
         frames = list(camera.grab(12, on_refused=refused.append))
         camera_on_loopback.suffer(NO_TROUBLE)
@@ -242,7 +242,7 @@ def test_refused_frames_are_taken_again(camera_on_loopback):
 
 def test_a_camera_that_sends_only_wrong_frames_is_an_error(camera_on_loopback):
     refused = []
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(10_000, on_refused=refused.append)
         next(frames)
         camera_on_loopback.suffer(CameraTrouble(wrong_size=True))

@@ -85,7 +85,7 @@ def test_what_comes_back_after_the_end_is_freed(queue):
 
 @pytest.mark.parametrize("name", ["Mono8", "Mono12", "Mono12Packed"])
 def test_frames_outlive_grab_and_camera(camera_on_loopback, name):
-    with AravisCamera() as camera:
+    with AravisCamera("127.0.0.1") as camera:
         camera.configure(pixel_format=name)
         kept = list(camera.grab(30))
         copies = [frame.dn.copy() for frame in kept]
@@ -104,7 +104,7 @@ def test_dropping_frames_in_another_thread_loses_none(camera_on_loopback):
     thread = threading.Thread(target=drop)
     thread.start()
     try:
-        with AravisCamera() as camera:
+        with AravisCamera("127.0.0.1") as camera:
             for frame in camera.grab(60):
                 waiting.append(frame)
             statistics = camera.statistics
@@ -118,7 +118,7 @@ def test_dropping_frames_in_another_thread_loses_none(camera_on_loopback):
 @pytest.mark.parametrize("name", ["Mono8", "Mono16"])
 def test_memory_is_flat_and_frames_are_not_copied(aravis, name):
     device = SimulatedDevice("SIM-1", width=256, height=256, frame_rate_hz=500)
-    with SimulatedGigECamera(device, Ramp((256, 256))), AravisCamera() as camera:
+    with SimulatedGigECamera(device, Ramp((256, 256))), AravisCamera("127.0.0.1") as camera:
         camera.configure(pixel_format=name, exposure_s=100e-6)
         places = set()
         tracemalloc.start()

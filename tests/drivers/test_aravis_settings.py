@@ -12,7 +12,7 @@ from .conftest import SMALL, Ramp
 
 @pytest.fixture(params=["prosilica", "sfnc"])
 def camera(aravis, request):
-    with SimulatedGigECamera(replace(SMALL, naming=request.param), Ramp()), AravisCamera() as camera:
+    with SimulatedGigECamera(replace(SMALL, naming=request.param), Ramp()), AravisCamera("127.0.0.1") as camera:
         yield camera
 
 

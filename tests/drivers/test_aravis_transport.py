@@ -60,7 +60,7 @@ def test_a_camera_that_fills_the_link_gets_no_pause():
 )
 def test_the_plan_is_carried_out_except_what_the_user_has_set(aravis, monkeypatch, naming, bandwidth):
     jumbo = replace(_GIGABIT, mtu_bytes=4000)
-    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()), AravisCamera() as camera:
+    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()), AravisCamera("127.0.0.1") as camera:
         # As if the camera were behind a network card.
         monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: jumbo)
         camera.snap()

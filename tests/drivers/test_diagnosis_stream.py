@@ -80,14 +80,14 @@ def test_where_packets_came_neither_trigger_nor_firewall_is_to_blame():
     facts = StreamFacts(CAMERA, FRAME, 1500, FRAME, trigger_source="Line1", completed=2, failed=1, missing=7)
     found = causes_at(facts, Receiver(ETH1, firewall="ufw"))
     assert [str(finding) for finding in found] == [
-        "7 packets never came: check cable and switch, lower the frame rate or the camera's bandwidth, or raise the "
-        "packet delay"
+        "7 packets are counted as missing: check cable and switch, lower the frame rate or the camera's bandwidth, or "
+        "raise the packet delay"
     ]
 
 
 def test_underruns_say_that_the_program_is_too_slow():
     (finding,) = causes_at(StreamFacts(CAMERA, FRAME, completed=5, underruns=3), Receiver(ETH1))
-    assert finding.cause == "3 frames found no free buffer, since the program was too slow to take them"
+    assert finding.cause == "3 packets found no free buffer, since the program was too slow to take them"
     assert finding.remedy == "lower the frame rate, or do less between two frames"
 
 

@@ -46,7 +46,7 @@ METER_FAULTS = {
 FAULTS = CAMERA_FAULTS | METER_FAULTS
 STATES = ("idle", "grabbing", "changing a setting", "reading the meter", "closing")
 
-#: Codes after which asking again is no use: the person has to know.
+#: Codes after which asking again is no use: the person has to know, as of another size of the frames.
 REPORTED = ("ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
 
 outcomes: dict[tuple[str, str], str] = {}
@@ -164,7 +164,8 @@ def test_a_fault_in_a_state_ends_in_recovery_or_one_clear_error(bench, fault, st
         with devices(bench) as (camera, meter):
             assert next(camera.grab(1)).shape == SHAPE
             assert meter.measure().luminance_cd_m2 > 0
-    assert outcome == ("one clear error" if fault in REPORTED and state != "closing" else "recovered")
+    wants_a_person = fault in REPORTED or (fault == "wrong size" and state != "grabbing")
+    assert outcome == ("one clear error" if wants_a_person and state != "closing" else "recovered")
     with Session.open(tmp_path / "session") as session:
         session.verify()
         assert (len(session.frames()), len(session.readings())) == (frames, readings)
@@ -174,7 +175,7 @@ def test_a_fault_in_a_state_ends_in_recovery_or_one_clear_error(bench, fault, st
 
 def test_the_matrix_is_whole_and_prints_its_count(capsys):
     missing = [(fault, state) for fault in FAULTS for state in STATES if (fault, state) not in outcomes]
-    if len(missing) > 0 and len(outcomes) < len(FAULTS) * len(STATES):
+    if missing:
         pytest.skip(f"{len(missing)} of {len(FAULTS) * len(STATES)} cells were not run, or failed")
     counts = Counter(outcomes.values())
     with capsys.disabled():
@@ -182,4 +183,4 @@ def test_the_matrix_is_whole_and_prints_its_count(capsys):
             f"\nfault matrix: {len(outcomes)} cells, {len(FAULTS)} faults x {len(STATES)} states: "
             f"{counts['recovered']} recovered, {counts['one clear error']} one clear error"
         )
-    assert counts == {"recovered": 80, "one clear error": 30}
+    assert counts == {"recovered": 83, "one clear error": 27}

@@ -31,10 +31,10 @@ _log = logging.getLogger(__name__)
 _SLICE_S = 0.05
 
 #: Pause between two questions to a silent camera.
-_PAUSE_S = 0.2
+_PAUSE_S = 0.15
 
 #: A camera that sends nothing for so long is asked whether it still lives, also while it exposes.
-_ASKED_AFTER_S = 0.2
+_ASKED_AFTER_S = 0.15
 
 #: Frames refused in a row after which no whole one is to be hoped for.
 _MOST_REFUSED = 20

@@ -83,6 +83,8 @@ def test_what_is_no_way_to_a_camera(address):
 
 @pytest.mark.skipif(os.geteuid() != 0 or shutil.which("unshare") is None, reason="mounting sysfs needs root")
 def test_the_speed_of_the_link_is_read():
+    if subprocess.run(["unshare", "--net", "--mount", "true"], capture_output=True).returncode != 0:
+        pytest.skip("a mount namespace cannot be had here")
     code = (
         "from labcdp.drivers.diagnosis.network import interfaces;"
         "print({one.name: one.speed_mbit_s for one in interfaces()})"

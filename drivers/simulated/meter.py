@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import ROUND_HALF_UP, Decimal
 from math import isfinite
 from typing import Final, Literal
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...reading import CD_M2_PER_FL
+from ..minolta_ls_memory import four_digits
 from ..minolta_ls_protocol import LS110, MODE_GROUPS, LSDataSheet, MeterMode
 from .meter_pty import Fault, PtyMeter
 
@@ -82,12 +82,8 @@ def format_number(value: float, decimals: int) -> str | None:
         Six characters, padded with blanks on the left: ``  0.05``, `` 83.02``, ``748000``; None if the number does
         not fit. The last digit is rounded half up.
     """
-    exact = Decimal(repr(float(value)))
-    for place in range(-decimals, 3):
-        digits = int(exact.scaleb(-place).to_integral_value(ROUND_HALF_UP))
-        if digits <= 9999:
-            return f"{Decimal(digits).scaleb(place):f}".rjust(6)
-    return None
+    number = four_digits(value, decimals)
+    return None if number is None else f"{number:f}".rjust(6)
 
 
 class _RefusedError(Exception):

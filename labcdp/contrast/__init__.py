@@ -1,5 +1,6 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
+from .calibrated import CalibratedCdp, cdp_with_common_errors
 from .correlated import cdp_correlated
 from .correlation import variance_inflation
 from .detection import cdp, cdp_range
@@ -15,6 +16,7 @@ from .spread import ContrastDistribution, contrast_distribution
 from .weber import weber_contrast, weber_contrast_of_means
 
 __all__ = [
+    "CalibratedCdp",
     "CdpResult",
     "ContrastDefinition",
     "ContrastDistribution",
@@ -31,6 +33,7 @@ __all__ = [
     "cdp_neighbours_range",
     "cdp_range",
     "cdp_rectangle",
+    "cdp_with_common_errors",
     "cnr",
     "contrast_distribution",
     "contrast_quantile",

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from . import calibration as calibration
     from . import chain as chain
     from . import drivers as drivers
+    from . import sources as sources
     from .contrast import cdp as cdp
     from .contrast import cdp_neighbours as cdp_neighbours
     from .errors import LabcdpError as LabcdpError
@@ -27,7 +28,7 @@ _HOME = {
     "cdp": "contrast",
     "cdp_neighbours": "contrast",
 }
-_ROOMS = ("calibration", "chain", "drivers")
+_ROOMS = ("calibration", "chain", "drivers", "sources")
 
 __all__ = [
     "Frame",
@@ -40,6 +41,7 @@ __all__ = [
     "cdp_neighbours",
     "chain",
     "drivers",
+    "sources",
 ]
 
 

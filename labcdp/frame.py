@@ -13,6 +13,8 @@ from .errors import InputError
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
+#: Colour planes of a Bayer frame: green pixels by the colour they share a row with.
+PLANES = ("R", "Gr", "Gb", "B")
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,10 @@ class Frame:
         The camera's frame counter.
     camera : CameraIdentity
         Who took it.
+    plane : str or None
+        ``R``, ``Gr``, ``Gb`` or ``B`` if these are the pixels of one colour of a Bayer frame, None for a whole frame.
+    plane_black_levels_dn : tuple of float or None
+        Black levels of the planes R, Gr, Gb and B of a Bayer frame where they differ, in this order.
 
     Raises
     ------
@@ -89,6 +95,8 @@ class Frame:
     camera_timestamp_ns: int
     frame_id: int
     camera: CameraIdentity
+    plane: str | None = None
+    plane_black_levels_dn: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
@@ -105,6 +113,19 @@ class Frame:
             raise InputError(f"saturation_dn is {self.saturation_dn}: give a value above 0, up to {largest_dn}")
         if self.colour_filter is not None and self.colour_filter not in COLOUR_FILTERS:
             raise InputError(f"colour_filter is {self.colour_filter!r}: give one of {COLOUR_FILTERS} or None")
+        if self.plane is not None and (self.plane not in PLANES or self.colour_filter is not None):
+            raise InputError(
+                f"plane is {self.plane!r} with colour_filter {self.colour_filter!r}: give one of {PLANES} without a "
+                "colour filter, or None"
+            )
+        if self.plane_black_levels_dn is not None:
+            if self.colour_filter is None or len(self.plane_black_levels_dn) != len(PLANES):
+                raise InputError(
+                    f"plane_black_levels_dn is {self.plane_black_levels_dn} with colour_filter {self.colour_filter!r}: "
+                    f"give one for each of {PLANES} of a Bayer frame, or None"
+                )
+            # JSON knows lists only.
+            object.__setattr__(self, "plane_black_levels_dn", tuple(self.plane_black_levels_dn))
         if self.timestamp.tzinfo is None:
             raise InputError("timestamp has no time zone: give an aware datetime")
         if dn.flags.writeable or (dn.base is not None and _writeable(dn.base)):
@@ -125,6 +146,10 @@ class Frame:
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("dn", "camera")}
+        for name in ("plane", "plane_black_levels_dn"):
+            # What a frame of a monochrome sensor lacks is not written: its files stay as they always were.
+            if values[name] is None:
+                del values[name]
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import IntFlag
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,9 +13,11 @@ from numpy.typing import NDArray
 
 from .errors import CalibrationError, InputError
 from .frame import Frame
+from .roi import Roi
+from .vignetting import Vignetting
 
 #: Standard deviations of its noise a pixel may lie beyond the calibrated range.
-_RANGE_MARGIN = 3.0
+RANGE_MARGIN = 3.0
 
 
 class Invalid(IntFlag):
@@ -22,77 +26,232 @@ class Invalid(IntFlag):
     SATURATED = 1
     BELOW_BLACK = 2
     OUTSIDE_CALIBRATED = 4
+    DEFECT = 8
+    INCONSISTENT = 16
 
 
 @dataclass(frozen=True, eq=False)
-class LuminanceMap:
-    """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
+class CommonError:
+    """An error that all pixels share: one unknown number, times a known pattern.
 
     Parameters
     ----------
-    luminance_cd_m2 : ndarray of float, shape (height, width)
-        Luminance; also given for pixels that are not valid.
-    random_rel : ndarray of float, shape (height, width)
-        Relative standard uncertainty that differs from pixel to pixel (noise), as a fraction.
-    common_rel : float
-        Relative standard uncertainty shared by all pixels (meter scale, fit), which cancels in contrasts.
-    invalid : ndarray of uint8, shape (height, width)
-        `Invalid` flags, 0 where the pixel is valid.
+    source : str
+        Where it comes from, as a budget names it (``meter scale``, ``fit``, ``dark and temperature``).
+    relative : ndarray of float, shape (height, width), or float
+        Signed relative error of the luminance for one standard uncertainty of that number.
+    rectangular : bool
+        True if the number is distributed evenly between limits (sqrt 3 standard uncertainties), False for normal.
     """
 
-    luminance_cd_m2: NDArray[np.floating[Any]]
-    random_rel: NDArray[np.floating[Any]]
-    common_rel: float
-    invalid: NDArray[np.uint8]
+    source: str
+    relative: NDArray[np.floating[Any]] | float
+    rectangular: bool = False
 
-    def __post_init__(self) -> None:
-        shapes = {self.luminance_cd_m2.shape, self.random_rel.shape, self.invalid.shape}
-        if len(shapes) != 1 or self.luminance_cd_m2.ndim != 2:
+
+#: Rows and columns of a map.
+Window = tuple[slice, slice]
+#: An array of a map, or what computes it when it is first asked for.
+ArrayOrMaker = NDArray[np.floating[Any]] | Callable[[], NDArray[np.floating[Any]]]
+
+
+class LuminanceMap:
+    """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
+
+    Everything but the luminance may be given as a function, which is then called when it is first asked for: a frame's
+    luminance alone costs little more than reading the frame.
+
+    Parameters
+    ----------
+    luminance_cd_m2 : ndarray of float32 or float64, shape (height, width)
+        Luminance; also given for pixels that are not valid.
+    random_rel : ndarray of float, shape (height, width), or function without arguments
+        Relative standard uncertainty that differs from pixel to pixel (noise, pixel pattern), as a fraction.
+    common : tuple of CommonError, or function of a window, or array_like
+        Errors that all pixels share and that are independent of each other; patterns have the map's shape. The
+        function gets rows and columns and returns the errors there. A number or an array is one error.
+    invalid : ndarray of uint8, shape (height, width), or function without arguments
+        `Invalid` flags, 0 where the pixel is valid.
+    common_rel : function without arguments or None
+        What computes `common_rel` faster than from `common`.
+    slow_rel : float
+        Relative standard uncertainty of slow changes across the image (flat field): alike for near pixels, independent
+        for far ones, so it neither averages down in a region nor cancels between regions.
+    slow_cd_m2 : float or ndarray of float, shape (height, width)
+        The same for changes that are not in parts of the luminance (darkness).
+    fixed_rel : float
+        Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
+        it down.
+    step : int
+        Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
+
+    Raises
+    ------
+    InputError
+        If the arrays are not of one 2-D shape.
+    """
+
+    def __init__(
+        self,
+        luminance_cd_m2: NDArray[np.floating[Any]],
+        random_rel: ArrayOrMaker,
+        common: tuple[CommonError, ...] | Callable[[Window], tuple[CommonError, ...]] | NDArray[Any] | float,
+        invalid: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]],
+        *,
+        common_rel: Callable[[], NDArray[np.floating[Any]]] | None = None,
+        slow_rel: float = 0.0,
+        slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
+        fixed_rel: float = 0.0,
+        step: int = 1,
+    ) -> None:
+        shapes = {luminance_cd_m2.shape} | {v.shape for v in (random_rel, invalid) if isinstance(v, np.ndarray)}
+        if isinstance(common, np.ndarray | float | int):
+            common = (CommonError("calibration", common),)
+        if isinstance(common, tuple):
+            shapes |= {np.shape(error.relative) for error in common} - {()}
+        if len(shapes) != 1 or luminance_cd_m2.ndim != 2:
             raise InputError(f"the arrays of a luminance map are 2-D of one shape, got {sorted(shapes)}")
+        if step < 1:
+            raise InputError(f"step of a luminance map is {step}: give at least 1 image pixel")
+        self.luminance_cd_m2 = luminance_cd_m2
+        self.slow_rel, self.slow_cd_m2, self.fixed_rel = slow_rel, slow_cd_m2, fixed_rel
+        self.step = step
+        self._random_rel, self._common, self._invalid, self._common_rel = random_rel, common, invalid, common_rel
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the map."""
+        height, width = self.luminance_cd_m2.shape
+        return height, width
+
+    @cached_property
+    def random_rel(self) -> NDArray[np.floating[Any]]:
+        """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
+        return self._random_rel if isinstance(self._random_rel, np.ndarray) else self._random_rel()
+
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        """`Invalid` flags, shape (height, width); 0 where the pixel is valid."""
+        return self._invalid if isinstance(self._invalid, np.ndarray) else self._invalid()
+
+    @cached_property
+    def common(self) -> tuple[CommonError, ...]:
+        """Errors that all pixels share, over the whole map; `common_of` has those of a region."""
+        return self._common if isinstance(self._common, tuple) else self._common((slice(None), slice(None)))
+
+    @cached_property
+    def common_rel(self) -> NDArray[np.floating[Any]] | float:
+        """Relative standard uncertainty of all common errors together: a number, or one for each pixel."""
+        if self._common_rel is not None:
+            return self._common_rel()
+        squares = sum((np.square(error.relative) for error in self.common), start=np.zeros(()))
+        total: NDArray[np.float64] = np.sqrt(squares)
+        return float(total) if total.ndim == 0 else total
 
     @property
     def valid(self) -> NDArray[np.bool_]:
         """Mask of the pixels that are valid."""
         return np.equal(self.invalid, 0)
 
+    def scaled(self, roi: Roi) -> Roi:
+        """Region of the image in pixels of the map."""
+        if self.step == 1:
+            return roi
+        return Roi(roi.name, tuple((x / self.step, y / self.step) for x, y in roi.corners))
 
-@dataclass(frozen=True)
-class Cos4Vignetting:
-    """Natural light fall-off of a lens, cos^4 of the off-axis angle; 1 on the axis.
+    def select(self, roi: Roi) -> NDArray[np.floating[Any]]:
+        """Luminances of a region of the image, shape (n,); raises InputError as `Roi.select`."""
+        return self.scaled(roi).select(self.luminance_cd_m2)
+
+    def common_of(self, roi: Roi) -> tuple[CommonError, ...]:
+        """Return the common errors of a region of the image; patterns have the shape (n,) of `select`.
+
+        Raises
+        ------
+        InputError
+            As `Roi.select`.
+        """
+        region = self.scaled(roi)
+        mask = region.mask(self.shape)
+        return tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[mask])
+            for e in self.common_in(region.window(self.shape))
+        )
+
+    def slow_of(self, roi: Roi) -> tuple[CommonError, ...]:
+        """Return the slow errors of a region of the image, which its pixels share with no other region.
+
+        Raises
+        ------
+        InputError
+            As `Roi.select`.
+        """
+        values = self.select(roi)
+        dark = np.broadcast_to(self.slow_cd_m2, self.shape)
+        slow_cd_m2 = self.scaled(roi).select(dark)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            of_darkness = slow_cd_m2 / np.abs(values)
+        errors = (CommonError("fall-off", self.slow_rel), CommonError("darkness", of_darkness))
+        return tuple(error for error in errors if np.any(error.relative))
+
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        if not isinstance(self._common, tuple):
+            return self._common(window)
+        return tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[window]) for e in self._common
+        )
+
+
+def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> LuminanceMap:
+    """Luminance map of the pixels of `new` where a mask says so, and of `old` elsewhere.
 
     Parameters
     ----------
-    focal_length_m, pixel_pitch_m : float
-        Image-side focal length and distance of pixel centres, in metres.
+    where : ndarray of bool, shape (height, width)
+        Which pixels come from `new`.
+    new, old : LuminanceMap
+        Of one calibration, so that their common errors are the same unknown numbers in the same order.
 
     Raises
     ------
     InputError
-        If a value is not a positive number.
+        If they have different common errors or steps.
     """
+    require_alike([new, old])
+    return LuminanceMap(
+        np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
+        np.where(where, new.random_rel, old.random_rel),
+        tuple(
+            a
+            if np.ndim(a.relative) == np.ndim(b.relative) == 0 and a.relative == b.relative
+            else replace(a, relative=np.where(where, a.relative, b.relative))
+            for a, b in zip(new.common, old.common, strict=True)
+        ),
+        np.where(where, new.invalid, old.invalid),
+        slow_rel=max(new.slow_rel, old.slow_rel),
+        slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
+        fixed_rel=max(new.fixed_rel, old.fixed_rel),
+        step=old.step,
+    )
 
-    focal_length_m: float
-    pixel_pitch_m: float
 
-    def __post_init__(self) -> None:
-        for name in ("focal_length_m", "pixel_pitch_m"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}: give a positive number of metres")
+def require_alike(maps: Sequence[LuminanceMap]) -> None:
+    """Refuse maps that cannot be joined pixel by pixel.
 
-    def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Illuminance relative to the axis, for a sensor of `shape` (height, width) centred on it.
-
-        cos(theta) = 1 / sqrt(1 + r^2 / f^2) with r the distance from the axis and f the focal length.
-        """
-        height, width = shape
-        scale = self.pixel_pitch_m / self.focal_length_m
-        y = (np.arange(height) - (height - 1) / 2) * scale
-        x = (np.arange(width) - (width - 1) / 2) * scale
-        result: NDArray[np.float64] = np.add.outer(1 + y**2, x**2)
-        # In place: for a large sensor each intermediate would be a third of all memory.
-        result *= result
-        return np.reciprocal(result, out=result)
+    Raises
+    ------
+    InputError
+        If they differ in shape, in step, or in what their common errors are.
+    """
+    corner = slice(0, 1), slice(0, 1)
+    sources = [[(e.source, e.rectangular) for e in one.common_in(corner)] for one in maps]
+    first = maps[0]
+    for other, found in zip(maps, sources, strict=True):
+        if (other.shape, other.step) != (first.shape, first.step):
+            raise InputError(f"maps of {first.shape} and {other.shape} pixels cannot be joined: give one size")
+        if found != sources[0]:
+            raise InputError("maps of different calibrations cannot be joined: convert all frames with one")
 
 
 class Conversion(Protocol):
@@ -117,7 +276,7 @@ class LinearConversion:
     k_dn_per_e, dark_noise_dn : float
         Overall system gain K and temporal noise in darkness; they give each pixel's random uncertainty,
         s^2 = K (DN - d) + dark_noise^2 (EMVA 1288).
-    vignetting : Cos4Vignetting or None
+    vignetting : Vignetting or None
         V; None for no fall-off.
     gain_db : float
         Gain the conversion is valid for.
@@ -131,7 +290,7 @@ class LinearConversion:
     dark_rate_dn_s: float
     k_dn_per_e: float
     dark_noise_dn: float
-    vignetting: Cos4Vignetting | None
+    vignetting: Vignetting | None
     gain_db: float
     range_cd_m2: tuple[float, float]
 
@@ -183,7 +342,8 @@ class LinearConversion:
         invalid = np.where(frame.saturated, Invalid.SATURATED, 0).astype(np.uint8)
         invalid |= np.where(net < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
         # Noise alone must not push half the pixels of the darkest and of the brightest calibrated patch out.
-        margin = _RANGE_MARGIN * noise_dn / slope
+        margin = RANGE_MARGIN * noise_dn / slope
         outside = (luminance < low - margin) | (luminance > high + margin)
         invalid |= np.where(outside, Invalid.OUTSIDE_CALIBRATED, 0).astype(np.uint8)
-        return LuminanceMap(luminance, random_rel, self.responsivity_common_rel, invalid)
+        common = (CommonError("responsivity", self.responsivity_common_rel),)
+        return LuminanceMap(luminance, random_rel, common, invalid)

@@ -111,7 +111,7 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
 
 @lru_cache(maxsize=64)
 def _electrons_per_lm_s(spectrum: str, quantum_efficiency: QuantumEfficiency) -> float:
-    wavelength_nm, power, visibility = _weights(spectrum)
+    wavelength_nm, power, visibility = spectral_weights(spectrum)
     if isinstance(quantum_efficiency, float):
         efficiency: NDArray[np.float64] | float = quantum_efficiency
     else:
@@ -122,8 +122,24 @@ def _electrons_per_lm_s(spectrum: str, quantum_efficiency: QuantumEfficiency) ->
 
 
 @lru_cache(maxsize=16)
-def _weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Wavelengths in nm, the radiant power each stands for, and V there: the nodes of the integrals."""
+def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes of the integrals over a spectrum: a sum over them takes the place of the integral.
+
+    Parameters
+    ----------
+    spectrum : str
+        As for `photon_radiance_per_cd_m2`.
+
+    Returns
+    -------
+    wavelength_nm, power, visibility : ndarray of float, shape (n,)
+        Wavelengths, the relative radiant power each stands for, and V(lambda) there; shared, not to be changed.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is not known; the message lists the names.
+    """
     first, last = WAVELENGTH_RANGE_NM
     illuminants, observer = _colour_tables()
     line = _MONOCHROMATIC.fullmatch(spectrum)
@@ -147,6 +163,11 @@ def _weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], N
             f"of {known}"
         )
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
+
+
+def source_names() -> list[str]:
+    """Names of the light sources in tables; ``monochromatic 555 nm`` and the like are known beside them."""
+    return list(_colour_tables()[0])
 
 
 def _colour_tables() -> tuple[Mapping[str, Any], Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..luminance import Cos4Vignetting
+from ..vignetting import Cos4Vignetting
 from .parameters import check_number
 from .signal import Context, Signal
 

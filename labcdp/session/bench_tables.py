@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from ..errors import InputError
+from ..spectral_table import SpectralTable, read_spectral_file
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
 Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$")]
@@ -34,6 +38,26 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
 
 
+class SpectraConfiguration(Table):
+    """Spectra from a file, and the file's name and hash: a session keeps them, so that it needs no other file."""
+
+    file: Text = Field(description="the name of a CSV file as text")
+    sha256: Text = Field(description="the hash of the file as text")
+    wavelength_nm: tuple[Positive, ...] = Field(description="rising wavelengths in nm")
+    columns: dict[str, tuple[Number, ...]] = Field(description="relative values by the name of the column")
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        # InputError is a ValueError, its text the reason.
+        _ = self.spectra
+        return self
+
+    @property
+    def spectra(self) -> dict[str, SpectralTable]:
+        """Spectra by the name of the column: R, G and B, or ``relative`` for a single one."""
+        return {name: SpectralTable(self.wavelength_nm, values) for name, values in self.columns.items()}
+
+
 class CameraConfiguration(Table):
     """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
 
@@ -42,6 +66,9 @@ class CameraConfiguration(Table):
     serial: Text | None = Field(None, description="the serial number as text, in quotes")
     address: Text | None = Field(None, description="the network address as text")
     pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
+    spectral_sensitivity: SpectraConfiguration | None = Field(
+        None, description="the name of a CSV file as text: wavelength_nm and R, G, B or one column, for radiant power"
+    )
 
 
 class LensConfiguration(Table):
@@ -103,3 +130,58 @@ class SourceConfiguration(Table):
     """What lights the target."""
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
+    spectrum_file: SpectraConfiguration | None = Field(
+        None, description="the name of a CSV file as text: wavelength_nm and one column with the measured power"
+    )
+
+    @property
+    def light(self) -> str | SpectralTable:
+        """The spectrum as measured, else its name."""
+        return self.spectrum if self.spectrum_file is None else next(iter(self.spectrum_file.spectra.values()))
+
+    @model_validator(mode="after")
+    def _one_column(self) -> Self:
+        if self.spectrum_file is not None and len(self.spectrum_file.columns) > 1:
+            raise ValueError(
+                f"has spectrum_file with the columns {', '.join(self.spectrum_file.columns)}: give a file with one"
+            )
+        return self
+
+
+#: Keys whose value is the name of a file with spectra, with the table they stand in.
+_SPECTRA = (("camera", "spectral_sensitivity"), ("source", "spectrum_file"))
+
+
+def with_spectra(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Put the content of the files with spectra that a configuration names in the place of their names.
+
+    Parameters
+    ----------
+    document : dict
+        The configuration as tomllib returned it; it is not changed.
+    folder : Path
+        Where relative names begin: the folder of the configuration.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no file of spectra; the message begins with the key.
+    """
+    result = dict(document)
+    for table, key in _SPECTRA:
+        values = result.get(table)
+        if not isinstance(values, dict) or not isinstance(values.get(key), str):
+            continue
+        name = values[key]
+        try:
+            file = read_spectral_file(folder / name)
+        except InputError as error:
+            raise InputError(f"{table}.{key}: {error}") from error
+        content = {
+            "file": Path(name).name,
+            "sha256": file.sha256,
+            "wavelength_nm": next(iter(file.columns.values())).wavelength_nm,
+            "columns": {column: spectrum.values for column, spectrum in file.columns.items()},
+        }
+        result[table] = {**values, key: content}
+    return result

@@ -11,7 +11,7 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, InputError
 from ..roi import Roi
 from ..toml_text import toml_text
 from .bench_tables import (
@@ -27,6 +27,7 @@ from .bench_tables import (
     SourceConfiguration,
     Table,
     Text,
+    with_spectra,
 )
 from .validation import validated
 
@@ -187,11 +188,13 @@ class SessionConfiguration(Table):
             raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): give a file you can read") from error
         except UnicodeDecodeError as error:
             raise ConfigurationError(f"{path}: byte {error.start} is not UTF-8 text: save the file as UTF-8") from error
-        return cls.from_toml(text, str(path))
+        return cls.from_toml(text, str(path), Path(path).parent)
 
     @classmethod
-    def from_toml(cls, text: str, source: str) -> SessionConfiguration:
+    def from_toml(cls, text: str, source: str, folder: Path = Path()) -> SessionConfiguration:
         """Read a configuration from TOML text; messages call it `source`.
+
+        Files with spectra that it names are sought in `folder`, and their content becomes part of the configuration.
 
         Raises
         ------
@@ -203,6 +206,10 @@ class SessionConfiguration(Table):
             document = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise ConfigurationError(f"{source}: not valid TOML: {error}: correct it there") from error
+        try:
+            document = with_spectra(document, folder)
+        except InputError as error:
+            raise ConfigurationError(f"{source}: {error}") from error
         return validated(cls, document, source)
 
     def to_toml(self) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import log, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,61 +14,104 @@ from ..errors import CalibrationError
 from .observations import CameraState, DarkObservation
 from .signal_limits import MAX_CLIPPED_SHARE
 
+#: Dark frames whose temperatures differ by less than this do not tell how the dark current grows with it.
+MIN_TEMPERATURE_SPAN_C = 3.0
+#: Standard uncertainties 1 / T_d must be above zero to be used.
+_DOUBLING_LIMIT = 3.0
+#: Probability of a chi^2 below which the dark frames contradict each other.
+_CHANCE = 0.01
+#: Differences of mean darkness up to this are the wander of a sound camera's black level.
+_WANDER_DN = 0.5
+_MAX_ROUNDS = 50
+
+Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
 
 @dataclass(frozen=True)
 class DarkModel:
-    """d(t) = `offset_dn` + `rate_dn_s` t.
+    """d(t, T) = `offset_dn` + `rate_dn_s` t 2^((T - T_ref) / T_d) (EMVA 1288 Release 4.0 Linear, dark current).
 
     Parameters
     ----------
     offset_dn, rate_dn_s : float
-        DN at zero exposure, and its growth per second (EMVA 1288: dark current, here times K).
-    offset_variance_dn2, rate_variance_dn2_s2, covariance_dn2_s : float
-        Variances of the two, and their covariance.
+        DN at zero exposure, and its growth per second at T_ref (EMVA 1288: dark current, here times K).
+    covariance : tuple of tuple of float
+        Covariance of offset_dn, rate_dn_s and 1 / T_d, shape (3, 3).
     noise_dn : float
         Temporal noise of one pixel in darkness.
     nonuniformity_dn : float
         Standard deviation of slow changes of the darkness across the sensor.
     exposures_s : tuple of float
         Exposures of the dark frames, ascending.
+    temperatures_c : tuple of float
+        Temperatures of the sets of dark frames, ascending; empty if one is unknown.
+    temperature_c : float or None
+        T_ref, None if unknown.
+    doubling_temperature_c : float or None
+        T_d; None if the dark frames do not tell, d then holds at T_ref only.
     """
 
     offset_dn: float
     rate_dn_s: float
-    offset_variance_dn2: float
-    rate_variance_dn2_s2: float
-    covariance_dn2_s: float
+    covariance: Covariance
     noise_dn: float
     nonuniformity_dn: float
     exposures_s: tuple[float, ...]
+    temperatures_c: tuple[float, ...] = ()
+    temperature_c: float | None = None
+    doubling_temperature_c: float | None = None
 
-    def mean_dn(self, exposure_s: float) -> float:
-        """d(t) in DN."""
-        return self.offset_dn + self.rate_dn_s * exposure_s
+    def mean_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """d(t, T) in DN; an unknown temperature is taken as T_ref."""
+        return self.offset_dn + self.rate_dn_s * exposure_s * self._growth(temperature_c)
 
-    def variance_dn2(self, exposure_s: float) -> float:
-        """Variance of d(t) in DN^2."""
-        return self.propagate(1.0, exposure_s)
+    def sensitivities(self, exposure_s: float, temperature_c: float | None = None) -> NDArray[np.float64]:
+        """Return the derivatives of d(t, T) by the parameters in the order of `covariance`, shape (3,)."""
+        by_rate = exposure_s * self._growth(temperature_c)
+        by_doubling = 0.0
+        if temperature_c is not None and self.temperature_c is not None and self.doubling_temperature_c is not None:
+            by_doubling = self.rate_dn_s * by_rate * log(2) * (temperature_c - self.temperature_c)
+        return np.array([1.0, by_rate, by_doubling])
 
-    def propagate(self, offset_sensitivity: float, rate_sensitivity: float) -> float:
-        """Variance of a quantity with these derivatives by `offset_dn` and `rate_dn_s` (GUM 5.2.2)."""
-        a, b = offset_sensitivity, rate_sensitivity
-        variance = a * a * self.offset_variance_dn2 + b * b * self.rate_variance_dn2_s2
-        return max(variance + 2 * a * b * self.covariance_dn2_s, 0.0)
+    def variance_dn2(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Variance of d(t, T) in DN^2 (GUM 5.2.2)."""
+        sensitivity = self.sensitivities(exposure_s, temperature_c)
+        return max(float(sensitivity @ np.array(self.covariance) @ sensitivity), 0.0)
 
+    def errors(self) -> NDArray[np.float64]:
+        """Independent errors of the parameters for one standard uncertainty, one a row; shape (n, 3), n at most 3."""
+        covariance = np.array(self.covariance)
+        # In units of the standard deviations, as DN and DN/s differ by orders of magnitude.
+        unit = np.sqrt(np.maximum(np.diag(covariance), 0))
+        safe = np.where(unit > 0, unit, 1)
+        values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+        kept = values > 1e-9
+        rows: NDArray[np.float64] = (vectors[:, kept] * np.sqrt(values[kept]) * unit[:, None]).T
+        return rows
 
-#: Probability of a chi^2 below which the dark frames contradict each other.
-_CHANCE = 0.01
-#: Differences of mean darkness up to this are the wander of a sound camera's black level.
-_WANDER_DN = 0.5
+    @property
+    def offset_variance_dn2(self) -> float:
+        """Variance of `offset_dn`."""
+        return self.covariance[0][0]
+
+    @property
+    def rate_variance_dn2_s2(self) -> float:
+        """Variance of `rate_dn_s`."""
+        return self.covariance[1][1]
+
+    def _growth(self, temperature_c: float | None) -> float:
+        if temperature_c is None or self.temperature_c is None or self.doubling_temperature_c is None:
+            return 1.0
+        return float(2.0 ** ((temperature_c - self.temperature_c) / self.doubling_temperature_c))
 
 
 def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     """Fit the darkness to dark frames.
 
-    A weighted straight line over the exposure time. From three exposures on, the uncertainty is widened by the Birge
-    ratio sqrt(chi^2 / degrees of freedom) if the points scatter more than they should. Dark frames at one
-    exposure give a constant.
+    A weighted straight line over the exposure time; with dark frames at temperatures at least
+    `MIN_TEMPERATURE_SPAN_C` apart also the doubling temperature, if it is significant. With more points than parameters
+    the uncertainty is widened by the Birge ratio sqrt(chi^2 / degrees of freedom) if they scatter more than they
+    should. Dark frames at one exposure give a constant.
 
     Parameters
     ----------
@@ -101,26 +145,32 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     y = np.array([d.mean_dn for d in darks])
     # Frames without any noise still need a weight; the floor is far below what a mean can be known to.
     weights = 1 / np.maximum([d.mean_variance_dn2 for d in darks], 1e-12)
+    temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
+    reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
+    curve = None
     if np.unique(t).size == 1:
         warnings.append(
             f"dark frames at one exposure only ({t[0]:g} s): the offset is taken as constant, which is right at that "
             "exposure; take dark frames at the longest and shortest exposure too"
         )
-        design = np.ones((t.size, 1))
+        curve = _line(np.ones((t.size, 1)), y, weights)
     else:
-        design = np.column_stack([np.ones_like(t), t])
-    covariance = np.zeros((2, 2))
-    parameters = np.zeros(2)
-    n = design.shape[1]
-    covariance[:n, :n] = np.linalg.inv(design.T @ (weights[:, None] * design))
-    parameters[:n] = covariance[:n, :n] @ (design.T @ (weights * y))
-    covariance_of_noise = covariance
+        if reference is not None and np.ptp(temperatures) >= MIN_TEMPERATURE_SPAN_C:
+            curve = _with_temperature(t, np.array(temperatures) - reference, y, weights)
+        if curve is None:
+            curve = _line(np.column_stack([np.ones_like(t), t]), y, weights)
+    parameters = np.zeros(3)
+    covariance = np.zeros((3, 3))
+    n = curve.parameters.size
+    parameters[:n] = curve.parameters
+    covariance[:n, :n] = curve.covariance
+    falls = sqrt(covariance[1, 1])
     freedom = t.size - n
     if freedom > 0:
-        chi_squared = float(np.sum(weights * (y - design @ parameters[:n]) ** 2))
-        warnings += _contradictions(t, y, weights, design, parameters[:n])
+        chi_squared = float(np.sum(weights * (curve.y - curve.design @ curve.parameters) ** 2))
+        warnings += _contradictions(t, curve.y, weights, curve.design, curve.parameters)
         covariance = covariance * max(1.0, chi_squared / freedom)
-    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * sqrt(covariance_of_noise[1, 1]):
+    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * falls:
         warnings.append(
             f"the darkness falls with the exposure by {-parameters[1]:.3g} DN/s, which no sensor does: was the lens "
             "covered at the short exposures? take the dark frames again"
@@ -129,22 +179,66 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     model = DarkModel(
         offset_dn=float(parameters[0]),
         rate_dn_s=float(parameters[1]),
-        offset_variance_dn2=float(covariance[0, 0]),
-        rate_variance_dn2_s2=float(covariance[1, 1]),
-        covariance_dn2_s=float(covariance[0, 1]),
+        covariance=_rows(covariance),
         noise_dn=sqrt(float(np.average([d.temporal_variance_dn2 for d in darks], weights=freedoms))),
         nonuniformity_dn=sqrt(float(np.mean([d.nonuniformity_dn**2 for d in darks]))),
         exposures_s=tuple(float(v) for v in np.unique(t)),
+        temperatures_c=() if reference is None else tuple(sorted(temperatures)),
+        temperature_c=reference,
+        doubling_temperature_c=float(1 / parameters[2]) if n == 3 else None,
     )
     return model, warnings
 
 
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """Parameters, their covariance, and the design they solve for `y` (linearised at the parameters)."""
+
+    parameters: NDArray[np.floating[Any]]
+    covariance: NDArray[np.floating[Any]]
+    design: NDArray[np.floating[Any]]
+    y: NDArray[np.floating[Any]]
+
+
+def _line(design: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]) -> _Curve:
+    covariance = np.linalg.inv(design.T @ (weights[:, None] * design))
+    return _Curve(covariance @ (design.T @ (weights * y)), covariance, design, y)
+
+
+def _with_temperature(
+    t: NDArray[np.float64], warmer_c: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]
+) -> _Curve | None:
+    """Fit offset, rate and 1 / T_d by Gauss and Newton; None if the dark frames do not tell the three apart."""
+    start = _line(np.column_stack([np.ones_like(t), t]), y, weights)
+    # EMVA 1288: the dark current doubles every 5 to 10 degC.
+    parameters = np.array([*start.parameters, 1 / 8])
+    for _ in range(_MAX_ROUNDS):
+        offset, rate, inverse = parameters
+        grown = t * 2.0 ** np.clip(warmer_c * inverse, -30, 30)
+        design = np.column_stack([np.ones_like(t), grown, rate * grown * log(2) * warmer_c])
+        if rate <= 0 or t.size < 3 or np.linalg.matrix_rank(design / np.abs(design).max(axis=0), tol=1e-6) < 3:
+            return None
+        linearised = y - (offset + rate * grown) + design @ parameters
+        curve = _line(design, linearised, weights)
+        change = np.abs(design @ (curve.parameters - parameters)).max()
+        parameters = curve.parameters
+        if change <= 1e-9 * np.abs(y).max():
+            known = parameters[2] > _DOUBLING_LIMIT * sqrt(curve.covariance[2, 2])
+            return curve if known and parameters[1] > 0 else None
+    return None
+
+
+def _rows(matrix: NDArray[np.floating[Any]]) -> Covariance:
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    return (a, b, c), (d, e, f), (g, h, i)
+
+
 def _contradictions(
-    t: NDArray[np.float64],
-    y: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    design: NDArray[np.float64],
-    parameters: NDArray[np.float64],
+    t: NDArray[np.floating[Any]],
+    y: NDArray[np.floating[Any]],
+    weights: NDArray[np.floating[Any]],
+    design: NDArray[np.floating[Any]],
+    parameters: NDArray[np.floating[Any]],
 ) -> list[str]:
     """Return a warning if the dark frames scatter around the line more than noise and wander explain."""
     from scipy.special import chdtrc
@@ -161,7 +255,10 @@ def _contradictions(
 
 
 def _most_deviating(
-    t: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64], design: NDArray[np.float64]
+    t: NDArray[np.floating[Any]],
+    y: NDArray[np.floating[Any]],
+    weights: NDArray[np.floating[Any]],
+    design: NDArray[np.floating[Any]],
 ) -> float:
     """Exposure without which a line fits the others best; a residual alone misleads at the ends of the range."""
     left: list[float] = []

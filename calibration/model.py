@@ -4,69 +4,28 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from datetime import datetime
 from math import hypot, isfinite, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..frame import Frame
-from ..luminance import Cos4Vignetting, LinearConversion, LuminanceMap
+from ..luminance import LuminanceMap
+from ..response import Response
+from ..vignetting import AnyVignetting
+from .common_errors import FitError
 from .dark import DarkModel
+from .dark_library import DarkLibrary
+from .defects import DefectMap
+from .findings import FitTest, LeftOut, ModelStep
+from .gains import GainSetting, index_of_gain
 from .noise import TemporalNoise
 from .observations import CameraState
 from .readings import MeterScale
+from .setup import LensIdentity, Provenance
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class LensIdentity:
-    """The lens on the camera.
-
-    Parameters
-    ----------
-    model, serial : str
-        As engraved; the serial number may be empty.
-    focal_length_m : float
-        Focal length.
-    f_number : float
-        The f-number set; the responsivity goes with its inverse square.
-
-    Raises
-    ------
-    InputError
-        If a number is not positive.
-    """
-
-    model: str
-    serial: str
-    focal_length_m: float
-    f_number: float
-
-    def __post_init__(self) -> None:
-        for name in ("focal_length_m", "f_number"):
-            value = getattr(self, name)
-            if not (isfinite(value) and value > 0):
-                raise InputError(f"{name} of the lens is {value}: give a positive number")
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What neither frames nor readings say about a calibration.
-
-    Parameters
-    ----------
-    lens : LensIdentity
-        The lens.
-    source_spectrum : str
-        Light of the patches, for example ``LED-B4``. A camera without a V(lambda) filter is calibrated for this
-        spectrum only.
-    input_sha256 : str
-        Hash of the frames and readings, as the caller keeps them.
-    """
-
-    lens: LensIdentity
-    source_spectrum: str
-    input_sha256: str
 
 
 @dataclass(frozen=True)
@@ -76,13 +35,18 @@ class ResponsivityFit:
     Parameters
     ----------
     responsivity_dn_s_cd_m2 : float
-        R, DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)).
+        R at small signals, linearised DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)), at the
+        calibration's own gain.
     random_rel : float
         Relative standard uncertainty of R without the meter's scale, widened if `chi_squared` is improbable.
     chi_squared : float
-        Sum of squared standardised residuals, correlations respected.
+        Sum of squared standardised residuals of the observations by the stated errors, correlations respected.
     degrees_of_freedom : int
-        Patches less one.
+        Observations (patches times exposures) less parameters.
+    scatter_rel, scatter_dn : float
+        Standard deviation that the stated errors do not explain, of patches and observations in parts of the luminance,
+        and of observations in DN; as the 95 % interval needs it (times Student's t over the normal quantile). 0 if the
+        stated errors explain all.
     intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
         Free intercept, fitted as a test only; None if all patches have about the same luminance.
     """
@@ -91,6 +55,8 @@ class ResponsivityFit:
     random_rel: float
     chi_squared: float
     degrees_of_freedom: int
+    scatter_rel: float
+    scatter_dn: float
     intercept_dn_s: float | None
     intercept_standard_uncertainty_dn_s: float | None
 
@@ -120,6 +86,11 @@ class PatchResidual:
         Residual over its standard deviation by the stated errors.
     exposures_s : tuple of float
         Exposures that were used.
+    centre_px : (float, float)
+        Middle (x, y) of the patch's region in the image.
+    leave_one_out_rel : float or None
+        Camera over meter, less one, by a fit without this patch; for a held-out patch the same as `residual_rel`;
+        None if the other patches do not support a fit.
     """
 
     patch: str
@@ -130,30 +101,13 @@ class PatchResidual:
     residual_rel: float
     standardised_residual: float
     exposures_s: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a calibration comes from.
-
-    Parameters
-    ----------
-    measured : datetime
-        Time of the last meter reading, with time zone; the age of the calibration counts from here.
-    input_sha256 : str
-        Hash of frames and readings given by the caller.
-    versions : dict of str to str
-        Versions of the programs that computed it.
-    """
-
-    measured: datetime
-    input_sha256: str
-    versions: dict[str, str]
+    centre_px: tuple[float, float]
+    leave_one_out_rel: float | None
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """DN to cd/m^2 for one camera, setting and lens: DN = d(t) + R t V(x, y) L.
+    """DN to cd/m^2 for one camera, setting and lens: h(DN - d(t, T)) = R t V(x, y) L.
 
     Parameters
     ----------
@@ -167,18 +121,38 @@ class Calibration:
         The meter, and the half width of its scale error, common to all luminances.
     responsivity : ResponsivityFit
         R.
+    response : Response
+        Linearisation h of the DN above dark.
+    fit_errors : tuple of FitError
+        Independent errors of R, h, the gains and the darkness; see `labcdp.calibration.common_errors`.
     dark : DarkModel
-        d(t).
+        d(t, T) at the calibration's own gain, `state.gain_db`.
     noise : TemporalNoise
-        Noise of a pixel.
-    vignetting : Cos4Vignetting or None
+        Noise of a pixel at this gain.
+    gains : tuple of GainSetting
+        The other gains it is valid for too; empty for one gain.
+    vignetting : AnyVignetting or None
         V, None for 1.
+    defects : DefectMap or None
+        Pixels that must not be used.
+    dark_library : DarkLibrary or None
+        Dark pattern to take off each frame.
     range_cd_m2 : (float, float)
         Lowest and highest luminance of the patches.
+    range_net_dn : (float, float)
+        Lowest and highest DN above dark the fit rests on.
     exposures_s : tuple of float
         Exposures that were used, ascending.
     residuals : tuple of PatchResidual
         One row for each patch of the fit.
+    held_out : tuple of PatchResidual
+        Patches the fit was not shown.
+    left_out : tuple of LeftOut
+        What the fit does not use, and why.
+    ladder : tuple of ModelStep
+        The models that were tried.
+    tests : tuple of FitTest
+        Tests of what the model takes for granted.
     warnings : tuple of str
         What the user should know.
     provenance : Provenance
@@ -195,12 +169,22 @@ class Calibration:
     source_spectrum: str
     meter_scale: MeterScale
     responsivity: ResponsivityFit
+    response: Response
+    fit_errors: tuple[FitError, ...]
     dark: DarkModel
     noise: TemporalNoise
-    vignetting: Cos4Vignetting | None
+    gains: tuple[GainSetting, ...]
+    vignetting: AnyVignetting | None
+    defects: DefectMap | None
+    dark_library: DarkLibrary | None
     range_cd_m2: tuple[float, float]
+    range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
     residuals: tuple[PatchResidual, ...]
+    held_out: tuple[PatchResidual, ...]
+    left_out: tuple[LeftOut, ...]
+    ladder: tuple[ModelStep, ...]
+    tests: tuple[FitTest, ...]
     warnings: tuple[str, ...]
     provenance: Provenance
 
@@ -210,27 +194,54 @@ class Calibration:
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
         if not self.exposures_s or not self.residuals:
             raise InputError("a calibration has at least one exposure in exposures_s and one row in residuals")
-        _ = self.conversion  # checks the responsivity
+        responsivity = self.responsivity.responsivity_dn_s_cd_m2
+        if not (isfinite(responsivity) and responsivity > 0):
+            raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
     def responsivity_common_rel(self) -> float:
-        """Relative standard uncertainty shared by all luminances: meter scale and fit."""
+        """Relative standard uncertainty of R: meter scale and fit."""
         return hypot(self.meter_scale.half_width_rel / sqrt(3), self.responsivity.random_rel)
 
     @property
-    def conversion(self) -> LinearConversion:
-        """The conversion without the checks of `to_luminance`."""
-        return LinearConversion(
-            responsivity_dn_s_cd_m2=self.responsivity.responsivity_dn_s_cd_m2,
-            responsivity_common_rel=self.responsivity_common_rel,
-            dark_offset_dn=self.dark.offset_dn,
-            dark_rate_dn_s=self.dark.rate_dn_s,
-            k_dn_per_e=self.noise.k_dn_per_e,
-            dark_noise_dn=self.noise.dark_noise_dn,
-            vignetting=self.vignetting,
-            gain_db=self.state.gain_db,
-            range_cd_m2=self.range_cd_m2,
-        )
+    def settings(self) -> tuple[GainSetting, ...]:
+        """Every calibrated gain, the calibration's own first, with factor 1."""
+        return (GainSetting(self.state.gain_db, 1.0, 0.0, self.dark, self.noise), *self.gains)
+
+    def setting(self, gain_db: float) -> GainSetting:
+        """Return what holds at a gain; raises CalibrationError, naming the calibrated ones, for another."""
+        settings = self.settings
+        return settings[index_of_gain(settings, gain_db)]
+
+    def require(self, state: CameraState, theirs: str) -> None:
+        """Refuse a camera state this calibration is not for.
+
+        Parameters
+        ----------
+        state : CameraState
+            The state to check.
+        theirs : str
+            What it belongs to, for the message.
+
+        Raises
+        ------
+        CalibrationError
+            If it is another camera or setting, or a gain that was not calibrated.
+        """
+        self.state.require(state, "the calibration", theirs, [gain.gain_db for gain in self.gains])
+
+    def luminance_cd_m2(
+        self, net_dn: ArrayLike, exposure_s: float, gain_db: float | None = None
+    ) -> NDArray[np.float64]:
+        """L V = h(n) / (R t) of pixels with a DN n above dark, any shape; V is not removed.
+
+        Raises
+        ------
+        CalibrationError
+            If the gain was not calibrated.
+        """
+        factor = 1.0 if gain_db is None else self.setting(gain_db).factor
+        return self.response.linearise(net_dn) / (self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s)
 
     def to_luminance(self, frame: Frame) -> LuminanceMap:
         """Convert a frame to luminance.
@@ -241,9 +252,12 @@ class Calibration:
         Raises
         ------
         CalibrationError
-            If the frame is of another camera, gain, pixel format, bit depth, saturation or image size.
+            If the frame is of another camera, pixel format, bit depth, saturation or image size, or of a gain that was
+            not calibrated.
         """
-        self.state.require(CameraState.of(frame), "the calibration", f"frame {frame.frame_id}")
+        from .conversion import to_luminance
+
+        self.require(CameraState.of(frame), f"frame {frame.frame_id}")
         low, high = self.exposures_s[0], self.exposures_s[-1]
         if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
             _log.warning(
@@ -253,4 +267,4 @@ class Calibration:
                 low,
                 high,
             )
-        return self.conversion.to_luminance(frame)
+        return to_luminance(self, frame)

@@ -58,7 +58,7 @@ def fit_noise(observations: Sequence[PatchObservation], dark: DarkModel) -> tupl
     """
     points = []
     for o in observations:
-        dark_dn = dark.mean_dn(o.exposure_s)
+        dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
         unclipped = max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
         if unclipped and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):

@@ -1,17 +1,17 @@
-"""What the camera saw: patches and darkness at one exposure, measured from a stream of frames."""
+"""What the camera saw: patches and darkness at one exposure, and the camera's state."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
 
 from ..errors import CalibrationError
 from ..frame import CameraIdentity, Frame
-from ..luminance import Cos4Vignetting
-from ..roi import Roi
-from .region_statistics import RegionAccumulator, RegionStatistics, quantisation_variance_dn2
+from ..vignetting import AnyVignetting
 from .unevenness import Unevenness
+
+#: Gains up to this far apart are the same: cameras report them rounded.
+GAIN_TOLERANCE_DB = 1e-6
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class CameraState:
         DN from which a pixel counts as saturated.
     black_level_dn : float
         Black level set in the camera; the dark frames are right for this one only.
+    plane : str or None
+        Colour plane of a Bayer sensor, None for a monochrome one.
     """
 
     camera: CameraIdentity
@@ -43,14 +45,15 @@ class CameraState:
     gain_db: float
     saturation_dn: float
     black_level_dn: float
+    plane: str | None = None
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:
         """State a frame was taken in; raises CalibrationError for a sensor with colour filters."""
         if frame.colour_filter is not None:
             raise CalibrationError(
-                f"the frame has a colour filter ({frame.colour_filter}), a calibration is for a monochrome "
-                "sensor: use a monochrome pixel format"
+                f"the frame has a colour filter ({frame.colour_filter}), its pixels of one colour are measured apart: "
+                "split it into its planes"
             )
         return cls(
             frame.camera,
@@ -60,9 +63,10 @@ class CameraState:
             frame.gain_db,
             frame.saturation_dn,
             frame.black_level_dn,
+            frame.plane,
         )
 
-    def require(self, other: CameraState, mine: str, theirs: str) -> None:
+    def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
         """Refuse another state.
 
         Parameters
@@ -71,6 +75,8 @@ class CameraState:
             The state to compare.
         mine, theirs : str
             What the two states belong to, for the message.
+        gains_db : sequence of float
+            Gains that are right too, beside this state's own.
 
         Raises
         ------
@@ -80,9 +86,10 @@ class CameraState:
         for name, expected, found in (
             ("camera", str(self.camera), str(other.camera)),
             ("pixel format", self.pixel_format, other.pixel_format),
+            ("colour plane", self.plane, other.plane),
             ("bit depth", f"{self.bit_depth}", f"{other.bit_depth}"),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
-            ("gain", f"{self.gain_db:g} dB", f"{other.gain_db:g} dB"),
+            ("gain", *self._gains(other.gain_db, gains_db)),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
             ("black level", f"{self.black_level_dn:g} DN", f"{other.black_level_dn:g} DN"),
         ):
@@ -90,6 +97,14 @@ class CameraState:
                 raise CalibrationError(
                     f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
                 )
+
+    def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
+        """Texts to compare: equal if the gain is one of the allowed."""
+        allowed = (self.gain_db, *further_db)
+        found = f"{found_db:g} dB"
+        if any(abs(found_db - gain_db) <= GAIN_TOLERANCE_DB for gain_db in allowed):
+            return found, found
+        return " or ".join(f"{gain_db:g} dB" for gain_db in allowed), found
 
 
 @dataclass(frozen=True)
@@ -116,8 +131,12 @@ class PatchObservation:
         Share of the values at or above saturation, and at DN 0.
     state : CameraState
         Camera and settings.
-    vignetting : Cos4Vignetting or None
+    vignetting : AnyVignetting or None
         V, None for 1.
+    temperature_c : float or None
+        Mean device temperature of the frames, None if unknown.
+    centre_px : (float, float)
+        Middle (x, y) of the region in the image.
     """
 
     patch: str
@@ -131,7 +150,9 @@ class PatchObservation:
     saturated_share: float
     black_share: float
     state: CameraState
-    vignetting: Cos4Vignetting | None
+    vignetting: AnyVignetting | None
+    temperature_c: float | None = None
+    centre_px: tuple[float, float] = (0.0, 0.0)
 
     def net_dn(self, dark_dn: float) -> float:
         """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
@@ -173,6 +194,8 @@ class DarkObservation:
         Share of the values at DN 0.
     state : CameraState
         Camera and settings.
+    temperature_c : float or None
+        Mean device temperature of the frames, None if unknown.
     """
 
     exposure_s: float
@@ -184,118 +207,7 @@ class DarkObservation:
     nonuniformity_dn: float
     black_share: float
     state: CameraState
-
-
-def observe_patches(
-    frames: Iterable[Frame], regions: Sequence[Roi], vignetting: Cos4Vignetting | None = None
-) -> list[PatchObservation]:
-    """Measure patches in the light frames of one exposure.
-
-    The frames are taken one by one and not kept.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        At least two, all of one exposure, camera and setting.
-    regions : sequence of Roi
-        One for each patch, with different names.
-    vignetting : Cos4Vignetting or None
-        Fall-off of the lens, removed before averaging; None for none.
-
-    Returns
-    -------
-    list of PatchObservation
-        In the order of `regions`.
-
-    Raises
-    ------
-    CalibrationError
-        If frames differ in exposure, camera or setting, are too few or coloured, or a region is too small.
-    InputError
-        If a region lies outside the image.
-    """
-    names = [region.name for region in regions]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise CalibrationError(f"several regions are called {twice[0]!r}: give each patch its own name")
-    exposure_s, state, statistics = _accumulate(frames, regions, vignetting)
-    return [
-        PatchObservation(
-            patch=region.name,
-            exposure_s=exposure_s,
-            signal_dn=s.mean_dn,
-            mean_inverse_v=s.mean_factor,
-            n_pixels=s.n_pixels,
-            n_frames=s.n_frames,
-            temporal_variance_dn2=s.temporal_variance_dn2,
-            unevenness=s.unevenness,
-            saturated_share=s.saturated_share,
-            black_share=s.black_share,
-            state=state,
-            vignetting=vignetting,
-        )
-        for region, s in zip(regions, statistics, strict=True)
-    ]
-
-
-def observe_dark(frames: Iterable[Frame]) -> DarkObservation:
-    """Measure the darkness in the dark frames of one exposure, over the whole sensor.
-
-    The frames are taken one by one; never more than two are held. The variance of the mean is that of the pixels'
-    noise or that of the frames' means, whichever is larger (the black level of a camera wanders), and what
-    rounding leaves.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        At least two, all of one exposure, camera and setting.
-
-    Raises
-    ------
-    CalibrationError
-        If frames differ in exposure, camera or setting, or are too few or coloured.
-    """
-    exposure_s, state, (s,) = _accumulate(frames, None, None)
-    of_pixels = s.temporal_variance_dn2 / (s.n_pixels * s.n_frames)
-    of_frames = s.frame_means_variance_dn2 / s.n_frames
-    of_rounding = quantisation_variance_dn2(s.temporal_variance_dn2 + s.unevenness.pixel_variance_dn2(0.0))
-    return DarkObservation(
-        exposure_s=exposure_s,
-        mean_dn=s.mean_dn,
-        mean_variance_dn2=max(of_pixels, of_frames) + of_rounding,
-        n_pixels=s.n_pixels,
-        n_frames=s.n_frames,
-        temporal_variance_dn2=s.temporal_variance_dn2,
-        nonuniformity_dn=sqrt(s.unevenness.slow_variance_dn2(0.0)),
-        black_share=s.black_share,
-        state=state,
-    )
-
-
-def _accumulate(
-    frames: Iterable[Frame], regions: Sequence[Roi] | None, vignetting: Cos4Vignetting | None
-) -> tuple[float, CameraState, list[RegionStatistics]]:
-    accumulators: list[RegionAccumulator] = []
-    state: CameraState | None = None
-    exposure_s = 0.0
-    for frame in frames:
-        if state is None:
-            state, exposure_s = CameraState.of(frame), frame.exposure_s
-            height, width = frame.shape
-            factor = None if vignetting is None else 1 / vignetting.relative_illuminance(frame.shape)
-            whole = [Roi.rectangle("whole sensor", 0, 0, width, height)]
-            accumulators = [RegionAccumulator(r, factor) for r in (whole if regions is None else regions)]
-        state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
-        if frame.exposure_s != exposure_s:
-            raise CalibrationError(
-                f"frame {frame.frame_id} has an exposure of {frame.exposure_s:g} s, the first frame "
-                f"{exposure_s:g} s: give frames of one exposure at a time"
-            )
-        for accumulator in accumulators:
-            accumulator.add(frame)
-    if state is None:
-        raise CalibrationError("there is no frame: give at least 2 frames of one exposure")
-    return exposure_s, state, [accumulator.result() for accumulator in accumulators]
+    temperature_c: float | None = None
 
 
 def _size(shape: tuple[int, int]) -> str:

@@ -1,4 +1,4 @@
-"""Luminance of a patch by the calibrated camera, with its 95 % interval."""
+"""Luminance of a patch by the calibrated camera, with its 95 % interval, and the contrast of two."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
+import numpy as np
+
 from ..errors import CalibrationError
+from ..luminance import CommonError
+from .common_errors import common_errors
 from .model import Calibration
 from .observations import PatchObservation
-from .signal import combine, usable
+from .signal import net_signal, usable
 from .uncertainty import expanded_half_width
+
+#: Part of the calibrated signal range that a signal may exceed it by without notice.
+_RANGE_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -24,28 +31,36 @@ class PatchLuminance:
     luminance_cd_m2 : float
         Best value.
     random_rel : float
-        Relative standard uncertainty by this patch's frames: noise, pixels, darkness.
-    fit_rel : float
-        Relative standard uncertainty of the responsivity without the meter's scale; the same for all patches.
-    scale_half_width_rel : float
-        Half width of the meter's scale error (rectangular); the same for all patches.
+        Relative standard uncertainty by this patch alone: noise, pixels, uneven darkness, and the scatter of the
+        calibration's patches that nothing explains.
+    common : tuple of CommonError
+        Errors that the patches of one calibration share, as signed numbers; see `labcdp.calibration.common_errors`.
     exposures_s : tuple of float
         Exposures that were used.
     warnings : tuple of str
-        Exposures left out, and a luminance outside the calibrated range.
+        Exposures left out, and a luminance or signal outside the calibrated range.
     """
 
     patch: str
     luminance_cd_m2: float
     random_rel: float
-    fit_rel: float
-    scale_half_width_rel: float
+    common: tuple[CommonError, ...]
     exposures_s: tuple[float, ...]
     warnings: tuple[str, ...]
 
     @property
+    def fit_rel(self) -> float:
+        """Relative standard uncertainty by the shared errors without the meter's scale: fit, darkness, exposure."""
+        return sqrt(sum(float(e.relative) ** 2 for e in self.common if not e.rectangular))
+
+    @property
+    def scale_half_width_rel(self) -> float:
+        """Half width of the meter's scale error (rectangular); the same for all patches."""
+        return sqrt(3) * sum(abs(float(e.relative)) for e in self.common if e.rectangular)
+
+    @property
     def common_rel(self) -> float:
-        """Relative standard uncertainty shared with all patches: fit and scale."""
+        """Relative standard uncertainty by all shared errors."""
         return hypot(self.fit_rel, self.scale_half_width_rel / sqrt(3))
 
     @property
@@ -61,7 +76,7 @@ class PatchLuminance:
 
 
 def patch_luminance(calibration: Calibration, observations: Sequence[PatchObservation]) -> PatchLuminance:
-    """Luminance of one patch from its observations at one or more exposures.
+    """Luminance of one patch from its observations at one or more exposures and gains.
 
     Parameters
     ----------
@@ -81,32 +96,110 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
         raise CalibrationError(f"observations are of patches {names}: give those of one patch at a time")
     for o in observations:
         name = f"patch {o.patch!r} at {o.exposure_s:g} s"
-        calibration.state.require(o.state, "the calibration", name)
+        calibration.require(o.state, name)
         if o.vignetting != calibration.vignetting:
             raise CalibrationError(
                 f"{name} was observed with vignetting {o.vignetting}, the calibration has {calibration.vignetting}: "
                 "observe it with the calibration's"
             )
-    kept, warnings = usable(observations, calibration.dark, calibration.noise)
+    kept, _, warnings = usable(observations, calibration.settings)
     if not kept:
         raise CalibrationError(f"no exposure gives the luminance of a patch: {'; '.join(warnings)}")
-    signal = combine(kept, calibration.dark, calibration.noise)
-    luminance_cd_m2 = signal.rate_dn_s / calibration.responsivity.responsivity_dn_s_cd_m2
-    variance = signal.variance_dn2_s2 + calibration.dark.propagate(*signal.dark_sensitivity)
-    random_rel = hypot(sqrt(variance) / signal.rate_dn_s, signal.fixed_pattern_rel)
+    return _combined(calibration, kept, warnings)
+
+
+def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
+    """Return the standard uncertainty of the Weber contrast K = L_bright / L_dark - 1 of two patches.
+
+    u = (1 + K) sqrt(r_b^2 + r_d^2 + sum (c_b - c_d)^2) with the random parts r and the signed common parts c (JCGM
+    100:2008, 5.2.2, for errors that are fully correlated each). The meter's scale cancels exactly.
+
+    Parameters
+    ----------
+    bright, dark : PatchLuminance
+        By one calibration.
+    """
+    a, b = _by_name(bright.common), _by_name(dark.common)
+    left = [a.get(name, 0.0) - b.get(name, 0.0) for name in sorted(a.keys() | b.keys())]
+    ratio = bright.luminance_cd_m2 / dark.luminance_cd_m2
+    return ratio * sqrt(bright.random_rel**2 + dark.random_rel**2 + sum(value**2 for value in left))
+
+
+def _combined(
+    calibration: Calibration, observations: Sequence[PatchObservation], warnings: list[str]
+) -> PatchLuminance:
+    observations = _within_the_response(calibration, observations)
+    signals = [net_signal(o, calibration.settings) for o in observations]
+    net = np.array([s.net_dn for s in signals])
+    r = calibration.responsivity.responsivity_dn_s_cd_m2
+    scale = np.array([s.scale_per_s / (r * calibration.settings[s.gain_index].factor) for s in signals])
+    each = scale * calibration.response.linearise(net)
+    slope = scale * calibration.response.slope(net)
+    weight = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
+    weight /= weight.sum()
+    luminance = float(weight @ each)
+    of_each_dn2 = np.array([s.noise_variance_dn2 for s in signals]) + calibration.responsivity.scatter_dn**2
+    noise = float((weight * slope) ** 2 @ of_each_dn2)
+    # Neither the uneven darkness nor the pixels' sensitivity average over the exposures.
+    uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
+    pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
+    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + calibration.responsivity.scatter_rel**2)
+    shared: dict[str, CommonError] = {}
+    for o, n, share in zip(observations, net, weight * each / luminance, strict=True):
+        errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
+        for number, error in enumerate(errors):
+            exposure = error.source == "exposure time"
+            source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
+            key = source if exposure else f"{number}"
+            so_far = float(shared[key].relative) if key in shared else 0.0
+            shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular)
+    patch = observations[0].patch
+    return PatchLuminance(
+        patch=patch,
+        luminance_cd_m2=luminance,
+        random_rel=random_rel,
+        common=tuple(shared.values()),
+        exposures_s=tuple(sorted({o.exposure_s for o in observations})),
+        warnings=(*warnings, *_outside(calibration, patch, luminance, random_rel, float(net.max()))),
+    )
+
+
+def _within_the_response(
+    calibration: Calibration, observations: Sequence[PatchObservation]
+) -> Sequence[PatchObservation]:
+    """Leave out signals a bent response was not fitted to, if there are others."""
+    if calibration.response.kind == "linear":
+        return observations
+    highest = calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
+    inside = [o for o in observations if net_signal(o, calibration.settings).net_dn <= highest]
+    return inside or observations
+
+
+def _outside(
+    calibration: Calibration, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
+) -> list[str]:
+    warnings = []
     low, high = calibration.range_cd_m2
     margin = 3 * random_rel * luminance_cd_m2
     if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
         warnings.append(
-            f"patch {names[0]!r} has {luminance_cd_m2:.4g} cd/m^2, the calibrated range is {low:.4g} to {high:.4g} "
+            f"patch {patch!r} has {luminance_cd_m2:.4g} cd/m^2, the calibrated range is {low:.4g} to {high:.4g} "
             "cd/m^2: calibrate with a patch as bright or as dark"
         )
-    return PatchLuminance(
-        patch=names[0],
-        luminance_cd_m2=luminance_cd_m2,
-        random_rel=random_rel,
-        fit_rel=calibration.responsivity.random_rel,
-        scale_half_width_rel=calibration.meter_scale.half_width_rel,
-        exposures_s=signal.exposures_s,
-        warnings=tuple(warnings),
-    )
+    elif net_dn > calibration.range_net_dn[1] * (1 + _RANGE_MARGIN):
+        warnings.append(
+            f"patch {patch!r} is {net_dn:.4g} DN above dark, the calibration rests on signals up to "
+            f"{calibration.range_net_dn[1]:.4g} DN: use a shorter exposure, or calibrate with a brighter patch"
+        )
+    return warnings
+
+
+def _by_name(common: Sequence[CommonError]) -> dict[str, float]:
+    """Values by source, numbered where several have the same source."""
+    values: dict[str, float] = {}
+    for error in common:
+        number = 0
+        while f"{error.source} {number}" in values:
+            number += 1
+        values[f"{error.source} {number}"] = float(error.relative)
+    return values

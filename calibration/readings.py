@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from math import hypot, sqrt
 
 import numpy as np
 
 from ..errors import CalibrationError
-from ..reading import MeterIdentity, Reading
+from ..reading import CD_M2_PER_FL, MeterIdentity, Reading
+from .findings import LeftOut
 
 #: Probability of scatter this large by chance, below which the patch itself must have changed.
 _CHANCE = 0.001
+#: How near a factor must be to 10 or to fL per cd/m^2 to be called by that name: meters and cameras agree to this.
+_HINT_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -28,13 +32,19 @@ class PatchReading:
     random_cd_m2 : float
         Standard uncertainty without the meter's scale, in cd/m^2.
     n_readings : int
-        How many readings.
+        How many readings were used.
+    read_at : datetime
+        Mean time of the readings.
+    left_out : tuple of LeftOut
+        Readings that were not used.
     """
 
     patch: str
     luminance_cd_m2: float
     random_cd_m2: float
     n_readings: int
+    read_at: datetime
+    left_out: tuple[LeftOut, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,8 +87,9 @@ def meter_scale(readings: Mapping[str, Sequence[Reading]]) -> MeterScale:
 def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[str]]:
     """Join the readings of one patch.
 
-    The repeatability averages down. The digits do not: the same light gives the same rounded number again. If the
-    readings scatter more than repeatability and digits explain, their own standard deviation takes the place of the
+    The repeatability averages down. The digits do not: the same light gives the same rounded number again. Rows that
+    are there twice count once. Of three or more readings one that contradicts the others, which agree, is left out. If
+    the readings scatter more than repeatability and digits explain, their own standard deviation takes the place of the
     repeatability.
 
     Parameters
@@ -109,22 +120,109 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
             raise CalibrationError(
                 f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure again"
             )
+    numbered = list(enumerate(readings, start=1))
+    once = [(k, r) for i, (k, r) in enumerate(numbered) if r not in readings[:i]]
+    warnings, left_out = [], []
+    if len(once) < len(numbered):
+        warnings.append(
+            f"{len(numbered) - len(once)} readings of patch {patch!r} are there twice, with the same time and value: "
+            "each is used once"
+        )
+        kept_numbers = {k for k, _ in once}
+        left_out += [
+            LeftOut(patch, None, k, "is a copy of another reading") for k, _ in numbered if k not in kept_numbers
+        ]
+    bad = _contradicting([reading for _, reading in once])
+    if bad is not None:
+        number, reading = once.pop(bad)
+        others = float(np.mean([r.luminance_cd_m2 for _, r in once]))
+        left_out.append(_bad_reading(patch, number, reading, others))
+        warnings.append(f"{left_out[-1].reason}: left out")
+    mean, random, steady = _mean([reading for _, reading in once])
+    if not steady:
+        scatter = float(np.std([r.luminance_cd_m2 for _, r in once], ddof=1)) / mean
+        warnings.append(
+            f"the readings of patch {patch!r} scatter by {scatter:.2%}, more than the meter does: check that the light "
+            "is steady and the meter points at the same spot"
+        )
+    first = once[0][1].timestamp
+    read_at = first + sum((r.timestamp - first for _, r in once), timedelta()) / len(once)
+    return PatchReading(patch, mean, random, len(once), read_at, tuple(left_out)), warnings
+
+
+def single_reading(joined: PatchReading, readings: Sequence[Reading], number: int) -> PatchReading:
+    """Take one of two readings that contradict each other.
+
+    Parameters
+    ----------
+    joined : PatchReading
+        What `combine_readings` made of both.
+    readings : sequence of Reading
+        All of the patch.
+    number : int
+        Which to keep, counted from 1.
+    """
+    kept = readings[number - 1]
+    left_out = [
+        _bad_reading(joined.patch, k, r, kept.luminance_cd_m2)
+        for k, r in enumerate(readings, start=1)
+        if k != number and r != kept and all(k != row.reading for row in joined.left_out)
+    ]
+    mean, random, _ = _mean([kept])
+    return PatchReading(joined.patch, mean, random, 1, kept.timestamp, (*joined.left_out, *left_out))
+
+
+def contradict(readings: Sequence[Reading]) -> bool:
+    """Whether readings of one patch scatter more than the meter does."""
+    return not _mean(readings)[2]
+
+
+def _bad_reading(patch: str, number: int, reading: Reading, expected_cd_m2: float) -> LeftOut:
+    shown = reading.luminance_cd_m2
+    return LeftOut(
+        patch,
+        None,
+        number,
+        f"reading {number} of patch {patch!r} is {shown:.4g} cd/m^2, {shown / expected_cd_m2:.3g} times "
+        f"{expected_cd_m2:.4g} cd/m^2{ratio_hint(shown / expected_cd_m2)}",
+    )
+
+
+def ratio_hint(ratio: float) -> str:
+    """Say what a factor between a reading and the truth looks like, as a clause; empty if like nothing known."""
+    for factor, meaning in (
+        (10.0, "a decimal point in the wrong place"),
+        (100.0, "a decimal point in the wrong place"),
+        (1000.0, "a decimal point in the wrong place"),
+        (CD_M2_PER_FL, "a value in fL taken as cd/m^2, or the reverse"),
+    ):
+        if any(abs(ratio / f - 1) < _HINT_TOLERANCE for f in (factor, 1 / factor)):
+            return f" (it looks like {meaning})"
+    return ""
+
+
+def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
+    """Mean, its standard uncertainty without the scale, and whether the readings agree."""
     values = np.array([reading.luminance_cd_m2 for reading in readings])
     n = values.size
     repeatability = [r.repeatability_rel * r.luminance_cd_m2 for r in readings]
     digits = [r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in readings]
     variance = float(np.mean(np.square(repeatability)))
-    warnings = []
+    steady = True
     if n > 1:
         observed = float(np.var(values, ddof=1))
-        if _chance_of_scatter(observed, variance + float(np.mean(np.square(digits))), n - 1) < _CHANCE:
-            warnings.append(
-                f"the readings of patch {patch!r} scatter by {sqrt(observed) / values.mean():.2%}, more than the "
-                "meter does: check that the light is steady and the meter points at the same spot"
-            )
+        steady = _chance_of_scatter(observed, variance + float(np.mean(np.square(digits))), n - 1) >= _CHANCE
+        if not steady:
             variance = observed
-    mean = float(values.mean())
-    return PatchReading(patch, mean, hypot(sqrt(variance / n), float(np.mean(digits))), n), warnings
+    return float(values.mean()), hypot(sqrt(variance / n), float(np.mean(digits))), steady
+
+
+def _contradicting(readings: Sequence[Reading]) -> int | None:
+    """Place of the one reading without which the others agree; None if they all do, or more than one is wrong."""
+    if len(readings) < 3 or _mean(readings)[2]:
+        return None
+    sound = [i for i in range(len(readings)) if _mean([r for k, r in enumerate(readings) if k != i])[2]]
+    return sound[0] if len(sound) == 1 else None
 
 
 def _chance_of_scatter(observed_variance: float, expected_variance: float, freedom: int) -> float:

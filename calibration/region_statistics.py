@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, pi
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,10 @@ class RegionAccumulator:
         Which pixels.
     factor : ndarray of float, shape (height, width), or None
         Factor for each pixel of the frame (1 / V), None for 1.
+    sound : ndarray of bool, shape (height, width), or None
+        Pixels that may be used, None for all.
+    pattern_dn : ndarray of float, shape (height, width), or None
+        Subtracted from the mean frame, None for 0.
 
     Raises
     ------
@@ -68,9 +73,17 @@ class RegionAccumulator:
         When a frame is added in which the region holds fewer than `MIN_PIXELS` pixels.
     """
 
-    def __init__(self, region: Roi, factor: NDArray[np.float64] | None) -> None:
+    def __init__(
+        self,
+        region: Roi,
+        factor: NDArray[np.float64] | None,
+        sound: NDArray[np.bool_] | None = None,
+        pattern_dn: NDArray[np.floating[Any]] | None = None,
+    ) -> None:
         self._region = region
-        self._factor_image = factor
+        self._sound = None if sound is None else region.select(sound)
+        self._factor = np.ones(1) if factor is None else self._select(factor)
+        self._pattern_dn = np.zeros(1) if pattern_dn is None else self._select(pattern_dn).astype(float)
         self._sum: NDArray[np.float64] | None = None
         self._last: NDArray[np.int32] | None = None
         self._shape: tuple[int, int] = (0, 0)
@@ -81,7 +94,7 @@ class RegionAccumulator:
 
     def add(self, frame: Frame) -> None:
         """Take one frame's values."""
-        values = self._region.select(frame.dn).astype(np.int32)
+        values = self._select(frame.dn).astype(np.int32)
         if values.size < MIN_PIXELS:
             raise CalibrationError(
                 f"region {self._region.name!r} holds {values.size} pixels: make it at least {MIN_PIXELS}"
@@ -105,8 +118,8 @@ class RegionAccumulator:
                 f"region {self._region.name!r} was given {n_frames} frames of one exposure: give at least "
                 f"{MIN_FRAMES}, the noise comes from their difference"
             )
-        factor = np.ones(1) if self._factor_image is None else self._region.select(self._factor_image)
-        mean_frame = self._sum / n_frames * factor
+        factor = self._factor
+        mean_frame = (self._sum / n_frames - self._pattern_dn) * factor
         n_values = mean_frame.size * n_frames
         return RegionStatistics(
             mean_dn=float(mean_frame.mean()),
@@ -114,13 +127,26 @@ class RegionAccumulator:
             n_pixels=mean_frame.size,
             n_frames=n_frames,
             temporal_variance_dn2=float(np.mean(self._pair_variances)),
-            unevenness=unevenness(
-                mean_frame, np.broadcast_to(factor, mean_frame.shape), _cells(self._region, self._shape)
-            ),
+            unevenness=unevenness(mean_frame, np.broadcast_to(factor, mean_frame.shape), self._cells()),
             frame_means_variance_dn2=float(np.var(self._frame_means, ddof=1)),
             saturated_share=self._saturated / n_values,
             black_share=self._black / n_values,
         )
+
+    def _select(self, image: NDArray[Any]) -> NDArray[Any]:
+        values = self._region.select(image)
+        return values if self._sound is None else values[self._sound]
+
+    def _cells(self) -> NDArray[np.intp]:
+        rows, columns = self._region.window(self._shape)
+        mask = self._region.mask(self._shape)
+        # Four by four shows a gradient and a hot spot; small regions keep enough pixels in each cell.
+        side = 4 if np.count_nonzero(mask) >= 256 else 2
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        row = np.arange(height) * side // height
+        column = np.arange(width) * side // width
+        cells: NDArray[np.intp] = (row[:, None] * side + column[None, :])[mask]
+        return cells if self._sound is None else cells[self._sound]
 
 
 def quantisation_variance_dn2(variance_dn2: float) -> float:
@@ -136,15 +162,3 @@ def quantisation_variance_dn2(variance_dn2: float) -> float:
         Variance of the rounded values over pixels and frames, which holds about 1/12 DN^2 of rounding itself.
     """
     return exp(-4 * pi**2 * max(variance_dn2 - 1 / 12, 0.0)) / 12
-
-
-def _cells(region: Roi, shape: tuple[int, int]) -> NDArray[np.intp]:
-    rows, columns = region.window(shape)
-    mask = region.mask(shape)
-    # Four by four shows a gradient and a hot spot; small regions keep enough pixels in each cell.
-    side = 4 if np.count_nonzero(mask) >= 256 else 2
-    height, width = rows.stop - rows.start, columns.stop - columns.start
-    row = np.arange(height) * side // height
-    column = np.arange(width) * side // width
-    cells: NDArray[np.intp] = (row[:, None] * side + column[None, :])[mask]
-    return cells

@@ -55,6 +55,11 @@ class CsvMeter(Device):
         """Model, serial number and calibration date, as given."""
         return self._identity
 
+    @property
+    def readings(self) -> dict[str, tuple[Reading, ...]]:
+        """All readings of the file by patch, in its order; raises MeterError if it is not open."""
+        return {patch: tuple(readings) for patch, readings in self._opened().items()}
+
     def open(self) -> Self:
         """Read the file.
 

@@ -106,6 +106,19 @@ class SimulatedCamera:
 
 
 @dataclass(frozen=True)
+class BentCamera(SimulatedCamera):
+    """A camera whose signal falls behind: h(n) = n (1 + q n / 4000 DN) for a true q."""
+
+    bend: float = 0.02
+
+    def mean_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
+        linear = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
+        q = self.bend / 4000
+        net = (sqrt(1 + 4 * q * linear) - 1) / (2 * q)
+        return self.dark_offset_dn + self.dark_rate_dn_s * exposure_s + net
+
+
+@dataclass(frozen=True)
 class SimulatedMeter:
     """A meter with four digits and no more than two decimals, like the LS-110."""
 
@@ -114,7 +127,7 @@ class SimulatedMeter:
     true_scale_error_rel: float = 0.0
     identity: MeterIdentity = field(default=METER)
 
-    def read(self, luminance_cd_m2: float, rng: np.random.Generator | None) -> Reading:
+    def read(self, luminance_cd_m2: float, rng: np.random.Generator | None, second: int = 0) -> Reading:
         shown = luminance_cd_m2 * (1 + self.true_scale_error_rel)
         shown *= 1 + (rng.normal(0, self.repeatability_rel) if rng else 0.0)
         resolution = max(10.0 ** (floor(log10(shown)) - 3), 0.01) if shown > 0 else 0.01
@@ -126,6 +139,7 @@ class SimulatedMeter:
             digits_half_width=resolution / 2,
             repeatability_rel=self.repeatability_rel,
             meter=self.identity,
+            timestamp=START + timedelta(seconds=second),
         )
 
 
@@ -178,6 +192,11 @@ def camera() -> SimulatedCamera:
 @pytest.fixture(scope="session")
 def camera_class() -> type[SimulatedCamera]:
     return SimulatedCamera
+
+
+@pytest.fixture(scope="session")
+def bent_camera() -> BentCamera:
+    return BentCamera()
 
 
 @pytest.fixture(scope="session")

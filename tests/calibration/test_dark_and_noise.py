@@ -81,6 +81,54 @@ def test_clipped_dark_is_reported(camera):
     assert warnings[0].startswith("25.0% of the pixels of the dark frames at 0.001 s are 0 DN")
 
 
+def warm_darks(camera, rng=None, temperatures_c=(20.0, 35.0), doubling_c=7.0):
+    """Dark frames at four exposures and several temperatures; 40 DN/s at 25 degC."""
+    darks = []
+    for temperature_c in temperatures_c:
+        rate = 40.0 * 2 ** ((temperature_c - 25.0) / doubling_c)
+        warm = replace(camera, dark_rate_dn_s=rate)
+        darks += [replace(warm.dark(t, rng), temperature_c=temperature_c) for t in (0.001, 0.01, 0.1, 1.0)]
+    return darks
+
+
+def test_doubling_temperature_of_exact_darks(camera):
+    dark, warnings = fit_dark(warm_darks(camera))
+    assert warnings == []
+    assert dark.doubling_temperature_c == pytest.approx(7.0, rel=1e-6)
+    assert dark.temperature_c == pytest.approx(27.5)
+    assert dark.mean_dn(0.5, 25.0) == pytest.approx(64 + 20.0)
+    assert dark.mean_dn(0.5, 32.0) == pytest.approx(64 + 40.0)
+    assert dark.mean_dn(0.5) == dark.mean_dn(0.5, 27.5)
+
+
+def test_darkness_at_another_temperature_scatters_as_stated(camera):
+    n, rng = 1000, np.random.default_rng(4)
+    fits = [fit_dark(warm_darks(camera, rng))[0] for _ in range(n)]
+    for temperature_c in (20.0, 28.0, 40.0):
+        stated = sqrt(np.mean([f.variance_dn2(0.3, temperature_c) for f in fits]))
+        scatter = np.std([f.mean_dn(0.3, temperature_c) for f in fits])
+        # Widening by the Birge ratio only ever widens: with 5 degrees of freedom by 12 % on average (chi distribution).
+        assert stated / 1.2 < scatter < stated * (1 + 4 / sqrt(2 * n))
+
+
+def test_errors_of_the_dark_are_its_covariance(camera):
+    dark, _ = fit_dark(warm_darks(camera))
+    rows = dark.errors()
+    assert rows.T @ rows == pytest.approx(np.array(dark.covariance), rel=1e-6, abs=1e-12)
+
+
+def test_equal_temperatures_give_a_line(camera):
+    dark, _ = fit_dark(warm_darks(camera, temperatures_c=(24.0, 25.0)))
+    assert dark.doubling_temperature_c is None
+    assert dark.mean_dn(0.1, 60.0) == dark.mean_dn(0.1, 25.0)
+
+
+def test_temperature_and_exposure_that_go_together_cannot_be_told_apart(camera):
+    darks = warm_darks(camera)
+    tied = [darks[0], darks[-1]]
+    assert fit_dark(tied)[0].doubling_temperature_c is None
+
+
 def test_no_dark():
     with pytest.raises(CalibrationError, match="there are no dark frames: cover the lens and take at least 2"):
         fit_dark([])

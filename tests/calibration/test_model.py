@@ -22,9 +22,7 @@ def calibration(camera, new_reading, setup):
 def test_frame_to_luminance(calibration, camera, new_frame):
     mean = camera.mean_dn(100.0, 0.008)
     seen = calibration.to_luminance(new_frame(np.full(SHAPE, mean), 0.008))
-    assert seen.luminance_cd_m2 == pytest.approx(100.0, abs=0.5 / (1200 * 0.008))
-    assert seen.random_rel == pytest.approx(np.sqrt(0.25 * 960 + 1.5**2) / 960, rel=1e-3)
-    assert seen.common_rel == calibration.responsivity_common_rel
+    assert seen.luminance_cd_m2 == pytest.approx(np.full(SHAPE, 100.0), abs=0.5 / (1200 * 0.008))
     assert seen.valid.all()
 
 
@@ -78,8 +76,20 @@ def test_an_exposure_outside_the_calibrated_ones_is_logged(calibration, new_fram
 
 
 def test_reduced_chi_squared(calibration):
-    responsivity = replace(calibration.responsivity, chi_squared=22.0)
+    responsivity = replace(calibration.responsivity, chi_squared=22.0, degrees_of_freedom=11)
     assert responsivity.reduced_chi_squared == 2.0
+
+
+def test_a_gain_that_was_not_calibrated_is_refused_by_name(calibration):
+    gain = replace(calibration.setting(0.0), gain_db=6.0, factor=2.0)
+    two = replace(calibration, gains=(gain,))
+    assert two.setting(6.0) == gain
+    assert two.luminance_cd_m2(1200.0, 0.01, 6.0) == pytest.approx(two.luminance_cd_m2(1200.0, 0.01) / 2)
+    two.require(replace(two.state, gain_db=6.0), "this frame")
+    with pytest.raises(CalibrationError, match=r"gain of the calibration is 0 dB or 6 dB, but this frame has 12 dB"):
+        two.require(replace(two.state, gain_db=12.0), "this frame")
+    with pytest.raises(CalibrationError, match=r"is for a gain of 0 dB or 6 dB, not 12 dB: calibrate this gain too"):
+        two.setting(12.0)
 
 
 @pytest.mark.parametrize(

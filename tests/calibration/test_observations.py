@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from labcdp.calibration import observe_dark, observe_patches
 from labcdp.calibration.region_statistics import quantisation_variance_dn2
 from labcdp.errors import CalibrationError, InputError
-from labcdp.luminance import Cos4Vignetting
 from labcdp.roi import Roi
+from labcdp.vignetting import Cos4Vignetting
 
 PATCH = Roi.rectangle("grey", 8, 4, 16, 16)
 SHAPE = (24, 32)
@@ -151,6 +151,63 @@ def test_rounding_of_a_mean(std_dn):
     bound = exp(-4 * pi**2 * std_dn**2) / 12
     assert truth <= bound * 1.001 + 1e-9
     assert quantisation_variance_dn2(std_dn**2 + 1 / 12) == pytest.approx(bound)
+
+
+def test_temperature_and_place_are_kept(new_frame):
+    frames = [replace(new_frame(np.full(SHAPE, 9.0)), temperature_c=t) for t in (30.0, 30.5)]
+    (seen,) = observe_patches(frames, [PATCH])
+    assert (seen.temperature_c, seen.centre_px) == (30.25, (16.0, 12.0))
+    assert observe_dark(frames).temperature_c == 30.25
+
+
+def test_a_drifting_temperature_is_logged(new_frame, caplog):
+    observe_dark([replace(new_frame(np.full(SHAPE, 9.0)), temperature_c=t) for t in (30.0, 33.0)])
+    assert caplog.messages == [
+        "the camera's temperature went from 30.0 to 33.0 degC over the frames at 0.01 s: let it warm up first"
+    ]
+
+
+def test_an_unknown_temperature_stays_unknown(new_frame, caplog):
+    frames = [replace(new_frame(np.full(SHAPE, 9.0)), temperature_c=t) for t in (30.0, None)]
+    assert observe_dark(frames).temperature_c is None
+    assert caplog.messages == ["some frames at 0.01 s have no temperature: it is taken as unknown"]
+
+
+class _Defects:
+    def mask(self, shape):
+        mask = np.zeros(shape, dtype=bool)
+        mask[6, 10] = True
+        return mask
+
+
+class _Pattern:
+    def __init__(self, pattern_dn):
+        self.values = pattern_dn
+
+    def pattern_dn(self, shape, exposure_s, temperature_c=None):
+        assert (shape, exposure_s, temperature_c) == (SHAPE, 0.01, 30.0)
+        return self.values
+
+
+def test_defect_pixels_are_left_out(new_frame):
+    image = np.full(SHAPE, 100.0)
+    image[6, 10] = 4095
+    (seen,) = observe_patches([new_frame(image)] * 2, [PATCH], defects=_Defects())
+    assert (seen.signal_dn, seen.n_pixels, seen.saturated_share) == (100.0, 255, 0.0)
+
+
+def test_the_dark_pattern_is_taken_off(new_frame):
+    pattern = np.rint(np.random.default_rng(8).normal(0, 20, SHAPE)) + 10 * np.arange(SHAPE[1])
+    pattern -= pattern.mean()
+    image = np.rint(500 + pattern)
+    plain = observe_dark([new_frame(image)] * 2)
+    even = observe_dark([new_frame(image)] * 2, dark_library=_Pattern(pattern))
+    assert plain.nonuniformity_dn > 50
+    assert even.nonuniformity_dn < 0.5
+    assert even.mean_dn == pytest.approx(plain.mean_dn)
+    (seen,) = observe_patches([new_frame(image)] * 2, [PATCH], dark_library=_Pattern(pattern))
+    assert seen.signal_dn == pytest.approx(500, abs=0.5)
+    assert seen.unevenness.pixel_variance_dn2(0.0) < 1
 
 
 @given(mean=st.integers(10, 4000), n=st.integers(2, 5))

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration import expanded_half_width, fit, patch_luminance
+from labcdp.calibration import contrast_uncertainty, expanded_half_width, fit, patch_luminance
 from labcdp.errors import CalibrationError
-from labcdp.luminance import Cos4Vignetting
+from labcdp.vignetting import Cos4Vignetting
 
 EXPOSURES_S = (0.001, 0.008, 0.064)
 
@@ -30,23 +30,72 @@ def test_exact_observations_give_the_exact_luminance(calibration, camera):
 
 def test_interval_joins_scale_fit_and_noise(calibration, camera):
     patch = patch_luminance(calibration, seen(camera, 7.0))
-    fit_rel = calibration.responsivity.random_rel
-    assert patch.fit_rel == fit_rel
-    assert patch.common_rel == pytest.approx(np.hypot(0.02 / np.sqrt(3), fit_rel))
-    width = expanded_half_width(0.02, np.hypot(patch.random_rel, fit_rel))
+    # At 7 cd/m^2 the darkness adds nothing to speak of; the exposures' errors are averaged.
+    assert patch.fit_rel == pytest.approx(calibration.responsivity.random_rel, rel=0.05)
+    assert patch.scale_half_width_rel == pytest.approx(0.02)
+    assert patch.common_rel == pytest.approx(np.hypot(0.02 / np.sqrt(3), patch.fit_rel))
+    width = expanded_half_width(0.02, np.hypot(patch.random_rel, patch.fit_rel))
     assert patch.interval_95_cd_m2 == pytest.approx((7 * (1 - width), 7 * (1 + width)))
 
 
-def test_random_part_holds_noise_dark_and_pixels(calibration, camera):
+def test_random_part_holds_noise_and_pixels(calibration, camera):
     exact = camera.observe("wall", 7.0, 0.008, None)
     within = 9.0 + exact.temporal_variance_dn2 / exact.n_frames
     rough = replace(exact, unevenness=replace(exact.unevenness, within=(within, 0.0, 0.0)))
     net_dn = 7.0 * 1200 * 0.008
-    noise = (0.25 * net_dn + 1.5**2) / 1600
-    vague = replace(calibration, dark=replace(calibration.dark, offset_variance_dn2=0.04, covariance_dn2_s=0.0))
-    variance = noise + vague.dark.variance_dn2(0.008) + 9.0 / 400
-    assert variance > 0.04
-    assert patch_luminance(vague, [rough]).random_rel == pytest.approx(np.sqrt(variance) / net_dn, rel=1e-6)
+    variance = (0.25 * net_dn + 1.5**2) / 1600 + 9.0 / 400
+    patch = patch_luminance(calibration, [rough])
+    assert patch.random_rel == pytest.approx(np.sqrt(variance) / net_dn, rel=1e-6)
+
+
+def test_the_dark_error_moves_fit_and_patch_together(camera, new_reading, setup):
+    """The signed pattern is what a fit with other dark frames and then the same patch give."""
+    luminances = np.geomspace(0.5, 20, 6)
+    observations = [camera.observe(f"P{i}", v, t, None) for i, v in enumerate(luminances) for t in (0.01, 0.06)]
+    readings = {f"P{i}": [new_reading(float(v))] for i, v in enumerate(luminances)}
+    darks = [camera.dark(t, None) for t in (0.01, 0.06)]
+    right = fit(observations, darks, readings, setup)
+    before = patch_luminance(right, [camera.observe("wall", 2.0, 0.01, None)])
+    patterns = [e for e in right.fit_errors if e.source == "dark and temperature"]
+    stated = [e.relative for e in before.common if e.source == "dark and temperature"]
+    for pattern, relative in zip(patterns, stated, strict=True):
+        moved = [
+            replace(d, mean_dn=d.mean_dn + np.dot(pattern.dark, right.dark.sensitivities(d.exposure_s))) for d in darks
+        ]
+        wrong = fit(observations, moved, readings, setup)
+        after = patch_luminance(wrong, [camera.observe("wall", 2.0, 0.01, None)])
+        assert after.luminance_cd_m2 / before.luminance_cd_m2 - 1 == pytest.approx(relative, rel=0.02)
+
+
+def test_the_contrast_of_two_equal_patches_has_no_common_part(calibration, camera):
+    a, b = patch_luminance(calibration, seen(camera, 7.0)), patch_luminance(calibration, seen(camera, 7.0))
+    assert contrast_uncertainty(a, b) == pytest.approx(np.sqrt(2) * a.random_rel)
+
+
+def test_the_scale_cancels_in_a_contrast_and_the_darkness_does_not(calibration, camera):
+    bright = patch_luminance(calibration, seen(camera, 200.0))
+    dark = patch_luminance(calibration, seen(camera, 0.5))
+    of_dark = [[e.relative for e in patch.common if e.source == "dark and temperature"] for patch in (bright, dark)]
+    left = np.sum(np.square(np.subtract(*of_dark)))
+    exposures = [
+        {e.source: e.relative for e in patch.common if e.source.startswith("exposure")} for patch in (bright, dark)
+    ]
+    left += sum((exposures[0].get(k, 0) - exposures[1].get(k, 0)) ** 2 for k in exposures[0] | exposures[1])
+    expected = 400 * np.sqrt(bright.random_rel**2 + dark.random_rel**2 + left)
+    assert contrast_uncertainty(bright, dark) == pytest.approx(expected, rel=1e-6)
+    assert contrast_uncertainty(bright, dark) < 400 * 0.02 / np.sqrt(3)
+
+
+def test_contrasts_scatter_as_stated(camera, meter_class, setup):
+    rng, n, z = np.random.default_rng(5), 250, []
+    luminances = np.geomspace(0.5, 2000, 8)
+    for _ in range(n):
+        observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(luminances) for t in EXPOSURES_S]
+        readings = {f"P{i}": [meter_class().read(v, rng)] for i, v in enumerate(luminances)}
+        calibration = fit(observations, [camera.dark(t, rng) for t in EXPOSURES_S], readings, setup)
+        a, b = (patch_luminance(calibration, seen(camera, v, rng)) for v in (100.0, 0.6))
+        z.append((a.luminance_cd_m2 / b.luminance_cd_m2 - 100 / 0.6) / contrast_uncertainty(a, b))
+    assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(2 * n))
 
 
 def test_noise_scatters_as_stated(calibration, camera):
@@ -76,6 +125,24 @@ def test_saturated_exposure_is_left_out_and_named(calibration, camera):
 def test_luminance_outside_the_range_is_reported(calibration, camera, luminance):
     patch = patch_luminance(calibration, seen(camera, luminance))
     assert "cd/m^2, the calibrated range is 0.5 to 2000 cd/m^2" in patch.warnings[-1]
+
+
+def test_a_signal_beyond_the_calibrated_ones_is_reported(calibration, camera):
+    patch = patch_luminance(calibration, [camera.observe("wall", 390.0, 0.008, None)])
+    assert "is 3744 DN above dark, the calibration rests on signals up to 3541 DN" in patch.warnings[-1]
+
+
+def test_a_bent_response_is_not_continued_where_another_exposure_is_inside(bent_camera, new_reading, setup):
+    luminances = np.geomspace(0.5, 200, 10)
+    times = (0.001, 0.008, 0.016)
+    observations = [bent_camera.observe(f"P{i}", v, t, None) for i, v in enumerate(luminances) for t in times[:2]]
+    readings = {f"P{i}": [new_reading(float(v))] for i, v in enumerate(luminances)}
+    bent = fit(observations, [bent_camera.dark(t, None) for t in times[:2]], readings, setup)
+    assert bent.response.kind == "quadratic"
+    patch = patch_luminance(bent, [bent_camera.observe("wall", 180.0, t, None) for t in times])
+    assert (patch.exposures_s, patch.warnings) == ((0.001, 0.008), ())
+    alone = patch_luminance(bent, [bent_camera.observe("wall", 180.0, 0.016, None)])
+    assert "the calibration rests on signals up to" in alone.warnings[-1]
 
 
 def test_saturated_throughout(calibration, camera):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+from datetime import timedelta
 from math import hypot, sqrt
 
 import numpy as np
@@ -10,9 +12,14 @@ from labcdp.errors import CalibrationError, InputError
 from labcdp.reading import CD_M2_PER_FL, MeterIdentity
 
 
+def at_times(readings):
+    """Return the same readings, a second apart."""
+    return [replace(r, timestamp=r.timestamp + timedelta(seconds=i)) for i, r in enumerate(readings)]
+
+
 @given(n=st.integers(1, 50), value=st.floats(0.1, 9000))
 def test_repeatability_averages_down_and_digits_do_not(new_reading, n, value):
-    reading, warnings = combine_readings("grey", [new_reading(value, digits_half_width=0.02)] * n)
+    reading, warnings = combine_readings("grey", at_times([new_reading(value, digits_half_width=0.02)] * n))
     assert warnings == []
     assert (reading.patch, reading.n_readings) == ("grey", n)
     assert reading.luminance_cd_m2 == pytest.approx(value)
@@ -78,3 +85,30 @@ def test_two_meters_are_refused(new_reading):
 def test_no_readings_at_all():
     with pytest.raises(CalibrationError, match="there are no meter readings"):
         meter_scale({"a": []})
+
+
+def test_copied_rows_count_once(new_reading):
+    one = new_reading(100.0)
+    reading, (warning,) = combine_readings("grey", [one, one, *at_times([new_reading(100.1)] * 3)[1:]])
+    assert warning.startswith("1 readings of patch 'grey' are there twice, with the same time and value")
+    assert (reading.n_readings, [row.reading for row in reading.left_out]) == (3, [2])
+
+
+@pytest.mark.parametrize(
+    ("bad", "hint"),
+    [
+        (1000.0, "10 times 100 cd/m^2 (it looks like a decimal point in the wrong place)"),
+        (29.19, "0.292 times 100 cd/m^2 (it looks like a value in fL taken as cd/m^2, or the reverse)"),
+        (130.0, "1.3 times 100 cd/m^2"),
+    ],
+)
+def test_one_bad_reading_of_three_is_named_and_left_out(new_reading, bad, hint):
+    reading, (warning,) = combine_readings("grey", at_times([new_reading(v) for v in (100.0, bad, 100.1)]))
+    assert reading.luminance_cd_m2 == pytest.approx(100.05)
+    assert [(row.patch, row.reading) for row in reading.left_out] == [("grey", 2)]
+    assert warning.startswith(f"reading 2 of patch 'grey' is {bad:.4g} cd/m^2, {hint}")
+
+
+def test_mean_time_of_the_readings(new_reading):
+    reading, _ = combine_readings("grey", at_times([new_reading(100.0), new_reading(100.0), new_reading(100.0)]))
+    assert reading.read_at == new_reading(100.0).timestamp + timedelta(seconds=1)

@@ -1,0 +1,120 @@
+"""The responses a fit can choose from, each with its parameters: linear, quadratic, monotone PCHIP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..response import Response, ResponseKind
+from .design import Array
+
+#: Fewest patches beyond the number of parameters, so that leaving one out still leaves a fit to judge.
+MIN_SPARE_PATCHES = 2
+#: Most knots of a PCHIP response: sensors bend smoothly, and every knot costs certainty.
+MAX_KNOTS = 4
+
+
+class Curve(NamedTuple):
+    """c(n) = h(n) / R at signals n, shape (n,): values, slopes, and derivatives by the parameters, shape (n, p)."""
+
+    value: Array
+    slope: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of the ladder: c(n) = h(n) / R with its parameters b.
+
+    linear: b1 n. quadratic: b1 n + b2 n^2 / n_max. pchip: monotone cubic interpolation (F. N. Fritsch and R. E.
+    Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0.
+
+    Parameters
+    ----------
+    kind : {'linear', 'quadratic', 'pchip'}
+        Which.
+    knots_dn : tuple of float
+        Rising, the last is n_max, the highest signal of the fit; only that one for linear and quadratic.
+    """
+
+    kind: ResponseKind
+    knots_dn: tuple[float, ...]
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters b."""
+        return {"linear": 1, "quadratic": 2}.get(self.kind, len(self.knots_dn))
+
+    def start(self, slope: float) -> Array:
+        """Parameters of a straight line."""
+        if self.kind == "pchip":
+            return slope * np.array(self.knots_dn)
+        return np.array([slope, 0.0][: self.n_parameters])
+
+    def curve(self, parameters: Array, net_dn: Array) -> Curve:
+        """Evaluate at signals, shape (n,); beyond n_max a pchip goes on with the slope there."""
+        top = self.knots_dn[-1]
+        if self.kind == "linear":
+            return Curve(parameters[0] * net_dn, np.full(net_dn.shape, parameters[0]), net_dn[:, None])
+        if self.kind == "quadratic":
+            a, b = parameters
+            jacobian = np.column_stack([net_dn, net_dn**2 / top])
+            return Curve(jacobian @ parameters, a + 2 * b * net_dn / top, jacobian)
+        return self._pchip(parameters, net_dn)
+
+    def rises(self, parameters: Array) -> bool:
+        """Whether c is zero at zero and strictly rising up to n_max."""
+        if self.kind == "pchip":
+            return bool((np.diff(parameters, prepend=0.0) > 0).all())
+        return bool(parameters[0] > 0 and self.curve(parameters, np.array(self.knots_dn)).slope[-1] > 0)
+
+    def response(self, parameters: Array) -> tuple[Response, float]:
+        """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2)."""
+        top = self.knots_dn[-1]
+        if self.kind == "linear":
+            return Response(), float(1 / parameters[0])
+        if self.kind == "quadratic":
+            at_top = top * (1 + parameters[1] / parameters[0])
+            return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])
+        responsivity = self.knots_dn[0] / parameters[0]
+        values = tuple(float(v) for v in parameters * responsivity)
+        return Response("pchip", (0.0, *self.knots_dn), (0.0, *values)), float(responsivity)
+
+    def _pchip(self, parameters: Array, net_dn: Array) -> Curve:
+        from scipy.interpolate import PchipInterpolator
+
+        # One step for each parameter at once, the columns beside the curve itself.
+        step = 1e-6 * parameters[-1]
+        values = np.repeat(np.concatenate([[0.0], parameters])[:, None], parameters.size + 1, axis=1)
+        for k in range(parameters.size):
+            values[k + 1, k + 1] += step
+        curve = PchipInterpolator([0.0, *self.knots_dn], values, axis=0)
+        inside = np.clip(net_dn, 0, self.knots_dn[-1])
+        slopes = curve(inside, 1)
+        values = curve(inside) + slopes * (net_dn - inside)[:, None]
+        return Curve(values[:, 0], slopes[:, 0], (values[:, 1:] - values[:, :1]) / step)
+
+
+def rungs(net_dn: Array, n_patches: int) -> list[Rung]:
+    """Models that the data can support, the simplest first.
+
+    Parameters
+    ----------
+    net_dn : ndarray of float, shape (n,)
+        Signals above dark of all observations.
+    n_patches : int
+        Number of patches.
+    """
+    top = float(net_dn.max())
+    ladder = [Rung("linear", (top,))]
+    if n_patches >= 2 + MIN_SPARE_PATCHES:
+        ladder.append(Rung("quadratic", (top,)))
+    for n_knots in range(min(MAX_KNOTS, n_patches - MIN_SPARE_PATCHES), 2, -1):
+        knots = top * np.arange(1, n_knots + 1) / n_knots
+        # Every piece needs signals of its own to stand on.
+        if (np.histogram(net_dn, bins=[0.0, *knots])[0] >= 2).all():
+            ladder.append(Rung("pchip", tuple(float(v) for v in knots)))
+            break
+    return ladder

@@ -1,0 +1,241 @@
+"""From a frame to luminance by a calibration: the only conversion of a calibrated camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import hypot
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibrationError
+from ..frame import Frame
+from ..luminance import RANGE_MARGIN, CommonError, Invalid, LuminanceMap, Window
+from ..vignetting import AnyVignetting, FlatField, RadialVignetting
+from .dn_tables import DnTables
+from .model import Calibration
+from .observations import CameraState
+from .setup import LensIdentity
+
+#: Pixels that are looked up at a time: few enough that all a block needs stays in the processor's cache.
+_BLOCK = 2**15
+#: Mark of a DN whose pixels are in or out of range depending on where they are; no flag of `Invalid`.
+_DEPENDS = 128
+
+_Maps = NDArray[np.float32]
+
+
+def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | None = None) -> LuminanceMap:
+    """Convert a frame: L = h(DN - d(t, T)) / (R t V(x, y)).
+
+    All that depends on the DN alone is computed once for each of the 2^bits values, in float64, and looked up, in
+    float32 (7 digits; DN have 5 at the most). Uncertainty and flags are computed when they are asked for. Pixels below
+    the dark have a negative luminance; a relative uncertainty is that of the absolute over the luminance's magnitude,
+    and so may be far above 1 near zero.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The calibration.
+    frame : Frame
+        Monochrome, or one colour plane.
+    lens : LensIdentity or None
+        The lens on the camera, if known: a frame does not know it.
+
+    Returns
+    -------
+    LuminanceMap
+        random_rel: noise of the pixel by photon transfer, h'(n) s(n) / h(n), with the noise of flat field and dark
+        library. common: `common_errors`, and the uncertainty of a radial fall-off.
+
+    Raises
+    ------
+    CalibrationError
+        If the frame is of another camera, gain, pixel format, bit depth, saturation or image size, or the lens is
+        another or has another f-number.
+    InputError
+        If flat field, defect map or dark library are of another image size.
+    """
+    require_lens(calibration.lens, lens)
+    calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
+    setting = calibration.setting(frame.gain_db)
+    library = calibration.dark_library
+    pattern, noise_dn = None, 0.0
+    if library is not None and library.worth_applying(frame.exposure_s, frame.temperature_c):
+        pattern = library.pattern_dn(frame.shape, frame.exposure_s, frame.temperature_c)
+        noise_dn = library.noise_dn(frame.exposure_s, frame.temperature_c)
+    tables = DnTables(
+        calibration, setting, frame.exposure_s, frame.temperature_c, frame.bit_depth, library_noise_dn=noise_dn
+    )
+    conversion = _Conversion(frame, tables, _inverse_v(calibration.vignetting, frame.shape), pattern)
+    return LuminanceMap(
+        conversion.luminance(),
+        conversion.random_rel,
+        conversion.common,
+        conversion.invalid,
+        common_rel=conversion.common_rel,
+        slow_rel=_slow_rel(calibration),
+        slow_cd_m2=tables.slow_cd_m2 * _mean_inverse_v(calibration.vignetting, frame.shape),
+        fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
+    )
+
+
+def _slow_rel(calibration: Calibration) -> float:
+    """Relative standard uncertainty that each region has to itself, however large: flat field and patch scatter."""
+    vignetting = calibration.vignetting
+    of_field = vignetting.slow_rel if isinstance(vignetting, FlatField | RadialVignetting) else 0.0
+    return hypot(of_field, calibration.responsivity.scatter_rel)
+
+
+@dataclass(frozen=True, eq=False)
+class _Conversion:
+    """Looks up the pixels of a frame."""
+
+    frame: Frame
+    tables: DnTables
+    inverse_v: _Maps | None
+    dark_pattern_dn: _Maps | None
+
+    def luminance(self) -> _Maps:
+        luminance = _look_up(self.tables.luminance_cd_m2, self.frame.dn, None if self._patterned else self.inverse_v)
+        if self.dark_pattern_dn is None:
+            return luminance
+        # To first order in the pattern, which is small: pixels where it is not are in the map of defects.
+        luminance -= _look_up(self.tables.slope_cd_m2_dn, self.frame.dn, self.dark_pattern_dn)
+        if self.inverse_v is not None:
+            luminance *= self.inverse_v
+        return luminance
+
+    def random_rel(self) -> _Maps:
+        if not self._patterned:
+            return _look_up(self.tables.random_rel, self.frame.dn)
+        margin = _look_up(self.tables.margin_cd_m2, self.frame.dn, self.inverse_v)
+        magnitude = np.maximum(np.abs(self.luminance()), np.float32(1e-30))
+        return (margin / RANGE_MARGIN / magnitude).astype(np.float32, copy=False)
+
+    def common(self, window: Window) -> tuple[CommonError, ...]:
+        dn = self.frame.dn[window]
+        by_dn = tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=_look_up(np.asarray(e.relative), dn))
+            for e in self.tables.common
+        )
+        by_place = (CommonError("flat field", -p[window]) for p in self._positional[0])
+        return (*by_dn, *by_place)
+
+    def common_rel(self) -> _Maps:
+        squares = self._positional[1]
+        if squares is None:
+            return _look_up(np.sqrt(self.tables.common_square), self.frame.dn)
+        total = _look_up(self.tables.common_square, self.frame.dn)
+        total += squares
+        result: _Maps = np.sqrt(total, out=total)
+        return result
+
+    def invalid(self) -> NDArray[np.uint8]:
+        invalid = self._flags_by_luminance() if self._patterned else self._flags_by_dn()
+        if self.tables.calibration.defects is not None:
+            invalid[self.tables.calibration.defects.mask(self.frame.shape)] |= Invalid.DEFECT.value
+        return invalid
+
+    def _flags_by_dn(self) -> NDArray[np.uint8]:
+        """Look the flags up; a luminance is computed only where it depends on V whether it is in range."""
+        tables, flags = self.tables, self.tables.flags(self.frame.saturation_dn)
+        darkest, brightest = tables.luminance_cd_m2 + tables.margin_cd_m2, tables.luminance_cd_m2 - tables.margin_cd_m2
+        ends = [1.0] if self.inverse_v is None else _ends(self.tables.calibration.vignetting, self.frame.shape)
+        low, high = self.tables.calibration.range_cd_m2
+        below = np.array([darkest * end < low for end in ends])
+        above = np.array([brightest * end > high for end in ends])
+        surely = below.all(axis=0) | above.all(axis=0)
+        flags[surely] |= Invalid.OUTSIDE_CALIBRATED.value
+        flags[(below | above).any(axis=0) & ~surely] |= _DEPENDS
+        invalid = _look_up(flags, self.frame.dn)
+        if self.inverse_v is not None and flags.max() >= _DEPENDS:
+            for rows in _blocks(self.frame.shape):
+                block = invalid[rows].reshape(-1)  # a view: rows are whole
+                at = np.flatnonzero(block >= _DEPENDS)
+                dn, scale = self.frame.dn[rows].reshape(-1)[at], self.inverse_v[rows].reshape(-1)[at]
+                out = self._outside(darkest[dn] * scale, brightest[dn] * scale)
+                block[at] ^= np.where(out, _DEPENDS | Invalid.OUTSIDE_CALIBRATED, _DEPENDS).astype(np.uint8)
+        return invalid
+
+    def _flags_by_luminance(self) -> NDArray[np.uint8]:
+        luminance = self.luminance()
+        margin = _look_up(self.tables.margin_cd_m2, self.frame.dn, self.inverse_v)
+        invalid = _look_up(self.tables.flags(self.frame.saturation_dn) & Invalid.SATURATED, self.frame.dn)
+        invalid[luminance < 0] |= Invalid.BELOW_BLACK.value
+        invalid[self._outside(luminance + margin, luminance - margin)] |= Invalid.OUTSIDE_CALIBRATED.value
+        return invalid
+
+    def _outside(self, darkest: _Maps, brightest: _Maps) -> NDArray[np.bool_]:
+        """Out of the calibrated range by more than noise: it must not push out half the pixels of the end patches."""
+        low, high = self.tables.calibration.range_cd_m2
+        outside: NDArray[np.bool_] = (darkest < low) | (brightest > high)
+        return outside
+
+    @property
+    def _patterned(self) -> bool:
+        return self.dark_pattern_dn is not None
+
+    @property
+    def _positional(self) -> tuple[list[_Maps], _Maps | None]:
+        vignetting = self.tables.calibration.vignetting
+        if not isinstance(vignetting, RadialVignetting) or not np.any(vignetting.covariance):
+            return [], None
+        return _positional_patterns(vignetting, self.frame.shape)
+
+
+def _look_up(table: NDArray[Any], dn: NDArray[Any], factor: _Maps | None = None) -> NDArray[Any]:
+    """Values of the table at the DN, times a factor, block by block; DN beyond the table get its last value."""
+    values = np.empty(dn.shape, table.dtype)
+    for rows in _blocks(dn.shape):
+        np.take(table, dn[rows], out=values[rows], mode="clip")
+        if factor is not None:
+            values[rows] *= factor[rows]
+    return values
+
+
+def _blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+    height, width = shape
+    rows = max(_BLOCK // max(width, 1), 1)
+    return (slice(start, start + rows) for start in range(0, height, rows))
+
+
+@lru_cache(maxsize=8)
+def _inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> _Maps | None:
+    """1 / V in float32, kept for the next frame."""
+    if vignetting is None:
+        return None
+    return np.reciprocal(vignetting.relative_illuminance(shape)).astype(np.float32)
+
+
+@lru_cache(maxsize=8)
+def _ends(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> tuple[np.float32, np.float32]:
+    """Lowest and highest 1 / V."""
+    inverse_v = _inverse_v(vignetting, shape)
+    assert inverse_v is not None
+    return inverse_v.min(), inverse_v.max()
+
+
+@lru_cache(maxsize=8)
+def _mean_inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> float:
+    inverse_v = _inverse_v(vignetting, shape)
+    return 1.0 if inverse_v is None else float(inverse_v.mean(dtype=float))
+
+
+@lru_cache(maxsize=2)
+def _positional_patterns(vignetting: RadialVignetting, shape: tuple[int, int]) -> tuple[list[_Maps], _Maps]:
+    """Patterns of the fall-off's uncertainty, and the sum of their squares."""
+    patterns = [pattern.astype(np.float32) for pattern in vignetting.common_patterns(shape)]
+    return patterns, np.sum(np.square(patterns), axis=0, dtype=np.float32)
+
+
+def require_lens(calibrated: LensIdentity, lens: LensIdentity | None) -> None:
+    """Refuse another lens or f-number; raises CalibrationError. An unknown one, None, is let pass."""
+    if lens is not None and lens != calibrated:
+        raise CalibrationError(
+            f"the calibration is for the lens {calibrated}, the frame was taken with {lens}: "
+            "calibrate with this lens and f-number"
+        )

@@ -1,0 +1,183 @@
+"""Defect pixels: found from dark and flat frames by robust limits, and kept with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cached_property
+from math import sqrt
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibrationError, InputError
+from ..stored_array import StoredArray, content_sha256, read_only
+from .pixel_statistics import PixelStatistics
+
+#: Robust standard deviations from the median beyond which a pixel of the dark image is hot. Of five million sound
+#: pixels with normal deviations none is expected there.
+HOT_LIMIT = 8.0
+#: Responsivity over that of the neighbourhood below or above which a pixel is dead.
+DEAD_LIMITS = (0.5, 1.5)
+#: Probability for a sound pixel to be called noisy.
+NOISY_CHANCE = 1e-9
+#: Frames of one exposure from which the noise of single pixels can be judged.
+MIN_FRAMES_NOISY = 8
+
+
+class Defect(IntFlag):
+    """What is wrong with a pixel."""
+
+    HOT = 1
+    DEAD = 2
+    STUCK = 4
+    NOISY = 8
+
+
+@dataclass(frozen=True, eq=False)
+class DefectMap:
+    """Pixels that must not be used; two maps are equal if they name the same pixels for the same reasons.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int32, shape (n,)
+        Where the pixels are, in the order of the image.
+    reasons : ndarray of uint8, shape (n,)
+        `Defect` flags.
+    image_shape : (int, int)
+        Height and width of the image.
+
+    Raises
+    ------
+    InputError
+        If the arrays differ in length, or a pixel lies outside the image.
+    """
+
+    rows: Annotated[NDArray[np.int32], StoredArray("int32", 1)]
+    columns: Annotated[NDArray[np.int32], StoredArray("int32", 1)]
+    reasons: Annotated[NDArray[np.uint8], StoredArray("uint8", 1)]
+    image_shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("rows", np.int32), ("columns", np.int32), ("reasons", np.uint8)):
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)), dtype))
+        if not self.rows.shape == self.columns.shape == self.reasons.shape:
+            raise InputError("rows, columns and reasons of a defect map differ in length: give one of each a pixel")
+        for values, size in zip((self.rows, self.columns), self.image_shape, strict=True):
+            if values.size and not (values.min() >= 0 and values.max() < size):
+                raise InputError(f"a defect pixel lies outside the image of {self.image_shape} (height, width)")
+
+    @classmethod
+    def of(cls, reasons: NDArray[np.uint8]) -> DefectMap:
+        """Defect map of an image of `Defect` flags, shape (height, width)."""
+        rows, columns = np.nonzero(reasons)
+        height, width = reasons.shape
+        return cls(rows.astype(np.int32), columns.astype(np.int32), reasons[rows, columns], (height, width))
+
+    @property
+    def n_pixels(self) -> int:
+        """How many pixels are defect."""
+        return self.rows.size
+
+    def count(self, reason: Defect) -> int:
+        """How many pixels have this defect."""
+        return int(np.count_nonzero(self.reasons & reason))
+
+    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Mask of the defect pixels; raises InputError for an image of another size."""
+        if shape != self.image_shape:
+            raise InputError(
+                f"the defect map is for {self.image_shape[1]} x {self.image_shape[0]} pixels, the image has "
+                f"{shape[1]} x {shape[0]}: find the defects with this image size"
+            )
+        mask = np.zeros(shape, dtype=np.bool_)
+        mask[self.rows, self.columns] = True
+        return mask
+
+    @cached_property
+    def content_sha256(self) -> str:
+        """Hash over all values."""
+        return content_sha256(self.rows, self.columns, self.reasons, np.array(self.image_shape))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, DefectMap):
+            return NotImplemented
+        return self is other or self.content_sha256 == other.content_sha256
+
+    def __hash__(self) -> int:
+        return hash(self.content_sha256)
+
+
+def find_defects(dark: PixelStatistics, light: PixelStatistics | None = None) -> DefectMap:
+    """Find defect pixels.
+
+    EMVA 1288 leaves the limits to the user and asks for robust ones; here they are multiples of 1.4826 times the
+    median absolute deviation, which the defects themselves do not move. hot: the mean dark value is more than
+    `HOT_LIMIT` of them above or below the median. dead: the responsivity is outside `DEAD_LIMITS` times the median of
+    the 5 x 5 pixels around. stuck: the pixel shows the same in light as in darkness, or never changes while its
+    neighbours do. noisy: the variance over the frames is above what one sound pixel in 1 / `NOISY_CHANCE` shows
+    (chi^2 distribution); only from `MIN_FRAMES_NOISY` frames on.
+
+    Parameters
+    ----------
+    dark : PixelStatistics
+        Of dark frames, best at the longest exposure in use.
+    light : PixelStatistics or None
+        Of frames of a uniform source at half of saturation; None finds hot and noisy pixels only.
+
+    Raises
+    ------
+    CalibrationError
+        If the two are of different sizes, or the light is not brighter than the dark.
+    """
+    reasons = np.zeros(dark.shape, dtype=np.uint8)
+    deviation = dark.mean_dn - np.median(dark.mean_dn)
+    reasons[np.abs(deviation) > HOT_LIMIT * _robust_std(deviation, dark)] |= Defect.HOT.value
+    reasons[_noisy(dark)] |= Defect.NOISY.value
+    if light is not None:
+        if light.shape != dark.shape:
+            raise CalibrationError(f"the dark frames are {dark.shape} pixels, the light frames {light.shape}")
+        net = light.mean_dn - dark.mean_dn
+        around = _median_around(net)
+        typical = float(np.median(net))
+        if typical < 5 * sqrt(dark.typical_variance_dn2 + 1 / 12):
+            raise CalibrationError(
+                f"the light frames are {typical:.3g} DN above the dark ones, too little to find dead pixels: light the "
+                "sensor to half of its saturation"
+            )
+        low, high = DEAD_LIMITS
+        reasons[(net < low * around) | (net > high * around)] |= Defect.DEAD.value
+        unmoved = (light.variance_dn2 == 0) & (np.median(light.variance_dn2) > 0.5) & (light.n_frames > 3)
+        same = np.abs(net) <= 0.02 * np.maximum(around, 0)
+        reasons[same | unmoved] |= Defect.STUCK.value
+        reasons[_noisy(light)] |= Defect.NOISY.value
+    return DefectMap.of(reasons)
+
+
+def _robust_std(deviation: NDArray[np.float64], statistics: PixelStatistics) -> float:
+    """1.4826 times the median absolute deviation; not below noise and rounding of a mean over the frames."""
+    robust = 1.4826 * float(np.median(np.abs(deviation)))
+    return max(robust, sqrt(statistics.mean_variance_dn2))
+
+
+def _noisy(statistics: PixelStatistics) -> NDArray[np.bool_]:
+    """Pixels whose variance is too large for that of their neighbours with as much light."""
+    from scipy.stats import chi2
+
+    if statistics.n_frames < MIN_FRAMES_NOISY:
+        return np.zeros(statistics.shape, dtype=np.bool_)
+    freedom = statistics.n_frames - 1
+    typical = statistics.typical_variance_dn2
+    brightest = max(float(np.quantile(statistics.mean_dn, 0.99) / max(np.median(statistics.mean_dn), 1e-9)), 1.0)
+    limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, freedom)) / freedom
+    noisy: NDArray[np.bool_] = statistics.variance_dn2 > max(limit, 1 / 12)
+    return noisy
+
+
+def _median_around(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median of the 5 x 5 pixels around each pixel; pixels beyond the edge repeat those at it."""
+    import cv2
+
+    around: NDArray[np.float64] = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
+    return around

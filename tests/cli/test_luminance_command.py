@@ -1,0 +1,78 @@
+import json
+
+import numpy as np
+import pytest
+import tifffile
+
+from labcdp.calibration import save
+from labcdp.evaluate import calibrate_session, observe_session
+from labcdp.session import Session, example_session
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """Calibration of the session that ships with labcdp."""
+    path = tmp_path_factory.mktemp("calibrated") / "calibration.json"
+    with Session.open(example_session()) as session:
+        save(calibrate_session(observe_session(session)), path)
+    return path
+
+
+def test_a_session_becomes_one_map(labcdp, calibrated, tmp_path):
+    done = labcdp("luminance", calibrated, example_session(), "-o", "map.tif", "--preview", "map.png", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["written"] == ["map.tif", "map.png"]
+    assert sorted(set(result["exposures_s"])) == [0.002, 0.008, 0.032]
+    assert result["valid_share"] > 0.999
+    values = tifffile.imread(tmp_path / "map.tif", key=0)
+    # The patches read 414 and 34 cd/m^2 in the thesis; the brightest and the lower right one lie there.
+    assert 380 < np.quantile(values, 0.99) < 450
+    assert result["max_cd_m2"] >= values[5:-5, 5:-5].max() * 0.99
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    with tifffile.TiffFile(tmp_path / "map.tif") as tiff:
+        page = json.loads(tiff.pages.first.description)
+    assert page["calibration"]["camera"].startswith("Allied Vision")
+    assert page["unit"] == "cd/m^2"
+
+
+def test_chosen_frames_and_exposures(labcdp, calibrated):
+    (one,) = json.loads(
+        labcdp("luminance", calibrated, example_session(), "-o", "a.npz", "--frame", 3, "--json").stdout
+    )["frames"]
+    assert one == "frames/0003_light_8ms.tif"
+    done = labcdp("luminance", calibrated, example_session(), "-o", "b.exr", "--exposure", "8ms")
+    assert done.returncode == 0
+    assert "2 frames at 8 ms" in done.stderr
+    assert "saturated" in done.stderr
+    assert "add a shorter exposure" in done.stderr
+
+
+def test_frame_files(labcdp, calibrated):
+    path = example_session() / "frames" / "0001_light_2ms.tif"
+    done = labcdp("luminance", calibrated, path, "-o", "a.npz")
+    assert done.returncode == 0, done.stderr
+    assert "1 frame at 2 ms" in done.stderr
+
+
+def test_bad_input_is_one_line(fails, calibrated, tmp_path):
+    session = example_session()
+    assert "ends in .tif, .tiff, .exr, .npz" in fails("luminance", calibrated, session, "-o", "a.jpg")
+    assert "no frame 99: its frames are 1 to 12" in fails(
+        "luminance", calibrated, session, "-o", "a.npz", "--frame", 99
+    )
+    assert "it has 2ms, 8ms, 32ms" in fails("luminance", calibrated, session, "-o", "a.npz", "--exposure", "5ms")
+    assert "give a number with s, ms or us" in fails("luminance", calibrated, session, "-o", "a.npz", "--exposure", "5")
+    assert "of patch 'P' alone" in fails("luminance", calibrated, session, "-o", "a.npz", "--patch", "P")
+    assert "give one session" in fails("luminance", calibrated, session, session, "-o", "a.npz")
+    assert "cannot be read" in fails("luminance", calibrated, "no.tif", "-o", "a.npz")
+    assert "is not a calibration" in fails("luminance", _json(tmp_path, {}), session, "-o", "a.npz")
+    document = json.loads(calibrated.read_text())
+    document["calibration"]["lens"]["f_number"] = 8.0
+    assert "was changed after it was written" in fails("luminance", _json(tmp_path, document), session, "-o", "a.npz")
+    assert not (tmp_path / "a.npz").exists()
+
+
+def _json(folder, content):
+    (folder / "other.json").write_text(json.dumps(content))
+    return "other.json"

@@ -1,0 +1,200 @@
+"""Patches of a fit of colour planes: what meter and planes say of them, and the rows of the residual table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from ..errors import CalibrationError
+from ..frame import PLANES
+from ..reading import Reading
+from .colour import ColourCalibration
+from .colour_combination import ColourData
+from .colour_conversion import colour_patch_luminance, own_rel
+from .colour_planes import colours_of_planes
+from .findings import LeftOut
+from .model import Calibration, PatchResidual
+from .observations import PatchObservation
+from .patch import PatchLuminance, patch_luminance
+from .readings import PatchReading, combine_readings
+from .signal import net_signal
+
+
+@dataclass(frozen=True, eq=False)
+class ColourPatches:
+    """Patches the combination is fitted to.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The patches.
+    readings : tuple of PatchReading
+        By the meter.
+    seen : tuple of tuple of PatchLuminance
+        By each plane alone.
+    centres_px : tuple of (float, float)
+        Middle (x, y) of each region in the Bayer frame.
+    data : ColourData
+        The same as numbers, by colour.
+    left_out : tuple of LeftOut
+        Patches that cannot be used.
+    warnings : tuple of str
+        What the user should know.
+    """
+
+    names: tuple[str, ...]
+    readings: tuple[PatchReading, ...]
+    seen: tuple[tuple[PatchLuminance, ...], ...]
+    centres_px: tuple[tuple[float, float], ...]
+    data: ColourData
+    left_out: tuple[LeftOut, ...]
+    warnings: tuple[str, ...]
+
+
+def by_patch(
+    observations: Mapping[str, Sequence[PatchObservation]],
+) -> dict[str, dict[str, list[PatchObservation]]]:
+    """Sort observations by patch, then by plane."""
+    groups: dict[str, dict[str, list[PatchObservation]]] = {}
+    for plane in PLANES:
+        for o in observations[plane]:
+            groups.setdefault(o.patch, {}).setdefault(plane, []).append(o)
+    return groups
+
+
+def colour_patches(
+    planes: Sequence[Calibration],
+    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    readings: Mapping[str, Sequence[Reading]],
+    scatter_rel: float,
+) -> ColourPatches:
+    """Put readings and planes of each patch together.
+
+    Parameters
+    ----------
+    planes : sequence of Calibration
+        Fitted planes.
+    groups : mapping
+        Observations by patch, then by plane.
+    readings : mapping of str to sequence of Reading
+        The meter's readings by patch.
+    scatter_rel : float
+        Relative standard deviation between patches that nothing explains.
+
+    Raises
+    ------
+    CalibrationError
+        If no patch is usable in all planes.
+    """
+    kept: list[tuple[str, PatchReading, tuple[PatchLuminance, ...]]] = []
+    shared_rel: list[float] = []
+    left_out: list[LeftOut] = []
+    warnings: list[str] = []
+    for name, group in groups.items():
+        reading, of_reading = combine_readings(name, readings[name])
+        warnings += of_reading
+        reason = "reads 0 cd/m^2, below the meter's range" if reading.luminance_cd_m2 == 0 else None
+        seen: list[PatchLuminance] = []
+        try:
+            for plane in planes if reason is None else ():
+                seen.append(patch_luminance(plane, group.get(f"{plane.state.plane}", ())))
+        except CalibrationError as error:
+            reason = f"is usable in not all planes ({error})"
+        if reason is not None:
+            left_out.append(LeftOut(name, None, None, reason))
+            warnings.append(f"patch {name!r} {reason}: left out of the combination")
+            continue
+        kept.append((name, reading, tuple(seen)))
+        shared_rel.append(
+            hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), scatter_rel)
+        )
+    if not kept:
+        raise CalibrationError(f"no patch is usable in all planes: {'; '.join(warnings)}")
+    names, joined, all_seen = zip(*kept, strict=True)
+    return ColourPatches(
+        names,
+        joined,
+        all_seen,
+        tuple(centre_px(groups[name]) for name in names),
+        _data(planes, joined, all_seen, shared_rel),
+        tuple(left_out),
+        tuple(warnings),
+    )
+
+
+def _uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[PatchObservation]]) -> float:
+    """How uneven the light of a patch is, which meter and camera see at slightly different places."""
+    plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
+    used = [o for o in group[f"{plane.state.plane}"] if o.saturated_share == 0]
+    slow = [net_signal(o, plane.settings).slow_rel for o in used]
+    return float(np.mean(slow)) if slow else 0.0
+
+
+def _data(
+    planes: Sequence[Calibration],
+    readings: Sequence[PatchReading],
+    seen: Sequence[Sequence[PatchLuminance]],
+    shared_rel: Sequence[float],
+) -> ColourData:
+    to_colour = colours_of_planes(planes)
+    luminance = np.array([[one.luminance_cd_m2 for one in row] for row in seen])
+    own = np.array([[own_rel(plane, one) for plane, one in zip(planes, row, strict=True)] for row in seen])
+    reading = np.array([r.luminance_cd_m2 for r in readings])
+    by_colour = luminance @ to_colour
+    error = np.sqrt((luminance * own) ** 2 @ to_colour**2)
+    return ColourData(by_colour / reading[:, None], error / np.abs(by_colour), np.array(shared_rel))
+
+
+def centre_px(group: Mapping[str, Sequence[PatchObservation]]) -> tuple[float, float]:
+    """Middle (x, y) of a patch in the Bayer frame; a plane has half its pixels along each side."""
+    x, y = next(iter(group.values()))[0].centre_px
+    return 2 * x, 2 * y
+
+
+def colour_row(
+    reading: PatchReading,
+    seen: Sequence[PatchLuminance],
+    centre: tuple[float, float],
+    deviation: float,
+    standardised: float,
+) -> PatchResidual:
+    """Row of the residual table; the deviation counts as that of a patch the fit was not shown."""
+    return PatchResidual(
+        patch=reading.patch,
+        reading_cd_m2=reading.luminance_cd_m2,
+        reading_random_cd_m2=reading.random_cd_m2,
+        n_readings=reading.n_readings,
+        luminance_cd_m2=reading.luminance_cd_m2 * (1 + deviation),
+        residual_rel=deviation,
+        standardised_residual=standardised,
+        exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
+        centre_px=centre,
+        leave_one_out_rel=deviation,
+    )
+
+
+def held_out_rows(
+    calibration: ColourCalibration,
+    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    readings: Mapping[str, Sequence[Reading]],
+) -> tuple[tuple[PatchResidual, ...], list[str]]:
+    """One row for each held-out patch, and warnings about those that cannot be used."""
+    rows, warnings = [], []
+    for name, group in groups.items():
+        reading, of_reading = combine_readings(name, readings[name])
+        warnings += of_reading
+        try:
+            seen = colour_patch_luminance(calibration, group)
+        except CalibrationError as error:
+            warnings.append(f"held-out patch {name!r} tells nothing: {error}")
+            continue
+        if reading.luminance_cd_m2 == 0:
+            warnings.append(f"held-out patch {name!r} reads 0 cd/m^2, below the meter's range: it tells nothing")
+            continue
+        deviation = seen.luminance_cd_m2 / reading.luminance_cd_m2 - 1
+        stated = hypot(reading.random_cd_m2 / reading.luminance_cd_m2, seen.random_rel, seen.fit_rel)
+        rows.append(colour_row(reading, [seen], centre_px(group), deviation, deviation / stated))
+    return tuple(rows), warnings

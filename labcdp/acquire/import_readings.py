@@ -1,0 +1,60 @@
+"""Readings of a meter from a CSV file, for the patches of a target."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..drivers.csv_meter import CsvMeter
+from ..drivers.minolta_ls_protocol import LS100, LS110
+from ..drivers.written_reading import MeterAccuracy
+from ..errors import InputError
+from ..reading import MeterIdentity, Reading
+from ..session import MeterConfiguration, SessionConfiguration
+
+_DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
+
+
+def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list[tuple[str, Reading]], list[str]]:
+    """Return the readings with their patches, each line once, and warnings."""
+    described = configuration.meter
+    date = described.calibration_date
+    identity = MeterIdentity(described.model, described.serial, None if date is None else date.isoformat())
+    with CsvMeter(path, identity, _accuracy(described)) as meter:
+        by_patch = meter.readings
+    names = [patch.name for patch in configuration.target.patches]
+    for name in by_patch:
+        if name not in names:
+            raise InputError(f"{path} has readings of patch {name!r}, the target has {', '.join(names)}: correct one")
+    for name in names:
+        if name not in by_patch:
+            raise InputError(f"{path} has no reading of patch {name!r}: add one, or take the patch from the target")
+    warnings = []
+    result = []
+    for patch, readings in by_patch.items():
+        once = list({reading.raw: reading for reading in readings}.values())
+        if len(once) < len(readings):
+            warnings.append(
+                f"{path} has {len(readings) - len(once)} line(s) of patch {patch!r} twice, they count once: a column "
+                "time tells repeated readings from copied lines"
+            )
+        result += [(patch, _with_digits(reading, described)) for reading in once]
+    return result, warnings
+
+
+def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
+    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
+    if sheet is not None:
+        return MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
+    # The configuration requires all three where no driver knows them.
+    return MeterAccuracy(
+        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
+    )
+
+
+def _with_digits(reading: Reading, described: MeterConfiguration) -> Reading:
+    """Digit error by the data sheet, where it goes with the value."""
+    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
+    if sheet is None:
+        return reading
+    return replace(reading, digits_half_width=sheet.digit_error(reading.value, reading.unit) * reading.resolution)

@@ -1,0 +1,87 @@
+"""FileFrame: a frame that another program recorded, with what its file says beside the pixels."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..errors import InputError
+from ..frame import CameraIdentity, Frame
+
+
+@dataclass(frozen=True)
+class FileDefaults:
+    """What a file is taken to be where it does not say.
+
+    Parameters
+    ----------
+    exposure_s : float or None
+        Exposure time; None if the file has to say it.
+    gain_db : float
+        Gain.
+    camera : CameraIdentity
+        Vendor, model and serial number; each counts where the file has none.
+    """
+
+    exposure_s: float | None
+    gain_db: float
+    camera: CameraIdentity
+
+
+@dataclass(frozen=True, eq=False)
+class FileFrame:
+    """A frame from a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    frame : Frame
+        Its pixels, DN as stored.
+    f_number, focal_length_m : float or None
+        Setting of the lens, None where the file does not say.
+    sha256 : str
+        Hash of the file's bytes; two files are the same picture if it is equal.
+    """
+
+    path: Path
+    frame: Frame
+    f_number: float | None
+    focal_length_m: float | None
+    sha256: str
+
+    def numbered(self, frame_id: int) -> FileFrame:
+        """Return the same with another number of the frame."""
+        return replace(self, frame=replace(self.frame, frame_id=frame_id))
+
+
+def read_bytes(path: Path) -> tuple[bytes, str]:
+    """Bytes of a file, and their SHA-256; raises InputError if it cannot be read or is empty."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): give a file you can read") from error
+    if not data:
+        raise InputError(f"{path} is empty: copy it again from the camera")
+    return data, hashlib.sha256(data).hexdigest()
+
+
+def exposure_of(path: Path, stated_s: float | None, defaults: FileDefaults) -> float:
+    """Exposure time of a file: as stated in it, else as given.
+
+    Raises
+    ------
+    InputError
+        If neither says it.
+    """
+    exposure_s = stated_s or defaults.exposure_s
+    if exposure_s is None:
+        raise InputError(f"{path} does not say its exposure time: give it with --exposure, in seconds")
+    return exposure_s
+
+
+def camera_of(vendor: str, model: str, serial: str, defaults: FileDefaults) -> CameraIdentity:
+    """Identity as a file states it; what it leaves empty is taken from `defaults`."""
+    known = defaults.camera
+    return CameraIdentity(vendor or known.vendor, model or known.model, serial or known.serial)

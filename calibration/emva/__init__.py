@@ -1,0 +1,20 @@
+"""Characterisation of a camera after EMVA 1288."""
+
+from .data_set import characterise_data_set
+from .index import INDEX_NAME, DataSetIndex, IndexBlock, index_path, load_index, parse_index
+from .result import Characterisation, DarkPoint, Quantity, SeriesPoint, SpatialImages
+
+__all__ = [
+    "INDEX_NAME",
+    "Characterisation",
+    "DarkPoint",
+    "DataSetIndex",
+    "IndexBlock",
+    "Quantity",
+    "SeriesPoint",
+    "SpatialImages",
+    "characterise_data_set",
+    "index_path",
+    "load_index",
+    "parse_index",
+]

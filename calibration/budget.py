@@ -1,0 +1,248 @@
+"""Uncertainty budget of a luminance by a calibrated camera, after the GUM (JCGM 100:2008)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+
+import numpy as np
+
+from ..errors import InputError
+from ..luminance import CommonError
+from .budget_gaps import rows_not_included
+from .common_errors import common_errors
+from .findings import BudgetRow
+from .model import Calibration
+from .uncertainty import expanded_half_width
+
+#: Order of the rows; a source that is not among them comes last.
+SOURCES = (
+    "meter scale",
+    "meter digits",
+    "meter repeatability",
+    "meter f1'",
+    "patch uniformity",
+    "shot and read noise",
+    "uneven darkness",
+    "dark and temperature",
+    "linearity",
+    "flat field",
+    "exposure time",
+    "gain",
+    "spectral mismatch",
+    "glare",
+    "drift",
+    "fit",
+)
+#: A response is measured best from here to here, as a share of the saturation; the exposure is chosen so.
+_BEST_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class CombinedUncertainty:
+    """What the rows of a budget make together.
+
+    Parameters
+    ----------
+    standard_uncertainty_rel : float
+        Root of the sum of squares of the rows that are included (JCGM 100:2008, 5.1.2).
+    effective_degrees_of_freedom : float
+        By the formula of Welch and Satterthwaite (JCGM 100:2008, G.4.1); infinite where no row rests on few values.
+    expanded_95_rel : float
+        Half width of the 95 % interval: the largest rectangular row as such, all others normal.
+    """
+
+    standard_uncertainty_rel: float
+    effective_degrees_of_freedom: float
+    expanded_95_rel: float
+
+
+def budget(
+    calibration: Calibration,
+    luminance_cd_m2: float,
+    exposure_s: float | None = None,
+    n_pixels: int = 1,
+    n_frames: int = 1,
+) -> tuple[BudgetRow, ...]:
+    """Split the uncertainty of a luminance into its sources.
+
+    The rows are the errors that `common_errors` states and the noise of the pixels, which the intervals of patches
+    and maps are made of; what none of them knows is listed as not included, with the reason.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the camera.
+    luminance_cd_m2 : float
+        The luminance, on the optical axis.
+    exposure_s : float or None
+        Exposure; None for the longest calibrated one at which the luminance is below 80 % of saturation.
+    n_pixels, n_frames : int
+        Over how many pixels and frames the luminance is averaged; 1 and 1 for a pixel of a frame.
+
+    Returns
+    -------
+    tuple of BudgetRow
+        One for each source, in the order of `SOURCES`.
+
+    Raises
+    ------
+    InputError
+        If luminance, exposure or a number is not positive.
+    """
+    for name, value in (("luminance_cd_m2", luminance_cd_m2), ("n_pixels", n_pixels), ("n_frames", n_frames)):
+        if not (isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: give a positive number")
+    t = budget_exposure_s(calibration, luminance_cd_m2) if exposure_s is None else exposure_s
+    if not (isfinite(t) and t > 0):
+        raise InputError(f"exposure_s is {exposure_s}: give a positive number of seconds")
+    net_dn = net_dn_at(calibration, luminance_cd_m2, t)
+    rows = {row.source: row for row in rows_not_included(calibration, luminance_cd_m2)}
+    known = (
+        *_of_common_errors(calibration, net_dn, t),
+        *_of_patches(calibration),
+        *_of_pixels(calibration, net_dn, n_pixels, n_frames, t),
+    )
+    rows |= {row.source: row for row in known}
+    rows |= {row.source: row for row in _split_fit(calibration, rows["fit"])}
+    order = {source: place for place, source in enumerate(SOURCES)}
+    return tuple(sorted(rows.values(), key=lambda row: order.get(row.source, len(order))))
+
+
+def combined(rows: Sequence[BudgetRow], n_patches: int) -> CombinedUncertainty:
+    """Combine the included rows of a budget.
+
+    Parameters
+    ----------
+    rows : sequence of BudgetRow
+        From `budget`.
+    n_patches : int
+        Patches of the fit: their unexplained scatter, the only row that rests on few values, has one degree of
+        freedom less. Student's factor for these is in the row already.
+    """
+    included = [row for row in rows if row.included]
+    squares = [row.standard_uncertainty_rel**2 for row in included]
+    u = sqrt(sum(squares))
+    rectangular = [row.standard_uncertainty_rel for row in included if row.distribution == "rectangular"]
+    largest = max(rectangular, default=0.0)
+    scatter = sum(row.standard_uncertainty_rel**2 for row in included if row.source == "patch uniformity")
+    freedom = (n_patches - 1) * (u**2 / scatter) ** 2 if scatter > 0 else inf
+    rest = sqrt(max(u**2 - largest**2, 0.0))
+    return CombinedUncertainty(u, freedom, expanded_half_width(largest * sqrt(3), rest))
+
+
+def budget_exposure_s(calibration: Calibration, luminance_cd_m2: float) -> float:
+    """Longest calibrated exposure at which a luminance is below 80 % of saturation, else the shortest."""
+    fitting = [
+        t
+        for t in calibration.exposures_s
+        if net_dn_at(calibration, luminance_cd_m2, t) + calibration.dark.mean_dn(t)
+        <= _BEST_SHARE * calibration.state.saturation_dn
+    ]
+    return max(fitting, default=calibration.exposures_s[0])
+
+
+def net_dn_at(calibration: Calibration, luminance_cd_m2: float, exposure_s: float) -> float:
+    """DN above dark that a luminance gives on the optical axis, with h(n) = R t L solved for n."""
+    from scipy.optimize import brentq
+
+    linear_dn = calibration.responsivity.responsivity_dn_s_cd_m2 * exposure_s * luminance_cd_m2
+    response = calibration.response
+    if response.kind == "linear":
+        return linear_dn
+    top = linear_dn
+    while float(response.linearise(top)) < linear_dn:
+        top *= 2
+    return float(brentq(lambda n: float(response.linearise(n)) - linear_dn, 0.0, top, xtol=1e-9 * linear_dn))
+
+
+def _of_common_errors(calibration: Calibration, net_dn: float, exposure_s: float) -> list[BudgetRow]:
+    errors: dict[str, list[CommonError]] = {}
+    for error in common_errors(calibration, np.array([net_dn]), exposure_s, calibration.state.gain_db):
+        errors.setdefault(error.source, []).append(error)
+    rows = []
+    for source, group in errors.items():
+        u = sqrt(sum(float(np.ravel(error.relative)[0]) ** 2 for error in group))
+        rectangular = all(error.rectangular for error in group)
+        rows.append(
+            BudgetRow(
+                source=source,
+                standard_uncertainty_rel=u,
+                distribution="rectangular" if rectangular else "normal",
+                common=True,
+                evaluation="B" if source in ("meter scale", "spectral mismatch", "exposure time") else "A",
+                basis=_BASIS.get(source, "as the calibration states it").format(
+                    half_width=100 * calibration.meter_scale.half_width_rel, meter=calibration.meter_scale.meter.model
+                ),
+            )
+        )
+    return rows
+
+
+_BASIS = {
+    "meter scale": "± {half_width:g} % (limits) by the data sheet of the {meter}; shared by all its readings",
+    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
+    "dark and temperature": "covariance of the darkness fitted to the dark frames",
+    "exposure time": "steps of the exposure time that cameras apply",
+    "gain": "scatter of the gains around each other",
+    "linearity": "covariance of the response fitted over the patches",
+    "drift": "readings before and after the frames",
+    "flat field": "noise and repeatability of the flat field",
+    "glare": "free intercept of the fit",
+    "spectral mismatch": "mismatch of camera and light of the patches",
+}
+
+
+def _split_fit(calibration: Calibration, fit: BudgetRow) -> list[BudgetRow]:
+    """Take the meter's random part out of the fit: its share of the variance of a weighted mean over the patches."""
+    rows = calibration.residuals
+    meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
+    total = np.array(
+        [_total_rel(row.residual_rel, row.standardised_residual, u) for row, u in zip(rows, meter, strict=True)]
+    )
+    weight = 1 / np.maximum(total, 1e-12) ** 2
+    share = min(float(np.sum((weight * meter) ** 2) / np.sum((weight * total) ** 2)), 1.0)
+    u = fit.standard_uncertainty_rel
+    return [
+        BudgetRow(
+            "meter repeatability",
+            u * sqrt(share),
+            "normal",
+            True,
+            "A",
+            f"{sum(row.n_readings for row in rows)} readings of {len(rows)} patches, last digit included; its share of "
+            "the fit",
+        ),
+        BudgetRow("fit", u * sqrt(1 - share), "normal", True, "A", fit.basis),
+    ]
+
+
+def _total_rel(residual_rel: float, standardised: float, least: float) -> float:
+    return max(abs(residual_rel / standardised), least) if standardised else least
+
+
+def _of_patches(calibration: Calibration) -> list[BudgetRow]:
+    scatter_rel = calibration.responsivity.scatter_rel
+    if scatter_rel == 0:
+        return []
+    n = len(calibration.residuals)
+    basis = f"scatter of the {n} patches that nothing else explains, for 95 % with {n - 1} degrees of freedom"
+    return [BudgetRow("patch uniformity", scatter_rel, "normal", False, "A", basis)]
+
+
+def _of_pixels(
+    calibration: Calibration, net_dn: float, n_pixels: int, n_frames: int, exposure_s: float
+) -> list[BudgetRow]:
+    response = calibration.response
+    stretch = float(response.slope(net_dn)) / float(response.linearise(net_dn))
+    noise_rel = stretch * sqrt(calibration.noise.variance_dn2(net_dn) / (n_pixels * n_frames))
+    pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
+    over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'}"
+    basis = f"photon transfer over the patches, for {over} at {exposure_s:g} s"
+    uneven_dn = calibration.dark.nonuniformity_dn
+    uneven = "slow change of the darkness across the sensor" + ("" if uneven_dn > 0 else ": not significant")
+    return [
+        BudgetRow("shot and read noise", noise_rel, "normal", False, "A", basis),
+        BudgetRow("uneven darkness", stretch * uneven_dn, "normal", False, "A", uneven),
+    ]

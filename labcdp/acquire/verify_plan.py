@@ -1,0 +1,126 @@
+"""What a verification of a calibration records: two or three patches of a configuration, at calibrated exposures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import log, sqrt
+
+from ..calibration import Calibration
+from ..calibration.budget import net_dn_at
+from ..calibration.signal_limits import MIN_NET_SIGNAL
+from ..errors import InputError
+from ..session import Patch, SessionConfiguration
+
+#: Share of the saturation a patch may reach.
+_HIGHEST_SHARE = 0.9
+#: A luminance so much beyond the calibrated range is still taken for one within.
+_RANGE_REL = 0.05
+
+
+def verification_configuration(
+    configuration: SessionConfiguration, calibration: Calibration, patches: Sequence[str] = ()
+) -> SessionConfiguration:
+    """Derive the plan of a verification: the same devices and target, a few patches, calibrated exposures.
+
+    Each patch gets the longest calibrated exposure at which it stays below 90 % of saturation.
+
+    Parameters
+    ----------
+    configuration : SessionConfiguration
+        Bench, target and plan.
+    calibration : Calibration
+        To verify.
+    patches : sequence of str
+        Names of the patches; empty for the darkest, a middle and the brightest of those that have such an exposure.
+        How bright they are is known from the calibration, or else from the configuration.
+
+    Returns
+    -------
+    SessionConfiguration
+        Without contrasts; gain and pixel format are the calibration's.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or given twice, no patch can be chosen, or a named one is too bright or too dark.
+    """
+    known = {patch.name: patch for patch in configuration.target.patches}
+    for index, name in enumerate(patches):
+        if name not in known:
+            raise InputError(f"there is no patch {name!r} to verify with: choose from {', '.join(known)}")
+        if name in patches[:index]:
+            raise InputError(f"patch {name!r} is given twice: name each patch once")
+    luminance = _luminances(configuration, calibration)
+    exposure = {name: _exposure_s(calibration, known[name], value) for name, value in luminance.items()}
+    chosen = list(patches) or _choice(luminance, exposure, calibration)
+    exposures_s: set[float] = set()
+    for name in chosen:
+        if name not in luminance:
+            # How bright it is will be seen: one of the calibrated exposures should fit.
+            exposures_s |= set(calibration.exposures_s)
+            continue
+        exposure_s = exposure[name]
+        if exposure_s is None:
+            raise InputError(
+                f"patch {name!r} has about {luminance[name]:.3g} cd/m^2, for which no calibrated exposure gives a good "
+                "signal: choose another patch"
+            )
+        exposures_s.add(exposure_s)
+    target = configuration.target.model_copy(update={"patches": tuple(known[name] for name in known if name in chosen)})
+    plan = configuration.plan.model_copy(
+        update={
+            "exposures_s": tuple(sorted(exposures_s)),
+            "gain_db": calibration.state.gain_db,
+            "pixel_format": calibration.state.pixel_format,
+        }
+    )
+    name = f"Verification: {configuration.name}"
+    return configuration.model_copy(update={"name": name, "target": target, "plan": plan, "contrasts": ()})
+
+
+def _luminances(configuration: SessionConfiguration, calibration: Calibration) -> dict[str, float]:
+    """Luminance of the patches as far as it is known, in the target's order."""
+    read = {row.patch: row.reading_cd_m2 for row in (*calibration.residuals, *calibration.held_out)}
+    nominal = {patch.name: patch.nominal_luminance_cd_m2 for patch in configuration.target.patches}
+    both = {name: read.get(name, value) for name, value in nominal.items()}
+    return {name: value for name, value in both.items() if value is not None}
+
+
+def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) -> float | None:
+    """Longest calibrated exposure that leaves headroom; None if the signal is too low or too high at all."""
+    seen_cd_m2 = luminance_cd_m2 * _fall_off(calibration, patch)
+    fitting = []
+    for exposure_s in calibration.exposures_s:
+        net_dn, dark_dn = net_dn_at(calibration, seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
+        bright_enough = net_dn >= MIN_NET_SIGNAL * sqrt(calibration.noise.variance_dn2(net_dn))
+        if bright_enough and net_dn + dark_dn <= _HIGHEST_SHARE * calibration.state.saturation_dn:
+            fitting.append(exposure_s)
+    return max(fitting, default=None)
+
+
+def _fall_off(calibration: Calibration, patch: Patch) -> float:
+    if calibration.vignetting is None:
+        return 1.0
+    height, width = calibration.state.image_shape
+    x0, y0, x1, y1 = patch.region().bounds
+    x, y = min(int((x0 + x1) / 2), width - 1), min(int((y0 + y1) / 2), height - 1)
+    return float(calibration.vignetting.relative_illuminance((height, width))[y, x])
+
+
+def _choice(
+    luminance: Mapping[str, float], exposure: Mapping[str, float | None], calibration: Calibration
+) -> list[str]:
+    low, high = calibration.range_cd_m2
+    usable = [
+        name
+        for name, value in sorted(luminance.items(), key=lambda item: item[1])
+        if exposure[name] is not None and low * (1 - _RANGE_REL) <= value <= high * (1 + _RANGE_REL)
+    ]
+    if not usable:
+        raise InputError(
+            "no patch of the configuration is known to lie within the calibrated range: name two or three with --patch"
+        )
+    darkest, brightest = usable[0], usable[-1]
+    middle = (log(luminance[darkest]) + log(luminance[brightest])) / 2
+    between = min(usable, key=lambda name: abs(log(luminance[name]) - middle))
+    return list(dict.fromkeys((darkest, between, brightest)))

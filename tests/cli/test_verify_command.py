@@ -1,0 +1,173 @@
+"""labcdp verify and labcdp history, as a person runs them."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from labcdp.acquire import acquire
+from labcdp.calibration import load, save
+from labcdp.clock import SimulatedClock
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.evaluate import calibrate_session, observe_session
+from labcdp.session import Session, SessionConfiguration, example_session
+
+SIMULATED = ("--simulated", "--simulated-time")
+OTHER_PATCHES = re.compile(r'\[\[target\.patch\]\]\nname = "(?!P01|P04|P07|P12|upper right|lower right)[^[]*\[[^\[]*')
+
+
+def plan():
+    text = re.sub(r"\[\[contrast\]\][^\[]*", "", (example_session() / "session.toml").read_text())
+    text = re.sub(r"exposures_s = .*", "exposures_s = [0.002, 0.032]", text)
+    return OTHER_PATCHES.sub("", text)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A session on the bench that --simulated opens."""
+    configuration, clock = SessionConfiguration.from_toml(plan(), "plan"), SimulatedClock()
+    path = tmp_path_factory.mktemp("recorded") / "session"
+    bench = SimulatedBench(configuration, BenchDevices.standard(), clock=clock)
+    with (
+        Session.create(path, configuration, clock=clock) as session,
+        bench,
+        bench.in_process_camera() as camera,
+        bench.in_process_meter() as meter,
+    ):
+        acquire(session, camera, meter, bench, clock=clock)
+    return path
+
+
+@pytest.fixture(scope="module")
+def saved(recorded):
+    """Its calibration."""
+    path = recorded.with_name("calibration.json")
+    with Session.open(recorded) as session:
+        save(calibrate_session(observe_session(session)), path)
+    return path
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Write the configuration of the example, with lines replaced."""
+
+    def write(*changes):
+        text = plan()
+        for old, new in changes:
+            assert re.search(old, text), text
+            text = re.sub(old, new, text, count=1)
+        (tmp_path / "bench.toml").write_text(text)
+        return "bench.toml"
+
+    return write
+
+
+def test_a_recorded_session(labcdp, saved, recorded):
+    done = labcdp("verify", saved, recorded, "--output", "out")
+    assert done.returncode == 0, done.stderr
+    assert "is still valid" in done.stderr
+    assert "Patches measured again" in done.stdout
+    assert "Saved: out/verification.json" in done.stderr
+    done = labcdp("verify", saved, recorded, "--output", "out", "--patch", "P01", "--patch", "P07", "--json")
+    values = json.loads(done.stdout)
+    assert values["verdict"] == "valid"
+    assert [row["patch"] for row in values["patches"]] == ["P01", "P07"]
+    assert values["same_meter"] is True
+
+
+def test_measuring_again_on_the_same_bench(labcdp, saved, bench, tmp_path):
+    done = labcdp("verify", saved, bench(), "own", *SIMULATED, "--json")
+    assert done.returncode == 0, done.stderr
+    assert "Measuring" in done.stderr
+    values = json.loads(done.stdout)
+    assert values["verdict"] == "valid"
+    assert len(values["patches"]) == 3
+    assert (tmp_path / "own-results" / "verification.json").exists()
+    with Session.open(tmp_path / "own") as session:
+        session.verify()
+        assert len(session.frames("dark")) >= 2
+    # What is complete is not measured again.
+    again = labcdp("verify", saved, "bench.toml", "own", *SIMULATED, "--json")
+    assert json.loads(again.stdout)["patches"] == values["patches"]
+
+
+def test_a_lens_that_lets_less_light_through(labcdp, saved, bench):
+    dirty = bench((r"(\[lens\][^\[]*f_number = 2.6)", r"\1\ntransmittance = 0.85"))
+    done = labcdp("verify", saved, dirty, "own", *SIMULATED)
+    assert done.returncode == 3, done.stderr
+    assert "is no longer valid: the camera has drifted by -5.6 %" in done.stderr
+    assert "calibrate again" in done.stderr
+
+
+def test_a_camera_that_is_warmer(labcdp, saved, bench, tmp_path):
+    (tmp_path / "faults.txt").write_text("temperature +40 C\n")
+    done = labcdp("verify", saved, bench(), "own", *SIMULATED, "--faults", "faults.txt", "--json")
+    values = json.loads(done.stdout)
+    assert values["verdict"] != "valid"
+    assert any("the dark level has moved" in text for text in values["findings"])
+
+
+def test_history_of_calibrations_and_verifications(labcdp, saved, recorded, tmp_path):
+    assert labcdp("verify", saved, recorded, "--output", "all/2026").returncode == 0
+    (tmp_path / "all" / "calibration.json").write_bytes(saved.read_bytes())
+    (tmp_path / "all" / "other.json").write_text("{}")
+    done = labcdp("history", "all", "-o", "history.html")
+    assert done.returncode == 0, done.stderr
+    assert "verification: valid" in done.stdout
+    assert "Written: history.html" in done.stderr
+    text = (tmp_path / "history.html").read_text()
+    assert "data:image/png;base64," in text
+    assert "Simulated" in text
+    done = labcdp("history", "all/calibration.json", "all/2026/verification.json", "--json", "-o", "history.png")
+    (one,) = json.loads(done.stdout)["cameras"]
+    assert sorted(point["kind"] for point in one["points"]) == ["calibration", "verification"]
+    assert (tmp_path / "history.png").read_bytes().startswith(b"\x89PNG")
+    assert labcdp("history", "all", "-o", "history.xlsx").returncode == 0
+
+
+def test_a_picture_of_two_cameras(fails, saved, tmp_path):
+    calibration = load(saved)
+    lens = replace(calibration.lens, f_number=4.0)
+    save(replace(calibration, lens=lens), tmp_path / "other.json")
+    line = fails("history", saved, "other.json", "-o", "history.png")
+    assert "a picture shows one camera and setting, these are 2" in line
+    assert "f/2.6" in line
+    assert "f/4" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{saved}", "bench.toml", "own", "x", "--simulated"), "3 paths after the calibration are too many"),
+        (("{saved}", "bench.toml"), "bench.toml is a file: give the folder of a session"),
+        (("{saved}", "none"), "none is not a session"),
+        (("bench.toml", "none"), "bench.toml is not valid JSON"),
+        (("{saved}", "{session}", "--simulated"), "a recorded session needs no devices"),
+        (("{saved}", "{session}", "--patch", "none"), "there is no patch 'none' to verify with: choose from P01"),
+        (("{saved}", "bench.toml", "own", "--simulated", "--patch", "none"), "there is no patch 'none' to verify with"),
+        (("{saved}", "bench.toml", "own"), "no serial port for the meter"),
+    ],
+)
+def test_refusals_of_verify(fails, saved, recorded, bench, arguments, words):
+    bench()
+    given = [text.format(saved=saved, session=recorded) for text in arguments]
+    assert words in fails("verify", *given)
+
+
+def test_another_lens_is_refused(fails, saved, bench):
+    line = fails("verify", saved, bench((r"(\[lens\][^\[]*f_number =) 2.6", r"\1 4.0")), "own", *SIMULATED)
+    assert "the calibration is for the lens" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{saved}", "-o", "history.pdf"), "--output is history.pdf: give a file that ends in .html, .png or .xlsx"),
+        (("none.json",), "none.json cannot be read"),
+        (("empty",), "empty holds no calibration"),
+    ],
+)
+def test_refusals_of_history(fails, saved, tmp_path, arguments, words):
+    (tmp_path / "empty").mkdir()
+    assert words in fails("history", *(text.format(saved=saved) for text in arguments))

@@ -1,0 +1,277 @@
+"""Share of patch pairs whose measured and predicted CDP lie within their joint 95 % interval.
+
+Run ``python benchmarks/twin_coverage.py``; ``--benches`` for another number than 100. Each bench has another camera,
+lens, light, target and meter. It is recorded as a session, and the twin is told no more than the session: luminances by
+the meter, and of lens and sensor only what a data sheet says (with an f-number up to 3 % off).
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from math import ceil, exp, floor, log, sqrt
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labcdp.chain import ImagingChain, Optics, Sensor
+from labcdp.clock import SystemClock
+from labcdp.drivers.minolta_ls_protocol import LS110, parse_reading
+from labcdp.drivers.simulated.drift import Drifts
+from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
+from labcdp.drivers.simulated.target import SimulatedTarget
+from labcdp.errors import LabcdpError
+from labcdp.evaluate import calibrate_session, characterise_session, observe_session
+from labcdp.evaluate.twin import TwinResult, twin_session
+from labcdp.evaluate.twin_pair import SAMPLING, TwinPair
+from labcdp.frame import CameraIdentity, Frame
+from labcdp.reading import MeterIdentity
+from labcdp.session import Session, SessionConfiguration
+
+WIDTH, HEIGHT = 400, 300
+START = datetime(2026, 3, 1, 12, tzinfo=UTC)
+FRAMES = 2
+READINGS = 3
+
+#: Contrasts each bench is asked for, beside those of all pairs.
+ASKED = 12
+ASKED_TEXT = """
+[[contrast]]
+bright = "{}"
+dark = "{}"
+contrast = {}
+epsilon = {}
+"""
+TOLD = """
+name = "Random bench"
+operator = "nobody"
+[camera]
+pixel_pitch_m = {pitch}
+[lens]
+model = "Lens"
+serial = "L1"
+focal_length_m = {focal}
+f_number = {f_number}
+[meter]
+model = "LS-110"
+serial = "SIM"
+[source]
+spectrum = "{spectrum}"
+[plan]
+exposures_s = {exposures}
+frames_per_exposure = {frames}
+{asked}[target]
+name = "Random target"
+"""
+
+
+@dataclass(frozen=True)
+class RandomBench:
+    """A bench nobody knows: what stands on it, and what the session is told of it."""
+
+    chain: ImagingChain
+    luminance_cd_m2: dict[str, float]
+    regions: dict[str, tuple[int, int, int, int]]
+    exposures_s: tuple[float, ...]
+    temperature_c: float
+    meter: MeterErrorModel
+    text: str
+    seed: int
+
+    def configuration(self, with_truth: bool) -> SessionConfiguration:
+        """Return the configuration; only the simulated target gets the one with the luminances."""
+        patches = []
+        for name, roi in self.regions.items():
+            truth = f"nominal_luminance_cd_m2 = {self.luminance_cd_m2[name]!r}\n" if with_truth else ""
+            patches.append(f'[[target.patch]]\nname = "{name}"\nroi = {list(roi)}\n{truth}')
+        return SessionConfiguration.from_toml(self.text + "\n".join(patches), "random bench")
+
+
+def random_bench(seed: int) -> RandomBench:
+    rng = np.random.default_rng([20261121, seed])
+
+    def between(low: float, high: float) -> float:
+        return float(exp(rng.uniform(log(low), log(high))))
+
+    bits = int(rng.choice([10, 12, 12, 14]))
+    full_well_e, read_noise_e = between(5e3, 4e4), between(2, 15)
+    dsnu_e, dark_current_e_s = between(0.5, 5), between(1, 200)
+    lines_e = between(0.2, 1) * read_noise_e / 10 if rng.uniform() < 0.3 else 0.0
+    black_share = between(0.01, 0.03)
+    k = (1 - black_share) * 2**bits / (full_well_e * between(0.7, 1.1))
+    black_dn = max(black_share * 2**bits, ceil(6 * (k * sqrt(read_noise_e**2 + dsnu_e**2) + 0.3)))
+    sensor = Sensor(
+        pixel_pitch_m=between(2.2e-6, 6e-6),
+        width=WIDTH,
+        height=HEIGHT,
+        quantum_efficiency=float(rng.uniform(0.3, 0.7)),
+        full_well_e=full_well_e,
+        k_dn_per_e=k,
+        read_noise_e=read_noise_e,
+        dark_current_e_s=dark_current_e_s,
+        bits=bits,
+        black_level_dn=float(black_dn),
+        doubling_temperature_c=float(rng.uniform(6, 9)),
+        prnu_rel=between(0.003, 0.02),
+        dsnu_e=dsnu_e,
+        column_dsnu_e=lines_e,
+        row_dsnu_e=lines_e,
+        dsnu_e_s=float(rng.uniform(0.1, 0.6)) * dark_current_e_s,
+        device_seed=seed,
+    )
+    f_number, spectrum = between(1.6, 5.6), str(rng.choice(["D65", "A", "LED-B4", "LED-B1"]))
+    focal_m = between(2.5e-3, 16e-3)
+    optics = Optics(f_number * float(rng.uniform(0.97, 1.03)), float(rng.uniform(0.7, 0.95)), focal_m)
+    chain = ImagingChain(spectrum, None, optics, sensor)
+    temperature_c = float(rng.uniform(20, 45))
+    count, brightest = int(rng.integers(6, 13)), between(100, 3000)
+    luminances = brightest * np.geomspace(1, between(1 / 3000, 1 / 30), count) * np.exp(rng.normal(0, 0.1, count))
+    luminances = np.clip(rng.permutation(luminances), 0.3, None)
+    electrons_s = optics.axial_illuminance_per_cd_m2 * sensor.electrons_per_lx_s(spectrum)
+    room_e = (sensor.saturation_dn() - sensor.black_level_dn) / k
+    ends = [rng.uniform(0.5, 0.85) * room_e / (electrons_s * value) for value in (luminances.max(), luminances.min())]
+    exposures = np.geomspace(ends[0], max(min(ends[1], 1.0), 3 * ends[0]), int(rng.integers(3, 5)))
+    exposures_s = tuple(float(f"{value:.4g}") for value in exposures)
+    regions, names = {}, [f"P{i + 1:02}" for i in range(count)]
+    for name, cell in zip(names, rng.permutation(12)[:count], strict=True):
+        width, height = (int(value) for value in rng.integers(20, 61, 2))
+        x, y = 100 * int(cell % 4) + 20, 100 * int(cell // 4) + 20
+        regions[name] = (x, y, width, height)
+    asked = []
+    for _ in range(ASKED):
+        # A contrast near that of the two, with a tolerance as wide as noise and errors of reading may be.
+        first, second = sorted(rng.choice(count, 2, replace=False), key=lambda i: -luminances[i])
+        contrast = float(f"{(luminances[first] / luminances[second] - 1) * exp(rng.normal(0, 0.05)):.2g}")
+        if contrast > 0:
+            epsilon = round(between(0.01, 0.5), 3)
+            asked.append(ASKED_TEXT.format(names[first], names[second], contrast, epsilon))
+    text = TOLD.format(
+        asked="".join(asked),
+        pitch=sensor.pixel_pitch_m,
+        focal=focal_m,
+        f_number=f_number,
+        spectrum=spectrum,
+        exposures=list(exposures_s),
+        frames=FRAMES,
+    )
+    meter = MeterErrorModel(float(rng.uniform(-0.02, 0.02)), LS110.repeatability_rel, seed)
+    levels = dict(zip(names, map(float, luminances), strict=True))
+    return RandomBench(chain, levels, regions, exposures_s, temperature_c, meter, text, seed)
+
+
+def record(bench: RandomBench, path: Path) -> Session:
+    """Record what the bench shows; the session holds no truth."""
+    target = SimulatedTarget(
+        bench.configuration(with_truth=True), bench.chain, Drifts(SystemClock(), bench.temperature_c), bench.seed
+    )
+    session = Session.create(path, bench.configuration(with_truth=False))
+    sensor = bench.chain.sensor
+    index = 0
+
+    def frame(dn: NDArray[np.uint16], exposure_s: float) -> Frame:
+        return Frame(
+            dn=dn,
+            exposure_s=exposure_s,
+            gain_db=0.0,
+            bit_depth=sensor.bits,
+            saturation_dn=float(floor(sensor.saturation_dn())),
+            black_level_dn=sensor.black_level_dn,
+            pixel_format=f"Mono{sensor.bits}",
+            colour_filter=None,
+            temperature_c=bench.temperature_c,
+            timestamp=START + timedelta(seconds=index),
+            camera_timestamp_ns=index,
+            frame_id=index,
+            camera=CameraIdentity("labcdp", "Random", f"SIM-{bench.seed}", simulated=True),
+        )
+
+    for covered in (True, False):
+        target.covered = covered
+        for exposure_s in bench.exposures_s:
+            frames = []
+            for _ in range(FRAMES):
+                index += 1
+                frames.append(
+                    (frame(target.expose(exposure_s, 0.0, index), exposure_s), "dark" if covered else "light")
+                )
+            session.add_frames([(one, role, None) for one, role in frames])  # type: ignore[misc]
+    identity = MeterIdentity("LS-110", "SIM", None, simulated=True)
+    for name, luminance in bench.luminance_cd_m2.items():
+        engine = SimulatedLS(lambda luminance=luminance: luminance, LS110, bench.meter)  # type: ignore[misc]
+        for _ in range(READINGS):
+            index += 1
+            time_of = START + timedelta(seconds=index)
+            session.add_reading(parse_reading(engine.answer(b"MES\r\n"), LS110, identity, time_of), name)
+    return session
+
+
+def compare(seed: int, folder: Path) -> TwinResult:
+    with record(random_bench(seed), folder / f"bench-{seed}") as session:
+        observed = observe_session(session)
+        return twin_session(session, observed, calibrate_session(observed), characterise_session(session))
+
+
+def share_with_uncertainty(agreeing: Sequence[int], compared: Sequence[int]) -> tuple[float, float]:
+    """Share of all pairs, and its standard error over benches, whose pairs share errors (ratio estimator)."""
+    a, n = np.array(agreeing, dtype=float), np.array(compared, dtype=float)
+    share = a.sum() / n.sum()
+    residual = a - share * n
+    return float(share), float(sqrt(np.sum(residual**2) * n.size / max(n.size - 1, 1)) / n.sum())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--benches", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    wanted = parser.parse_args()
+    logging.getLogger("labcdp").addHandler(logging.NullHandler())
+    logging.getLogger("labcdp").propagate = False
+    begun = time.perf_counter()
+    results, refused = [], Counter[str]()
+    with TemporaryDirectory() as folder:
+        for seed in range(wanted.first, wanted.first + wanted.benches):
+            try:
+                results.append((seed, compare(seed, Path(folder))))
+            except LabcdpError as error:
+                refused[f"{seed}: {error}"] += 1
+    print(f"{len(results)} benches in {time.perf_counter() - begun:.0f} s")
+    for text in refused:
+        print(f"refused: {text}")
+    pairs = [(seed, pair) for seed, result in results for pair in result.pairs]
+    for label, chosen in (
+        ("all pairs", [(seed, pair) for seed, pair in pairs]),
+        ("CDP 0.01 to 0.99", [(seed, pair) for seed, pair in pairs if 0.01 <= pair.predicted <= 0.99]),
+        ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
+        ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.influences[0].name != SAMPLING]),
+    ):
+        of_bench = [[pair.agrees for seed, pair in chosen if seed == one] for one, _ in results]
+        of_bench = [one for one in of_bench if one]
+        share, error = share_with_uncertainty([sum(one) for one in of_bench], [len(one) for one in of_bench])
+        print(f"{label:20s} {len(chosen):5d} pairs, {100 * share:.2f} % +- {100 * error:.2f} % agree")
+    z = np.array([standardised(pair) for _, pair in pairs if 0.01 <= pair.predicted <= 0.99])
+    print(f"standardised differences: {z.mean():.2f} +- {z.std():.2f}, beyond 3: {np.mean(abs(z) > 3):.2%}")
+    for kind in ("mean_dn", "temporal_dn", "spatial_dn"):
+        d = np.array([patch.deviations()[kind] for _, result in results for patch in result.patches])
+        print(f"patches, {kind:12s} z {d.mean():+.2f} +- {d.std():.2f}, within 1.96: {np.mean(abs(d) < 1.96):.1%}")
+    largest = Counter(pair.influences[0].name.split(" of P")[0].split(" at P")[0] for _, pair in pairs)
+    print("largest part of the uncertainty:", dict(largest.most_common(6)))
+    for seed, pair in sorted(pairs, key=lambda one: -abs(standardised(one[1])))[:12]:
+        print(
+            f"bench {seed:3d} {pair.asked.bright}/{pair.asked.dark} contrast {pair.asked.contrast:7.3g} measured "
+            f"{pair.measured.cdp:.4f} predicted {pair.predicted:.4f} z {standardised(pair):+.1f}: {pair.verdict}"
+        )
+
+
+def standardised(pair: TwinPair) -> float:
+    return pair.difference / pair.joint_standard_uncertainty
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""The twin of a measured camera against the measurement: CDP of each pair of patches, and each patch's signal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from math import hypot, sqrt
+from typing import Any
+
+from ..calibration import AnyCalibration, Calibration, PatchObservation
+from ..calibration.emva.result import Characterisation, Quantity
+from ..contrast.interval import AskedContrast
+from ..errors import CalibrationError
+from ..session import Session
+from ..vignetting import FlatField
+from .observe import ObservedSession
+from .session import mismatch
+from .twin_compare import SeenRegion, compare_pair
+from .twin_diagnosis import Finding, TwinPatch, diagnose
+from .twin_pair import PairAsked, TwinPair
+from .twin_parameters import TwinParameters, require_monochrome, twin_parameters
+from .twin_prediction import PatchSignal, RegionPrediction, TwinRegion, predict_regions, predict_signal
+from .twin_regions import regions_of, seen_regions
+
+#: Parts of the noise that a dark library takes off.
+_DARK_PATTERN = ("dsnu_dn", "row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s")
+#: Least Weber contrast, by the meter, of pairs that are compared without being asked for.
+LEAST_CONTRAST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class TwinResult:
+    """A camera, its twin, and how the two compare.
+
+    Parameters
+    ----------
+    observed : ObservedSession
+        The session.
+    calibration : Calibration
+        What made luminance of the frames.
+    parameters : TwinParameters
+        The twin.
+    regions : tuple of TwinRegion
+        The patches it was shown, by the meter.
+    pairs : tuple of TwinPair
+        Pairs of patches, those asked for first.
+    patches : tuple of TwinPatch
+        Each patch's signal.
+    left_out : tuple of str
+        What could not be compared, and why.
+    warnings : tuple of str
+        What to mind: where calibration and session do not match, and the calibration's own warnings.
+    """
+
+    observed: ObservedSession
+    calibration: Calibration
+    parameters: TwinParameters
+    regions: tuple[TwinRegion, ...]
+    pairs: tuple[TwinPair, ...]
+    patches: tuple[TwinPatch, ...]
+    left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def agreeing(self) -> int:
+        """How many pairs agree."""
+        return sum(pair.agrees for pair in self.pairs)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Parameters that the patches' signals contradict, the strongest first."""
+        return diagnose(self.parameters, self.patches)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values JSON can hold."""
+        calibration = self.calibration
+        return {
+            "session": self.observed.configuration.name,
+            "camera": str(calibration.state.camera),
+            "simulated": calibration.state.camera.simulated,
+            "pairs_compared": len(self.pairs),
+            "pairs_agreeing": self.agreeing,
+            "parameters": {name: one.to_dict() for name, one in self.parameters.quantities.items()},
+            "findings": [one.to_dict() for one in self.findings],
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "patches": [patch.to_dict() for patch in self.patches],
+            "notes": list(self.parameters.notes),
+            "left_out": list(self.left_out),
+            "warnings": list(self.warnings),
+            "input_sha256": self.observed.input_sha256,
+            "calibration_input_sha256": calibration.provenance.input_sha256,
+            "versions": calibration.provenance.versions,
+        }
+
+
+def twin_session(
+    session: Session,
+    observed: ObservedSession,
+    calibration: AnyCalibration,
+    characterisation: Characterisation,
+    contrast: float | None = None,
+    epsilon: float = 0.5,
+    report: Callable[[int, int], None] = lambda _done, _total: None,
+) -> TwinResult:
+    """Make the twin of a session's camera, and compare what it predicts with what was measured.
+
+    Parameters
+    ----------
+    session : Session
+        To read frames from.
+    observed : ObservedSession
+        What `observe_session` returned for it.
+    calibration : Calibration
+        Of this camera and its settings.
+    characterisation : Characterisation
+        What `characterise_session` returned for it.
+    contrast : float or None
+        Weber contrast to be detected between all pairs of patches, a fraction; None for each pair's own by the meter.
+        Pairs below `LEAST_CONTRAST` by the meter are left out. The pairs of the session's configuration are compared
+        at theirs as well.
+    epsilon : float
+        Tolerance of `contrast`.
+    report : callable
+        Called with the number of exposures done, and of all.
+
+    Returns
+    -------
+    TwinResult
+
+    Raises
+    ------
+    CalibrationError
+        If the camera has colour filters, K cannot be known, or no two patches can be compared.
+    InputError
+        If contrast or epsilon is out of range.
+    """
+    frame = require_monochrome(session)
+    if not isinstance(calibration, Calibration):
+        raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
+    warnings = mismatch(observed.configuration, calibration)
+    twin = twin_parameters(frame, observed, calibration, characterisation)
+    regions = regions_of(observed, calibration, twin, calibration.to_luminance(frame).slow_rel)
+    compared_twin, notes = _without_corrected(twin, calibration)
+    asked, left_out = _asked(observed, regions, contrast, epsilon)
+    at: dict[float, list[PairAsked]] = {}
+    for pair in asked:
+        exposure_s = _longest_unsaturated(observed, pair)
+        if exposure_s is None:
+            left_out.append(f"{pair.bright} / {pair.dark}: one of the two is saturated at every exposure")
+        else:
+            at.setdefault(exposure_s, []).append(pair)
+    compared: dict[PairAsked, TwinPair] = {}
+    for done, (exposure_s, group) in enumerate(sorted(at.items())):
+        report(done, len(at))
+        names = {name for pair in group for name in (pair.bright, pair.dark)}
+        seen = seen_regions(session, observed, calibration, exposure_s, names)
+        shown = [region for region in regions.values() if region.name in names]
+        predicted = predict_regions(compared_twin, shown, exposure_s, calibration.response)
+        for pair in group:
+            found = _compared(pair, seen, predicted)
+            if found is None:
+                left_out.append(f"{pair.bright} / {pair.dark}: no pixel is above 0 cd/m2")
+            else:
+                compared[pair] = found
+    report(len(at), len(at))
+    if not compared:
+        raise CalibrationError(
+            "no two patches can be compared: "
+            + ("; ".join(left_out[:2]) or f"all contrasts are below {LEAST_CONTRAST:.0%}")
+        )
+    return TwinResult(
+        observed=observed,
+        calibration=calibration,
+        parameters=twin,
+        regions=tuple(regions.values()),
+        pairs=tuple(compared[pair] for pair in asked if pair in compared),
+        patches=tuple(_patches(observed, calibration, twin, regions)),
+        left_out=tuple(left_out),
+        warnings=tuple(dict.fromkeys([*warnings, *notes, *calibration.warnings])),
+    )
+
+
+def _without_corrected(twin: TwinParameters, calibration: Calibration) -> tuple[TwinParameters, list[str]]:
+    """Leave out of the noise what the calibration takes off the frames, and say so."""
+    notes = []
+    if calibration.dark_library is not None:
+        changes = {name: _none(getattr(twin.noise, name)) for name in _DARK_PATTERN}
+        twin = twin.with_noise(replace(twin.noise, **changes))
+        notes.append("the calibration takes off the pattern of the darkness: the comparison is without DSNU")
+    if isinstance(calibration.vignetting, FlatField):
+        twin = twin.with_noise(replace(twin.noise, prnu_rel=_none(twin.noise.prnu_rel)))
+        notes.append("the calibration has a flat field: the comparison is without PRNU")
+    return twin, notes
+
+
+def _none(quantity: Quantity) -> Quantity:
+    return replace(quantity, value=0.0, standard_uncertainty=0.0)
+
+
+def _asked(
+    observed: ObservedSession, regions: dict[str, TwinRegion], contrast: float | None, epsilon: float
+) -> tuple[list[PairAsked], list[str]]:
+    """Pairs to be compared, those of the configuration first; and those too alike."""
+    AskedContrast(LEAST_CONTRAST if contrast is None else contrast, epsilon, "weber")
+    asked, left_out = [], []
+    for pair in observed.configuration.contrasts:
+        if pair.bright not in regions or pair.dark not in regions:
+            left_out.append(f"{pair.bright} / {pair.dark}: one of the two was left out")
+            continue
+        own = _contrast(regions, pair.bright, pair.dark)
+        if own <= 0:
+            left_out.append(f"{pair.bright} / {pair.dark}: the first is not brighter by the meter, turn the two round")
+            continue
+        asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
+    for first, second in combinations(regions, 2):
+        bright, dark = sorted((first, second), key=lambda name: -regions[name].luminance_cd_m2)
+        own = _contrast(regions, bright, dark)
+        if own < LEAST_CONTRAST:
+            left_out.append(f"{bright} / {dark}: the contrast of {own:.1%} is below {LEAST_CONTRAST:.0%}")
+        else:
+            asked.append(PairAsked(bright, dark, round(own, 4) if contrast is None else contrast, epsilon, own))
+    return list(dict.fromkeys(asked)), left_out
+
+
+def _contrast(regions: dict[str, TwinRegion], bright: str, dark: str) -> float:
+    return regions[bright].luminance_cd_m2 / regions[dark].luminance_cd_m2 - 1
+
+
+def _longest_unsaturated(observed: ObservedSession, pair: PairAsked) -> float | None:
+    at: dict[float, list[PatchObservation]] = {}
+    for name in (pair.bright, pair.dark):
+        for o in observed.patches[name]:
+            at.setdefault(o.exposure_s, []).append(o)
+    return max((t for t, group in at.items() if all(o.saturated_share == 0 for o in group)), default=None)
+
+
+def _compared(pair: PairAsked, seen: dict[str, SeenRegion], predicted: dict[str, RegionPrediction]) -> TwinPair | None:
+    bright, dark = seen[pair.bright], seen[pair.dark]
+    if max(bright.luminance_cd_m2.max(), dark.luminance_cd_m2.max()) <= 0:
+        return None
+    return compare_pair(pair, (bright, dark), (predicted[pair.bright], predicted[pair.dark]))
+
+
+def _patches(
+    observed: ObservedSession, calibration: Calibration, twin: TwinParameters, regions: dict[str, TwinRegion]
+) -> list[TwinPatch]:
+    rows = []
+    for name, region in regions.items():
+        fitting = [o for o in observed.patches[name] if o.saturated_share == 0]
+        if fitting:
+            o = max(fitting, key=lambda one: one.exposure_s)
+            predicted = predict_signal(twin, region, o.exposure_s, calibration.response)
+            measured = _measured_signal(o, twin)
+            rows.append(TwinPatch(name, region.luminance_cd_m2, o.exposure_s, predicted, measured))
+    return rows
+
+
+def _measured_signal(o: PatchObservation, twin: TwinParameters) -> PatchSignal:
+    """Mean, temporal noise and fixed pattern as the frames have them, each with its standard uncertainty."""
+    dark_dn = twin.dark_dn(o.exposure_s)
+    temporal = o.temporal_variance_dn2
+    pattern = o.fixed_pattern_variance_dn2(dark_dn) / o.mean_inverse_v**2
+    mean_u = sqrt(temporal / (o.n_pixels * o.n_frames) + pattern / o.n_pixels)
+    freedom = (o.n_pixels - 1) * (o.n_frames - 1)
+    by_noise = temporal / o.n_frames * sqrt(2 / freedom)
+    pattern_u = hypot((pattern + temporal / o.n_frames) * sqrt(2 / o.n_pixels), by_noise)
+    spatial = sqrt(pattern)
+    return PatchSignal(
+        (o.net_dn_at_pixel(0.0), mean_u),
+        (sqrt(temporal), sqrt(temporal / (2 * freedom))),
+        (spatial, min(pattern_u / (2 * spatial), sqrt(pattern_u)) if spatial > 0 else sqrt(pattern_u)),
+    )

@@ -1,0 +1,355 @@
+import logging
+import sys
+from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labcdp.calibration.emva.result import Quantity
+from labcdp.chain import ExposureSettings, chain_from_toml, load
+from labcdp.chain.camera_model import CameraModel
+from labcdp.contrast import Distribution, cdp
+from labcdp.contrast.interval import AskedContrast
+from labcdp.contrast.pairs import tally_pairs
+from labcdp.errors import CalibrationError, InputError
+from labcdp.evaluate import calibrate_session, characterise_session, observe_session
+from labcdp.evaluate.twin import twin_session
+from labcdp.evaluate.twin_chain import twin_chain_text
+from labcdp.evaluate.twin_compare import sampling_variance
+from labcdp.evaluate.twin_noise import noise_of_characterisation
+from labcdp.evaluate.twin_pair import SAMPLING
+from labcdp.evaluate.twin_parameters import require_monochrome, twin_parameters
+from labcdp.evaluate.twin_prediction import TwinRegion, predict_regions
+from labcdp.evaluate.twin_rounding import DarkSpread, largest_unseen_spread, mean_before_rounding, unrounded
+from labcdp.response import Response
+from labcdp.session import Session, example_session
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "twin_coverage.py"
+
+
+@pytest.fixture(scope="module")
+def calibration(observed):
+    return calibrate_session(observed)
+
+
+@pytest.fixture(scope="module")
+def characterisation(recorded):
+    return characterise_session(recorded)
+
+
+@pytest.fixture(scope="module")
+def twin(recorded, observed, calibration, characterisation):
+    return twin_session(recorded, observed, calibration, characterisation)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The camera of the example's bench."""
+    return load("manta-g505").camera()
+
+
+def test_the_parameters_are_those_of_the_simulated_camera(twin, truth):
+    """Each within 4 of its standard uncertainties; a chance of 6e-5 for each of six."""
+    found = twin.parameters.quantities
+    sensor = truth.sensor
+    for name in ("k_dn_per_e", "read_noise_e", "black_level_dn", "prnu_rel", "dsnu_e"):
+        expected = getattr(sensor, name)
+        assert abs(found[name].value - expected) < 4 * found[name].standard_uncertainty, name
+    current = found["dark_current_e_s"]
+    assert abs(current.value - sensor.dark_current_at(35.0)) < 4 * current.standard_uncertainty
+    assert found["row_dsnu_e"].value < 0.2
+
+
+def test_the_chain_has_the_calibrated_responsivity_and_darkness(twin, calibration):
+    chain = chain_from_toml(twin_chain_text(twin), "chain.toml")
+    conversion = chain.camera().conversion(temperature_c=chain.settings.temperature_c)
+    assert conversion.responsivity_dn_s_cd_m2 == pytest.approx(
+        calibration.responsivity.responsivity_dn_s_cd_m2, rel=1e-5
+    )
+    for exposure_s in (0.002, 0.032):
+        assert conversion.dark_dn(exposure_s) == pytest.approx(calibration.dark.mean_dn(exposure_s), abs=1e-4)
+
+
+def test_the_chain_simulates_the_patches_that_were_measured(twin, observed):
+    """Mean and noise of each patch in the twin's frame, within the noise and 3 % for the meter's readings."""
+    chain = chain_from_toml(twin_chain_text(twin), "chain.toml")
+    run = chain.run(seed=1)
+    dn = run[chain.stage_names[-1]].values
+    exposure_s = chain.settings.exposure_s[0]
+    for patch in observed.configuration.target.patches:
+        simulated = patch.region().select(dn).astype(float)
+        (o,) = (o for o in observed.patches[patch.name] if o.exposure_s == exposure_s)
+        net = o.net_dn_at_pixel(64.0)
+        scatter = sqrt(o.temporal_variance_dn2 / simulated.size)
+        assert simulated.mean() - 64 == pytest.approx(net, abs=0.03 * net + 5 * scatter), patch.name
+
+
+def test_all_pairs_are_compared_and_agree(twin):
+    """The example's 123 pairs; the twin was told none of its bench's parameters."""
+    names = {(pair.asked.bright, pair.asked.dark) for pair in twin.pairs}
+    assert len(names) >= 16 * 15 / 2 - len(twin.left_out)
+    assert twin.agreeing >= 0.93 * len(twin.pairs)
+    asked = [
+        (pair.asked.bright, pair.asked.contrast) for pair in twin.pairs[: len(twin.observed.configuration.contrasts)]
+    ]
+    assert asked == [(one.bright, one.contrast) for one in twin.observed.configuration.contrasts]
+
+
+def test_the_measured_cdp_is_that_of_the_calibrated_frame(twin, recorded, calibration):
+    pair = twin.pairs[0]
+    frame = recorded.load(next(r for r in recorded.frames() if r.number == pair.frame_number))
+    regions = {p.name: p.region() for p in twin.observed.configuration.target.patches}
+    seen = calibration.to_luminance(frame)
+    expected = cdp(seen.select(regions[pair.asked.bright]), seen.select(regions[pair.asked.dark]), pair.asked.contrast)
+    assert pair.measured.cdp == expected.cdp
+    assert pair.measured.confidence_interval == expected.confidence_interval
+
+
+def test_shares_add_up_and_changes_say_what_they_do(twin):
+    for pair in twin.pairs:
+        assert sum(one.share for one in pair.influences) == pytest.approx(1, abs=1e-6)
+        low, high = pair.joint_interval
+        assert high - low == pytest.approx(2 * 1.96 * pair.joint_standard_uncertainty, rel=1e-4)
+        assert pair.agrees == (low <= 0 <= high)
+
+
+def test_the_prediction_is_the_mean_of_many_simulated_frames(twin, truth):
+    """Exact distributions against random numbers: a sensor of the twin's parameters, pixels with fall-off."""
+    exposure_s, v = 0.008, np.linspace(0.93, 0.97, 40_000)
+    parameters = twin.parameters
+    regions = [TwinRegion(name, value, 0.0, 0.0, v, 0.0, 0.0) for name, value in (("b", 9.0), ("d", 4.0))]
+    predicted = predict_regions(parameters, regions, exposure_s, Response())
+    sensor = parameters.sensor((200, 200), exposure_s)
+    r, dark_dn = parameters.responsivity.value, parameters.dark_dn(exposure_s)
+    drawn = []
+    for index, region in enumerate(regions):
+        rate = r * v * region.luminance_cd_m2 / parameters.noise.k_dn_per_e.value
+        dn = replace(sensor, device_seed=index).expose(
+            rate.reshape(200, 200), exposure_s, temperature_c=parameters.temperature_c, seed=index, exposure_index=0
+        )
+        drawn.append((dn.ravel() - dark_dn) / (r * exposure_s * v))
+    for contrast, epsilon in ((1.25, 0.5), (1.25, 0.05), (2.0, 0.3)):
+        asked = AskedContrast(contrast, epsilon, "weber")
+        exact = tally_pairs(predicted["b"].best, predicted["d"].best, asked.low, asked.high)
+        simulated = cdp(*drawn, contrast, epsilon)
+        assert exact.inside == pytest.approx(simulated.cdp, abs=5 * simulated.standard_error)
+
+
+def test_the_scatter_of_a_small_region_is_that_of_the_u_statistic():
+    """Variance of the CDP of 30 and 50 pixels over 3000 draws; a variance is known to sqrt(2 / 3000) = 2.6 %."""
+    rng = np.random.default_rng(5)
+    bright, dark = Distribution.normal(100, 12), Distribution.normal(60, 9)
+    asked = AskedContrast(0.8, 0.3, "weber")
+    tally = tally_pairs(bright, dark, asked.low, asked.high)
+    expected = sampling_variance(tally, bright, dark, m=30, n=50)
+    drawn = [cdp(rng.normal(100, 12, 50), rng.normal(60, 9, 30), 0.8, 0.3).cdp for _ in range(3000)]
+    assert np.var(drawn) == pytest.approx(expected, rel=4 * sqrt(2 / 3000))
+    assert np.mean(drawn) == pytest.approx(tally.inside, abs=4 * sqrt(expected / 3000))
+
+
+def test_a_wrong_read_noise_is_found(recorded, observed, calibration, characterisation):
+    """Told twice the read noise, with the uncertainty as it was, the twin differs, and the read noise explains it."""
+    noise = characterisation.dark_noise_e
+    wrong = replace(characterisation, dark_noise_e=replace(noise, value=2 * noise.value))
+    result = twin_session(recorded, observed, calibration, wrong)
+    differing = [pair for pair in result.pairs if not pair.agrees]
+    assert len(differing) > 0.1 * len(result.pairs)
+    assert result.findings[0].name == "read noise"
+    assert result.findings[0].stated == pytest.approx(2 * noise.value, rel=1e-6)
+    assert result.findings[0].needed == pytest.approx(noise.value, rel=0.05)
+    worst = max(differing, key=lambda pair: abs(pair.difference))
+    assert worst.verdict.startswith("differ; no parameter explains it: the ")
+
+
+def test_a_wrong_reading_is_named(recorded, observed, calibration, characterisation):
+    """One patch read 20 % too low: pairs with it differ, and its reading is what explains them."""
+    readings = dict(observed.readings)
+    readings["P05"] = [replace(one, value=0.8 * one.value) for one in readings["P05"]]
+    result = twin_session(recorded, replace(observed, readings=readings), calibration, characterisation, 1.0, 0.5)
+    differing = [pair for pair in result.pairs if not pair.agrees]
+    touched = [pair for pair in differing if "P05" in (pair.asked.bright, pair.asked.dark)]
+    assert len(touched) >= 3
+    assert len(differing) - len(touched) <= 0.07 * len(result.pairs)
+    assert [one.name for one in result.findings] == ["meter reading of P05"]
+    true_cd_m2 = np.mean([one.luminance_cd_m2 for one in observed.readings["P05"]])
+    assert result.findings[0].needed == pytest.approx(true_cd_m2, rel=0.01)
+
+
+def test_the_patches_signals_agree(twin):
+    """Mean, temporal noise and fixed pattern: 48 comparisons, of which 5 % may lie beyond 1.96 and none beyond 4.5."""
+    z = np.array([list(patch.deviations().values()) for patch in twin.patches])
+    assert z.shape == (16, 3)
+    assert np.abs(z).max() < 4.5
+    assert twin.findings == ()
+    assert np.mean(np.abs(z) > 1.96) < 0.05 + 4 * sqrt(0.05 * 0.95 / z.size)
+
+
+@pytest.mark.parametrize(("mean", "temporal", "spatial"), [(14.516, 0.19, 0.125), (14.0, 0.19, 0.1), (20.3, 0.4, 0.3)])
+def test_noise_below_the_converters_step_is_found_again(mean, temporal, spatial):
+    """400 000 pixels in two frames, rounded; 1/12 DN^2 for the rounding would be wrong by more than half here."""
+    rng = np.random.default_rng(0)
+    pixels = mean + spatial * rng.normal(size=(400_000, 1))
+    dn = np.rint(pixels + temporal * rng.normal(size=(400_000, 2)))
+    variance = float(np.mean(np.diff(dn, axis=1) ** 2)) / 2
+    found = unrounded(float(dn.mean()), DarkSpread(variance, float(dn.var()) - variance))
+    assert sqrt(found.temporal_dn2) == pytest.approx(temporal, rel=0.02)
+    assert sqrt(found.spatial_dn2) == pytest.approx(spatial, rel=0.04)
+    assert mean_before_rounding(float(dn.mean()), found.total_dn2) == pytest.approx(mean, abs=0.005)
+
+
+@pytest.mark.parametrize(("mean", "spread"), [(14.68, 0.1), (10.4, 0.17), (20.0, 0.12)])
+def test_two_levels_tell_an_upper_limit_only(mean, spread):
+    """A limit that holds, and that is not many times too large; values of a third DN are too few in the last."""
+    dn = np.rint(np.random.default_rng(1).normal(mean, spread, 240_000))
+    limit = largest_unseen_spread(float(dn.mean()), float(dn.var()), dn.size)
+    assert spread < limit < 3 * spread
+
+
+def test_a_third_level_tells_the_spread():
+    dn = np.rint(np.random.default_rng(1).normal(14.5, 0.3, 240_000))
+    assert largest_unseen_spread(float(dn.mean()), float(dn.var()), dn.size) is None
+
+
+def test_noise_of_more_than_a_dn_loses_a_twelfth():
+    found = unrounded(64.2, DarkSpread(2.0, 1.0))
+    assert found == DarkSpread(2.0 - 1 / 12, 1.0)
+    assert mean_before_rounding(64.2, 3.0) == 64.2
+
+
+def test_the_intervals_hold_on_benches_with_random_cameras(tmp_path, monkeypatch):
+    """Three benches of the benchmark, where 98 % of the pairs agree, with a scatter of 3.8 % from bench to bench."""
+    spec = spec_from_file_location("twin_coverage", BENCHMARK)
+    benchmark = module_from_spec(spec)
+    # Its dataclasses look their module up there.
+    monkeypatch.setitem(sys.modules, spec.name, benchmark)
+    spec.loader.exec_module(benchmark)
+    logging.getLogger("labcdp.calibration").setLevel(logging.CRITICAL)
+    results = [benchmark.compare(seed, tmp_path) for seed in (0, 2, 3)]
+    share = sum(result.agreeing for result in results) / sum(len(result.pairs) for result in results)
+    assert share > 0.98 - 2 * 0.038 / sqrt(3)
+    decided = [pair.influences[0].name == SAMPLING for result in results for pair in result.pairs]
+    assert 0.5 < np.mean(decided) <= 1
+
+
+def test_one_dark_exposure_leaves_the_dark_current_open(observed, calibration, characterisation, recorded):
+    one = replace(calibration, dark=replace(calibration.dark, exposures_s=(0.002,)))
+    parameters = twin_parameters(require_monochrome(recorded), observed, one, characterisation)
+    assert parameters.dark_current_e_s.value == 0
+    assert any("one exposure do not tell the dark current" in note for note in parameters.notes)
+
+
+def test_an_efficiency_above_one_is_refused(observed, calibration, characterisation, recorded):
+    camera = observed.configuration.camera.model_copy(update={"pixel_pitch_m": 1e-6})
+    configuration = observed.configuration.model_copy(update={"camera": camera})
+    with pytest.raises(
+        CalibrationError, match=r"would be 4\.\d+, more than 1: check the f-number \(f/2\.6\), the pixel"
+    ):
+        twin_parameters(
+            require_monochrome(recorded), replace(observed, configuration=configuration), calibration, characterisation
+        )
+
+
+def test_a_response_that_bends_is_predicted_and_told(observed, calibration, characterisation, recorded):
+    """The chain cannot hold it; the prediction follows it, so that the mean luminance is that of the meter."""
+    bent = Response("quadratic", (0.0, 4000.0), (0.0, 4400.0))
+    parameters = twin_parameters(
+        require_monochrome(recorded), observed, replace(calibration, response=bent), characterisation
+    )
+    assert any("quadratic, which the chain file cannot hold" in note for note in parameters.notes)
+    region = TwinRegion("P", 80.0, 0.0, 0.0, np.ones(9), 0.0, 0.0)
+    found = predict_regions(parameters, [region], 0.008, bent)["P"].best
+    assert found.mean == pytest.approx(80.0, rel=2e-4)
+
+
+def test_what_the_characterisation_lacks_is_none(characterisation, observed):
+    lacking = replace(characterisation, dsnu_e_s=None, prnu_rel=None, prnu_pixel_rel=None, dsnu_row_e=None)
+    noise = noise_of_characterisation(lacking, observed.darks)
+    assert (noise.prnu_rel.value, noise.dsnu_dn_s.value, noise.row_dsnu_dn.value) == (0, 0, 0)
+    assert noise.prnu_rel.note == "not known"
+
+
+def test_bright_and_dark_the_wrong_way_round_are_left_out(recorded, observed, calibration, characterisation):
+    pair = observed.configuration.contrasts[0]
+    turned = pair.model_copy(update={"bright": pair.dark, "dark": pair.bright})
+    configuration = observed.configuration.model_copy(update={"contrasts": (turned,)})
+    result = twin_session(recorded, replace(observed, configuration=configuration), calibration, characterisation)
+    assert result.left_out[0].endswith("the first is not brighter by the meter, turn the two round")
+
+
+def test_contrast_and_tolerance_out_of_range_are_refused(recorded, observed, calibration, characterisation):
+    with pytest.raises(InputError, match="contrast"):
+        twin_session(recorded, observed, calibration, characterisation, contrast=-1.0)
+    with pytest.raises(InputError, match="epsilon"):
+        twin_session(recorded, observed, calibration, characterisation, contrast=1.0, epsilon=2.0)
+
+
+def test_patches_saturated_at_every_exposure_are_left_out(recorded, observed, calibration, characterisation):
+    saturated = {
+        name: [replace(o, saturated_share=0.5) for o in group] if name != "P01" else group
+        for name, group in observed.patches.items()
+    }
+    planes = {None: replace(observed.monochrome, patches=saturated)}
+    with pytest.raises(CalibrationError, match=r"no two patches can be compared: .*saturated at every exposure"):
+        twin_session(recorded, replace(observed, planes=planes), calibration, characterisation)
+
+
+def test_patches_without_a_reading_are_refused(recorded, observed, calibration, characterisation):
+    with pytest.raises(CalibrationError, match="has no meter reading: measure it, or leave the patch out"):
+        twin_session(recorded, replace(observed, readings={}), calibration, characterisation)
+
+
+def test_a_session_with_colour_filters_is_refused(recorded, tmp_path):
+    frame = recorded.load(recorded.frames("light")[0])
+    with Session.create(tmp_path / "s", recorded.configuration) as session:
+        session.add_frame(replace(frame, colour_filter="RG", pixel_format="BayerRG12"), "light")
+        with pytest.raises(CalibrationError, match=r"colour filter \(RG\): twins of colour cameras are not supported"):
+            require_monochrome(session)
+
+
+def test_a_session_without_light_frames_is_refused(recorded, tmp_path):
+    message = "no light frames: go on with the acquisition"
+    with (
+        Session.create(tmp_path / "s", recorded.configuration) as session,
+        pytest.raises(CalibrationError, match=message),
+    ):
+        require_monochrome(session)
+
+
+def test_another_meter_adds_its_scale(recorded, observed, calibration, characterisation):
+    """The scale of one meter is in R and in the readings and cancels; that of two does not: 2 % / sqrt 3 each."""
+    readings = {
+        name: [replace(one, meter=replace(one.meter, serial="another")) for one in group]
+        for name, group in observed.readings.items()
+    }
+    parameters = twin_parameters(
+        require_monochrome(recorded), replace(observed, readings=readings), calibration, characterisation
+    )
+    rel = parameters.responsivity.standard_uncertainty / parameters.responsivity.value
+    assert rel == pytest.approx(sqrt(2 / 3) * 0.02, rel=0.01)
+    same = twin_parameters(require_monochrome(recorded), observed, calibration, characterisation).responsivity
+    assert same.standard_uncertainty / same.value == calibration.responsivity.random_rel
+
+
+def test_the_sensor_takes_the_dark_mean_of_the_calibration(twin):
+    """At each exposure, whatever the dark current."""
+    for exposure_s in (0.002, 0.032):
+        sensor = twin.parameters.sensor((1, 1), exposure_s)
+        settings = ExposureSettings((exposure_s,), temperature_c=twin.parameters.temperature_c)
+        assert CameraModel(sensor, settings).dark_dn == pytest.approx(twin.parameters.dark_dn(exposure_s), abs=1e-9)
+
+
+def test_the_uncertainty_of_k_goes_out_again_in_dn(characterisation, observed):
+    k, noise_e = characterisation.k_dn_per_e, characterisation.dark_noise_e
+    noise = noise_of_characterisation(characterisation, observed.darks).read_noise_dn
+    own_rel, k_rel = noise.standard_uncertainty / noise.value, k.standard_uncertainty / k.value
+    assert own_rel**2 + k_rel**2 == pytest.approx((noise_e.standard_uncertainty / noise_e.value) ** 2, rel=1e-9)
+    assert isinstance(noise, Quantity)
+
+
+def test_the_example_session_is_read_with_its_calibration(twin):
+    with Session.open(example_session()) as session:
+        again = observe_session(session)
+    assert again.input_sha256 == twin.to_dict()["input_sha256"]

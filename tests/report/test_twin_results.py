@@ -1,0 +1,108 @@
+import json
+from dataclasses import replace
+from io import BytesIO
+
+import pytest
+from openpyxl import load_workbook
+
+from labcdp.chain import chain_from_toml
+from labcdp.errors import InputError
+from labcdp.evaluate import calibrate_session, characterise_session, observe_session
+from labcdp.evaluate.twin import twin_session
+from labcdp.report.twin_results import write_twin
+from labcdp.report.twin_tables import difference_table, influence_table, pair_table, signal_comparison_table
+from labcdp.report.twin_wording import simulated, twin_results
+from labcdp.session import Session, example_session
+
+
+@pytest.fixture(scope="module")
+def twin():
+    with Session.open(example_session()) as session:
+        observed = observe_session(session)
+        return twin_session(session, observed, calibrate_session(observed), characterise_session(session))
+
+
+@pytest.fixture(scope="module")
+def written(twin, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("twin")
+    return {path.name: path.read_bytes() for path in write_twin(twin, folder)}
+
+
+def with_difference(twin, name, number=30):
+    """The twin with its first pairs measured as if nothing were detected, and a bright patch of another name."""
+    pairs = [
+        replace(pair, asked=replace(pair.asked, bright=name), measured=replace(pair.measured, cdp=0.0))
+        if i < number
+        else pair
+        for i, pair in enumerate(twin.pairs)
+    ]
+    return replace(twin, pairs=tuple(pairs))
+
+
+def test_the_files_hold_the_same_numbers(twin, written):
+    assert set(written) == {"chain.toml", "report.html", "results.xlsx", "results.json", "twin.png"}
+    values = json.loads(written["results.json"])
+    assert values["pairs_compared"] == len(twin.pairs)
+    assert values["pairs_agreeing"] == twin.agreeing
+    assert values["pairs"][3]["predicted"] == twin.pairs[3].predicted
+    assert values["parameters"]["k_dn_per_e"]["value"] == twin.parameters.quantities["k_dn_per_e"].value
+    assert written["twin.png"].startswith(b"\x89PNG")
+
+
+def test_the_chain_file_can_be_run_and_tells_uncertainties(written):
+    text = written["chain.toml"].decode()
+    chain = chain_from_toml(text, "chain.toml")
+    assert len(chain.scene.patches) == 16
+    assert "k_dn_per_e = " in text
+    line = next(line for line in text.splitlines() if line.startswith("k_dn_per_e"))
+    assert "# +- 0.00" in line
+    assert "DN/e-" in line
+
+
+def test_the_page_says_the_result_first_and_that_it_is_simulated(twin, written):
+    page = written["report.html"].decode()
+    result = twin_results(twin)[0]
+    assert f"{twin.agreeing} agree with the measurement" in result
+    assert page.index("Simulated: camera") < page.index("agree with the measurement") < page.index("<table>")
+    assert "<script" not in page
+
+
+def test_the_spreadsheet_has_every_pair_and_influence(twin, written):
+    book = load_workbook(BytesIO(written["results.xlsx"]))
+    assert book.sheetnames == ["Summary", "Pairs", "Influences", "Patches", "Parameters", "Provenance"]
+    assert book["Pairs"].max_row == 1 + len(twin.pairs)
+    assert book["Influences"].max_row == 1 + sum(len(pair.influences) for pair in twin.pairs)
+    column = [cell.value for cell in book["Pairs"]["G"][1:]]
+    assert column == pytest.approx([pair.measured.cdp for pair in twin.pairs], rel=1e-14)
+
+
+def test_pairs_that_differ_are_told_and_hostile_names_stay_text(twin, tmp_path):
+    hostile = '"><img src=x onerror=alert(1)>'
+    wrong = with_difference(twin, hostile)
+    assert len(difference_table(wrong).rows) == len(wrong.pairs) - wrong.agreeing >= 25
+    assert "does not describe this camera in full" in " ".join(twin_results(wrong))
+    page = next(path for path in write_twin(wrong, tmp_path) if path.suffix == ".html").read_text(encoding="utf-8")
+    assert "Pairs that differ" in page
+    assert "<img src=x" not in page
+    assert "&lt;img src=x" in page
+
+
+def test_the_tables_have_one_row_each(twin):
+    assert len(pair_table(twin).rows) == len(twin.pairs)
+    assert len(signal_comparison_table(twin).rows) == 16
+    table = influence_table(twin)
+    assert table.rows[0][0] == "number of pixels"
+    assert sum(float(row[1]) for row in table.rows) == pytest.approx(100, abs=2)
+    assert sum(int(row[2]) for row in table.rows) == len(twin.pairs)
+
+
+def test_a_real_bench_has_no_banner(twin):
+    state = twin.calibration.state
+    real = replace(state, camera=replace(state.camera, simulated=False))
+    assert simulated(replace(twin, calibration=replace(twin.calibration, state=real))) == ""
+
+
+def test_a_folder_that_cannot_be_made_is_named(twin, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file cannot be written \(.*\): give a folder you can write to"):
+        write_twin(twin, tmp_path / "file")

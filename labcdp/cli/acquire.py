@@ -69,22 +69,13 @@ def acquire(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record frames and meter readings as planned; a session that was broken off goes on."""
-    from ..acquire import AcquisitionStoppedError
     from ..session import SessionConfiguration
 
     choice = DeviceChoice(camera, meter, simulated, simulated_time, faults, replay, speed, patience, transcript)
     nobody = _unattended(unattended, lens)
     wanted = SessionConfiguration.load(configuration)
     choice.check(wanted.meter)
-    try:
-        with _ending_cleanly():
-            left, frames, readings = _record(session, configuration, wanted, choice, nobody)
-    except AcquisitionStoppedError:
-        # Said by the program's end, as after Ctrl-C.
-        raise typer.Exit(_INTERRUPTED) from None
-    except _EndedBySignal as ended:
-        say(_SAFE)
-        raise typer.Exit(128 + ended.number) from None
+    left, frames, readings = record(session, configuration, wanted, choice, nobody)
     if as_json:
         things = [{"what": thing.what, "hand": thing.hand} for thing in left]
         print_json({"session": str(session), "frames": frames, "readings": readings, "left": things})
@@ -96,6 +87,42 @@ def acquire(
         say("The same command without --unattended goes on")
     else:
         say(f"Next: labcdp calibrate {quote(str(session))}")
+
+
+def record(
+    path: Path, source: Path, wanted: SessionConfiguration, choice: DeviceChoice, nobody: Unattended | None = None
+) -> tuple[tuple[Left, ...], int, int]:
+    """Record what a session lacks of its plan; a stop ends the program with the status for it.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the session; made if need be.
+    source : Path
+        File of the configuration, for messages.
+    wanted : SessionConfiguration
+        Bench, target and plan.
+    choice : DeviceChoice
+        Which devices.
+    nobody : Unattended or None
+        In place of a person, if nobody is there.
+
+    Returns
+    -------
+    tuple of Left, int, int
+        What is left for a person, and how many frames and readings there are.
+    """
+    from ..acquire import AcquisitionStoppedError
+
+    try:
+        with _ending_cleanly():
+            return _record(path, source, wanted, choice, nobody)
+    except AcquisitionStoppedError:
+        # Said by the program's end, as after Ctrl-C.
+        raise typer.Exit(_INTERRUPTED) from None
+    except _EndedBySignal as ended:
+        say(_SAFE)
+        raise typer.Exit(128 + ended.number) from None
 
 
 def _record(

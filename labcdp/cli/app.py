@@ -9,7 +9,23 @@ from io import TextIOWrapper
 import typer
 
 from ..errors import LabcdpError
-from . import acquire, bench, demo, devices, doctor, meter, session, simulation
+from . import (
+    acquire,
+    bench,
+    characterise,
+    demo,
+    devices,
+    doctor,
+    history,
+    import_files,
+    luminance,
+    meter,
+    session,
+    simulation,
+    spectra,
+    twin,
+    verify,
+)
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -29,10 +45,17 @@ app.command("snap")(devices.snap)
 app.command("meter")(meter.meter)
 app.command("meter-test")(meter.meter_test)
 app.command("acquire")(acquire.acquire)
+app.command("import")(import_files.import_files)
 app.command("calibrate")(session.calibrate)
 app.command("evaluate")(session.evaluate)
 app.command("replay")(session.replay)
+app.command("luminance")(luminance.luminance)
+app.command("characterise")(characterise.characterise)
+app.command("verify")(verify.verify)
+app.command("twin")(twin.twin)
+app.command("history")(history.history)
 app.command("simulate-bench")(bench.simulate_bench)
+app.command("spectra")(spectra.spectra)
 app.command("presets")(simulation.presets)
 app.command("simulate")(simulation.simulate)
 app.command("sweep")(simulation.sweep)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,9 @@ from ..errors import InputError, SessionError
 from .terminal import JSON_OPTION, fraction_of_percent, print_json, progress_bars, say
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration
     from ..evaluate import ObservedSession, SessionEvaluation
+    from ..evaluate.corrections import PlaneCorrections
     from ..session import ContrastConfiguration, Session, SessionConfiguration
 
 SESSION_ARGUMENT = typer.Argument(help="Folder of the session.")
@@ -26,23 +28,45 @@ PAIR_OPTION = typer.Option([], "--pair", help="BRIGHT:DARK, two patches; default
 
 def calibrate(
     session: Path = SESSION_ARGUMENT,
+    more: list[Path] = typer.Argument(
+        None, help="Further sessions of the same camera and lens, with other gains or at other temperatures."
+    ),
     output: Path | None = OUTPUT_OPTION,
     without: list[str] = WITHOUT_OPTION,
+    hold_out: list[str] = typer.Option(
+        [], help="Patch to test the fit with instead of showing it; may be given several times."
+    ),
+    flat_field: Path | None = typer.Option(
+        None, help="Session recorded with uniform light that fills the image; default: cos^4 of the lens."
+    ),
+    unevenness: str = typer.Option("1%", help="Standard uncertainty of the uniform light across the image."),
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Fit the camera's conversion from DN to cd/m^2, and save it."""
+    """Fit the camera's conversion from DN to cd/m^2, save it, and report how good it is."""
     from ..calibration import save
-    from ..evaluate import calibrate_session
+    from ..evaluate import calibrate_session, measure_corrections, require_same_optics
+    from ..report import write_calibration_report
+    from ..session import Session
 
-    opened, observed = _observe(session, without)
-    calibration = calibrate_session(observed)
-    path = _made(_results_folder(opened, output)) / "calibration.json"
+    corrections = None
+    if flat_field is not None:
+        flat = Session.open(flat_field)
+        require_same_optics(Session.open(session), flat)
+        rel = fraction_of_percent(unevenness, "--unevenness")
+        with progress_bars() as bars:
+            corrections = measure_corrections(flat, rel, lambda done, total: bars.update("flat field", done, total))
+    opened, observed = _observe(session, without, corrections)
+    others = [_observe(path, [], corrections)[1] for path in more or ()]
+    calibration = calibrate_session(observed, *others, held_out=hold_out)
+    folder = _made(_results_folder(opened, output))
+    path = folder / "calibration.json"
     save(calibration, path)
+    written = write_calibration_report(calibration, folder, opened.configuration.name)
     if as_json:
-        print_json({"calibration": str(path), **_calibration_values(calibration)})
+        print_json({"calibration": str(path), "report": [str(p) for p in written], **_calibration_values(calibration)})
         return
     show_calibration(calibration)
-    say(f"Saved: {path}")
+    say(f"Saved: {', '.join(str(p) for p in (path, *written))}")
     chosen = "" if output is None else f" --output {quote(str(output))}"
     say(f"Next: labcdp evaluate {quote(str(session))}{chosen}")
 
@@ -58,8 +82,8 @@ def evaluate(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Tell luminance and detection probability of a session's patches; write report, spreadsheet and pictures."""
-    from ..calibration import load
-    from ..evaluate import evaluate_session
+    from ..calibration import load_any
+    from ..evaluate import corrections_of, evaluate_session
     from ..report import write_results
     from ..session import Session
 
@@ -67,8 +91,8 @@ def evaluate(
     path = calibration or folder / "calibration.json"
     if calibration is None and not path.exists():
         raise InputError(f"{path} does not exist: run 'labcdp calibrate {session}' first, or give --calibration")
-    loaded = load(path)
-    opened, observed = _observe(session, without)
+    loaded = load_any(path)
+    opened, observed = _observe(session, without, corrections_of(loaded))
     result = evaluate_session(opened, observed, loaded, _contrasts(opened.configuration, contrast, epsilon, pair))
     written = write_results(result, _made(folder))
     if as_json:
@@ -110,13 +134,16 @@ def replay(
         say(f"Identical to {against}")
 
 
-def _observe(path: Path, without: list[str]) -> tuple[Session, ObservedSession]:
+def _observe(
+    path: Path, without: list[str], corrections: PlaneCorrections | None = None
+) -> tuple[Session, ObservedSession]:
     from ..evaluate import observe_session
     from ..session import Session
 
     session = Session.open(path)
     with progress_bars() as bars:
-        return session, observe_session(session, without, lambda done, total: bars.update("reading", done, total))
+        report = partial(bars.update, "reading")
+        return session, observe_session(session, without, report, corrections)
 
 
 def _results_folder(session: Session, output: Path | None) -> Path:
@@ -196,35 +223,50 @@ def _numbers(values: dict[str, Any]) -> dict[str, Any]:
     return numbers
 
 
-def _calibration_values(calibration: Calibration) -> dict[str, Any]:
-    fit = calibration.responsivity
+def _calibration_values(calibration: AnyCalibration) -> dict[str, Any]:
+    from ..calibration import Calibration
+    from ..evaluate import calibration_values
+
+    values = calibration_values(calibration)
+    if isinstance(calibration, Calibration):
+        fit = calibration.responsivity
+        values |= {"responsivity_random_rel": fit.random_rel, "reduced_chi_squared": fit.reduced_chi_squared}
     return {
-        "responsivity_dn_s_cd_m2": fit.responsivity_dn_s_cd_m2,
-        "responsivity_random_rel": fit.random_rel,
-        "responsivity_common_rel": calibration.responsivity_common_rel,
-        "reduced_chi_squared": fit.reduced_chi_squared,
+        **values,
         "range_cd_m2": list(calibration.range_cd_m2),
         "patches": len(calibration.residuals),
+        "held_out": {row.patch: row.residual_rel for row in calibration.held_out},
         "warnings": list(calibration.warnings),
     }
 
 
-def show_calibration(calibration: Calibration) -> None:
+def show_calibration(calibration: AnyCalibration) -> None:
     """Tell a person what was fitted, and what to mind."""
     low, high = calibration.range_cd_m2
-    fit = calibration.responsivity
-    say(
-        f"Responsivity {fit.responsivity_dn_s_cd_m2:.5g} DN s^-1 / (cd m^-2) +- "
-        f"{calibration.responsivity_common_rel:.2%} (fit alone {fit.random_rel:.2%}), from "
-        f"{len(calibration.residuals)} patches of {low:.3g} to {high:.3g} cd/m^2"
-    )
+    patches = f"{len(calibration.residuals)} patches of {low:.3g} to {high:.3g} cd/m^2"
+    say(f"{_fitted(calibration)}, from {patches}")
+    for row in calibration.held_out:
+        say(f"Held out: {row.patch}, camera over meter less one {row.residual_rel:+.2%}")
     left_out = [w for w in calibration.warnings if "left out there" in w]
     if left_out:
-        patches = "1 patch is" if len(left_out) == 1 else f"{len(left_out)} patches are"
-        say(f"{patches} clipped or too dark at some exposures and left out there")
+        plural = "1 patch is" if len(left_out) == 1 else f"{len(left_out)} patches are"
+        say(f"{plural} clipped or too dark at some exposures and left out there")
     for warning in calibration.warnings:
         if warning not in left_out:
             say(f"Warning: {warning}")
+
+
+def _fitted(calibration: AnyCalibration) -> str:
+    from ..calibration import Calibration
+
+    if isinstance(calibration, Calibration):
+        fit = calibration.responsivity
+        return (
+            f"Responsivity {fit.responsivity_dn_s_cd_m2:.5g} DN s^-1 / (cd m^-2) +- "
+            f"{calibration.responsivity_common_rel:.2%} (fit alone {fit.random_rel:.2%})"
+        )
+    weights = zip(calibration.planes, calibration.weights, strict=True)
+    return "Luminance = " + " ".join(f"{weight:+.3f} L({plane.state.plane})" for plane, weight in weights)
 
 
 def show_evaluation(result: SessionEvaluation) -> None:

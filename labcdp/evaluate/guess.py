@@ -5,13 +5,14 @@ from __future__ import annotations
 from math import inf
 
 from ..chain.optics import axial_illuminance_per_cd_m2
-from ..luminance import Cos4Vignetting, LinearConversion
+from ..luminance import LinearConversion
 from ..photometry import photon_radiance_per_cd_m2
 from ..session import GuessConfiguration
+from ..vignetting import AnyVignetting
 
 
 def guessed_conversion(
-    guess: GuessConfiguration, spectrum: str, vignetting: Cos4Vignetting | None, gain_db: float = 0.0
+    guess: GuessConfiguration, spectrum: str, vignetting: AnyVignetting | None, gain_db: float = 0.0
 ) -> LinearConversion:
     """Conversion that follows from guessed parameters, without any uncertainty to state.
 
@@ -25,7 +26,7 @@ def guessed_conversion(
         Quantum efficiency, K, f-number, transmittance, pixel pitch and darkness.
     spectrum : str
         Light of the target.
-    vignetting : Cos4Vignetting or None
+    vignetting : AnyVignetting or None
         Fall-off of the lens.
     gain_db : float
         Gain of the frames; K is taken to be for 0 dB.

@@ -1,4 +1,4 @@
-"""From a recorded session to what its frames and readings say, and to a calibration."""
+"""From a recorded session to what its frames and readings say."""
 
 from __future__ import annotations
 
@@ -7,21 +7,35 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from ..calibration import (
-    Calibration,
-    DarkObservation,
-    LensIdentity,
-    PatchObservation,
-    Setup,
-    fit,
-    observe_dark,
-    observe_patches,
-)
+from ..calibration import DarkObservation, LensIdentity, PatchObservation, observe_dark, observe_patches
+from ..calibration.planes import plane_region, split
 from ..errors import CalibrationError, InputError
-from ..frame import Frame
-from ..luminance import Cos4Vignetting
+from ..frame import PLANES, Frame
 from ..reading import Reading
+from ..roi import Roi
 from ..session import FrameRecord, Role, Session, SessionConfiguration
+from .corrections import Corrections, PlaneCorrections
+
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ObservedPlane:
+    """What the frames of one plane say: all pixels of a monochrome sensor, or those of one colour.
+
+    Parameters
+    ----------
+    patches : dict of str to list of PatchObservation
+        By name of the patch, in the target's order; one observation an exposure.
+    darks : list of DarkObservation
+        One an exposure.
+    corrections : Corrections
+        What was taken off.
+    """
+
+    patches: Mapping[str, Sequence[PatchObservation]]
+    darks: Sequence[DarkObservation]
+    corrections: Corrections
 
 
 @dataclass(frozen=True)
@@ -32,29 +46,53 @@ class ObservedSession:
     ----------
     configuration : SessionConfiguration
         Bench, target and plan.
-    patches : dict of str to list of PatchObservation
-        By name of the patch, in the target's order; one observation an exposure.
-    darks : list of DarkObservation
-        One an exposure.
+    planes : dict of (str or None) to ObservedPlane
+        By colour plane; one entry for None if the sensor is monochrome.
     readings : dict of str to list of Reading
         By name of the patch.
-    vignetting : Cos4Vignetting
-        Fall-off that was taken off.
     input_sha256 : str
         Hash over the hashes of all frames and the readings, in the order of recording.
     """
 
     configuration: SessionConfiguration
-    patches: Mapping[str, Sequence[PatchObservation]]
-    darks: Sequence[DarkObservation]
+    planes: Mapping[str | None, ObservedPlane]
     readings: Mapping[str, Sequence[Reading]]
-    vignetting: Cos4Vignetting
     input_sha256: str
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Patches that were measured, in the target's order."""
+        return tuple(next(iter(self.planes.values())).patches)
 
-def vignetting_of(configuration: SessionConfiguration) -> Cos4Vignetting:
-    """Natural fall-off of the configured lens; without a flat field nothing better is known."""
-    return Cos4Vignetting(configuration.lens.focal_length_m, configuration.camera.pixel_pitch_m)
+    @property
+    def monochrome(self) -> ObservedPlane:
+        """The one plane of a monochrome sensor.
+
+        Raises
+        ------
+        CalibrationError
+            If the sensor has colour filters.
+        """
+        if None not in self.planes:
+            raise CalibrationError(
+                "the session was recorded with colour filters: this works for monochrome frames; use a monochrome "
+                "pixel format"
+            )
+        return self.planes[None]
+
+    def of_patch(self, name: str) -> list[PatchObservation]:
+        """Observations of a patch in all planes."""
+        return [observation for plane in self.planes.values() for observation in plane.patches[name]]
+
+    @property
+    def patches(self) -> Mapping[str, Sequence[PatchObservation]]:
+        """Observations of a monochrome sensor by patch; raises CalibrationError as `monochrome`."""
+        return self.monochrome.patches
+
+    @property
+    def darks(self) -> Sequence[DarkObservation]:
+        """Dark observations of a monochrome sensor; raises CalibrationError as `monochrome`."""
+        return self.monochrome.darks
 
 
 def lens_of(configuration: SessionConfiguration) -> LensIdentity:
@@ -66,7 +104,8 @@ def lens_of(configuration: SessionConfiguration) -> LensIdentity:
 def observe_session(
     session: Session,
     without: Sequence[str] = (),
-    report: Callable[[int, int], None] = lambda _done, _total: None,
+    report: Report = lambda _done, _total: None,
+    corrections: PlaneCorrections | None = None,
 ) -> ObservedSession:
     """Measure the patches in all frames of a session; one frame at a time is held.
 
@@ -77,14 +116,17 @@ def observe_session(
     without : sequence of str
         Patches to leave out.
     report : callable
-        Called with the number of frames read, and of all frames.
+        Called with the number of frames read, and of all frames; those of a sensor with colour filters are read once
+        for each plane.
+    corrections : mapping of (str or None) to Corrections, or None
+        What is taken off the frames of each plane; None for the natural fall-off of the configured lens.
 
     Raises
     ------
     SessionError
         If a file is missing or altered.
     CalibrationError
-        If there are no dark frames, or too few frames at an exposure.
+        If there are no dark frames, or too few frames at an exposure, or the corrections are not for this sensor.
     InputError
         If a region lies outside the image, or `without` names an unknown patch.
     """
@@ -93,32 +135,77 @@ def observe_session(
     unknown = sorted(set(without) - set(names))
     if unknown:
         raise InputError(f"there is no patch {unknown[0]!r} to leave out: choose from {', '.join(names)}")
-    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
-    vignetting = vignetting_of(configuration)
-    total = len(session.frames())
-    done = 0
-
-    def frames(records: Sequence[FrameRecord]) -> Iterator[Frame]:
-        nonlocal done
-        for record in records:
-            yield session.load(record)
-            done += 1
-            report(done, total)
-
-    darks = [observe_dark(frames(group)) for group in by_exposure(session, "dark").values()]
-    if not darks:
+    if not session.frames("dark"):
         raise CalibrationError("the session has no dark frames: cover the lens and go on with the acquisition")
-    patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
-    for group in by_exposure(session, "light").values():
-        for shown, records in by_patch(group).items():
-            seen = [region for region in regions if shown in (None, region.name)]
-            for observation in observe_patches(frames(records), seen, vignetting) if seen else ():
-                patches[observation.patch].append(observation)
+    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
+    planes = planes_of(session)
+    if corrections is None:
+        corrections = {plane: Corrections.of_lens(configuration, plane) for plane in planes}
+    if set(corrections) != set(planes):
+        has, wants = ("no" if None in group else "a" for group in (planes, corrections))
+        raise CalibrationError(
+            f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
+            "filter: use those of this camera"
+        )
+    reader = _Reader(session, report, len(planes) * len(session.frames()))
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without:
             readings.setdefault(record.patch, []).append(record.reading)
-    return ObservedSession(configuration, patches, darks, readings, vignetting, _input_sha256(session))
+    return ObservedSession(
+        configuration,
+        {plane: _observe_plane(reader, plane, regions, corrections[plane]) for plane in planes},
+        readings,
+        _input_sha256(session),
+    )
+
+
+def planes_of(session: Session) -> tuple[str | None, ...]:
+    """Colour planes of a session's frames, or None for the one of a monochrome sensor."""
+    first = session.load(session.frames()[0])
+    return (None,) if first.colour_filter is None else PLANES
+
+
+class _Reader:
+    """Loads frames, or one plane of them, and counts them."""
+
+    def __init__(self, session: Session, report: Report, total: int) -> None:
+        self.session = session
+        self._report = report
+        self._total = total
+        self._done = 0
+
+    def frames(self, records: Sequence[FrameRecord], plane: str | None) -> Iterator[Frame]:
+        for record in records:
+            frame = self.session.load(record)
+            yield frame if plane is None else split(frame)[plane]
+            self._done += 1
+            self._report(self._done, self._total)
+
+
+def _observe_plane(
+    reader: _Reader, plane: str | None, regions: Sequence[Roi], corrections: Corrections
+) -> ObservedPlane:
+    library, defects = corrections.dark_library, corrections.defects
+    darks = [
+        observe_dark(reader.frames(group, plane), dark_library=library)
+        for group in by_exposure(reader.session, "dark").values()
+    ]
+    patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
+    own = {region.name: region if plane is None else plane_region(region) for region in regions}
+    for group in by_exposure(reader.session, "light").values():
+        for shown, records in by_patch(group).items():
+            seen = [region for name, region in own.items() if shown in (None, name)]
+            if seen:
+                for observation in observe_patches(
+                    reader.frames(records, plane),
+                    seen,
+                    corrections.vignetting,
+                    defects=defects,
+                    dark_library=library,
+                ):
+                    patches[observation.patch].append(observation)
+    return ObservedPlane(patches, darks, corrections)
 
 
 def by_exposure(session: Session, role: Role) -> dict[float, list[FrameRecord]]:
@@ -140,33 +227,6 @@ def by_patch(records: Sequence[FrameRecord]) -> dict[str | None, list[FrameRecor
 def shows(record: FrameRecord, patch: str) -> bool:
     """Whether a patch can be seen in a frame."""
     return record.patch in (None, patch)
-
-
-def calibrate_session(observed: ObservedSession) -> Calibration:
-    """Calibrate a camera from what a session says.
-
-    Raises
-    ------
-    CalibrationError
-        As `labcdp.calibration.fit`, and if a patch of the target cannot be used at any exposure: it has to be
-        left out by name, so that nobody relies on it.
-    """
-    setup = Setup(
-        lens=lens_of(observed.configuration),
-        source_spectrum=observed.configuration.source.spectrum,
-        input_sha256=observed.input_sha256,
-    )
-    observations = [observation for group in observed.patches.values() for observation in group]
-    calibration = fit(observations, observed.darks, observed.readings, setup)
-    used = {row.patch for row in calibration.residuals}
-    unused = [name for name in observed.patches if name not in used]
-    if unused:
-        reasons = "; ".join(w for w in calibration.warnings if f"patch {unused[0]!r}" in w)
-        raise CalibrationError(
-            f"patch {unused[0]!r} cannot be used at any exposure ({reasons}): acquire it with other exposures, or "
-            f"leave it out with --without {unused[0]!r}"
-        )
-    return calibration
 
 
 def _input_sha256(session: Session) -> str:

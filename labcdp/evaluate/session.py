@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Any
 
@@ -11,19 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration import (
+    AnyCalibration,
     Calibration,
-    LensIdentity,
     PatchLuminance,
     PatchObservation,
+    colour_patch_luminance,
+    contrast_uncertainty,
     expanded_half_width,
     patch_luminance,
 )
+from ..calibration.conversion import require_lens
 from ..calibration.readings import combine_readings
-from ..contrast import CdpResult, ContrastDistribution, cdp, contrast_distribution
+from ..contrast import CalibratedCdp, CdpResult, ContrastDistribution, cdp_with_common_errors, contrast_distribution
 from ..errors import CalibrationError, InputError
 from ..luminance import LuminanceMap
 from ..roi import Roi
-from ..session import ContrastConfiguration, Session
+from ..session import ContrastConfiguration, Session, SessionConfiguration
+from ..spectral_mismatch import mismatch_warning
 from .guess import guessed_conversion
 from .observe import ObservedSession, by_exposure, lens_of, shows
 from .target_map import target_map
@@ -86,8 +90,8 @@ class ContrastRow:
     ----------
     bright, dark : str
         The patches.
-    cdp : CdpResult
-        At the contrast asked for.
+    calibrated_cdp : CalibratedCdp
+        At the contrast asked for, with what pixels and calibration leave uncertain.
     distribution : ContrastDistribution
         Of all pairs of pixels, for plots.
     measured_contrast, measured_standard_uncertainty : float
@@ -103,7 +107,7 @@ class ContrastRow:
 
     bright: str
     dark: str
-    cdp: CdpResult
+    calibrated_cdp: CalibratedCdp
     distribution: ContrastDistribution
     measured_contrast: float
     measured_standard_uncertainty: float
@@ -112,6 +116,12 @@ class ContrastRow:
     exposure_s: float
     frame_number: int
     dark_frame_number: int
+
+    @property
+    def cdp(self) -> CdpResult:
+        """CDP with its 95 % interval by pixels and calibration; its standard error is by the pixels alone."""
+        both = self.calibrated_cdp
+        return replace(both.result, confidence_interval=both.confidence_interval)
 
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
@@ -125,6 +135,7 @@ class ContrastRow:
             "interval": list(result.interval),
             "cdp": result.cdp,
             "standard_error": result.standard_error,
+            "calibration_standard_uncertainty": self.calibrated_cdp.calibration_standard_uncertainty,
             "confidence_interval_95": list(result.confidence_interval),
             "below": result.below,
             "above": result.above,
@@ -149,7 +160,7 @@ class SessionEvaluation:
     ----------
     observed : ObservedSession
         Observations, readings and configuration.
-    calibration : Calibration
+    calibration : Calibration or ColourCalibration
         What converted DN to cd/m^2.
     patches : list of PatchRow
         In the target's order.
@@ -162,7 +173,7 @@ class SessionEvaluation:
     """
 
     observed: ObservedSession
-    calibration: Calibration
+    calibration: AnyCalibration
     patches: Sequence[PatchRow]
     contrasts: Sequence[ContrastRow]
     map: LuminanceMap
@@ -187,8 +198,7 @@ class SessionEvaluation:
             "simulated": self.simulated,
             "camera": str(calibration.state.camera),
             "meter": f"{calibration.meter_scale.meter.model} ({calibration.meter_scale.meter.serial})",
-            "responsivity_dn_s_cd_m2": calibration.responsivity.responsivity_dn_s_cd_m2,
-            "responsivity_common_rel": calibration.responsivity_common_rel,
+            **calibration_values(calibration),
             "range_cd_m2": list(calibration.range_cd_m2),
             "patches": [row.to_dict() for row in self.patches],
             "contrasts": [row.to_dict() for row in self.contrasts],
@@ -203,7 +213,7 @@ class SessionEvaluation:
 def evaluate_session(
     session: Session,
     observed: ObservedSession,
-    calibration: Calibration,
+    calibration: AnyCalibration,
     contrasts: Sequence[ContrastConfiguration] | None = None,
 ) -> SessionEvaluation:
     """Evaluate a session.
@@ -214,7 +224,7 @@ def evaluate_session(
         To read frames from.
     observed : ObservedSession
         What `observe_session` returned for it.
-    calibration : Calibration
+    calibration : Calibration or ColourCalibration
         Of the same camera and settings.
     contrasts : sequence of ContrastConfiguration or None
         Pairs and contrasts; None takes those of the session's configuration.
@@ -227,8 +237,8 @@ def evaluate_session(
         If a file is missing or altered.
     """
     pairs = observed.configuration.contrasts if contrasts is None else contrasts
-    warnings = _mismatch(observed, calibration)
-    rows = [_patch_row(name, observed, calibration) for name in observed.patches]
+    warnings = mismatch(observed.configuration, calibration)
+    rows = [_patch_row(name, observed, calibration) for name in observed.names]
     luminance = {row.region.name: row for row in rows}
     for pair in pairs:
         for name in (pair.bright, pair.dark):
@@ -250,28 +260,25 @@ def evaluate_session(
     )
 
 
-def _mismatch(observed: ObservedSession, calibration: Calibration) -> list[str]:
+def calibration_values(calibration: AnyCalibration) -> dict[str, Any]:
+    """Responsivity of a monochrome camera, or weights of the planes of another; values JSON can hold."""
+    if isinstance(calibration, Calibration):
+        return {
+            "responsivity_dn_s_cd_m2": calibration.responsivity.responsivity_dn_s_cd_m2,
+            "responsivity_common_rel": calibration.responsivity_common_rel,
+        }
+    return {"rate_weights_cd_m2_s_dn": calibration.rate_weights, "spectral_rel": calibration.spectral_rel}
+
+
+def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[str]:
     """Refuse a calibration with another lens or f-number; return a warning if the light was another."""
-    lens, spectrum = lens_of(observed.configuration), observed.configuration.source.spectrum
-    if lens != calibration.lens:
-        raise CalibrationError(
-            f"the calibration is for the lens {_lens_text(calibration.lens)}, the session was recorded with "
-            f"{_lens_text(lens)}: calibrate with this lens"
-        )
-    if spectrum != calibration.source_spectrum:
-        return [
-            f"the calibration was made in {calibration.source_spectrum} light, the session in {spectrum}: the camera "
-            "has no V(lambda) filter, so its luminances may be wrong by many percent; calibrate in this light"
-        ]
-    return []
+    require_lens(calibration.lens, lens_of(configuration))
+    sensitivity = None if isinstance(calibration, Calibration) else calibration.sensitivity
+    warning = mismatch_warning(calibration.source_spectrum, configuration.source.spectrum, sensitivity)
+    return [] if warning is None else [warning]
 
 
-def _lens_text(lens: LensIdentity) -> str:
-    return f"{lens.model} ({lens.serial}, {1e3 * lens.focal_length_m:g} mm, f/{lens.f_number:g})"
-
-
-def _patch_row(name: str, observed: ObservedSession, calibration: Calibration) -> PatchRow:
-    observations = observed.patches[name]
+def _patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
     measured, _ = combine_readings(name, observed.readings.get(name, []))
     if measured.luminance_cd_m2 == 0:
         raise CalibrationError(
@@ -284,18 +291,30 @@ def _patch_row(name: str, observed: ObservedSession, calibration: Calibration) -
         measured_cd_m2=measured.luminance_cd_m2,
         measured_random_rel=measured.random_cd_m2 / measured.luminance_cd_m2,
         measured_half_width_95_rel=expanded_half_width(scale, measured.random_cd_m2 / measured.luminance_cd_m2),
-        calculated_cd_m2=_calculated_cd_m2(observed, observations),
-        calibrated=patch_luminance(calibration, observations),
+        calculated_cd_m2=_calculated_cd_m2(observed, name),
+        calibrated=_calibrated(observed, name, calibration),
     )
 
 
-def _calculated_cd_m2(observed: ObservedSession, observations: Sequence[PatchObservation]) -> float | None:
+def _calibrated(observed: ObservedSession, name: str, calibration: AnyCalibration) -> PatchLuminance:
+    if isinstance(calibration, Calibration):
+        return patch_luminance(calibration, observed.patches[name])
+    by_plane = {plane: seen.patches[name] for plane, seen in observed.planes.items() if plane is not None}
+    return colour_patch_luminance(calibration, by_plane)
+
+
+def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     guess = observed.configuration.guess
-    unsaturated = [o for o in observations if o.saturated_share == 0]
-    if guess is None or not unsaturated:
+    # A guess is of one responsivity: for colour filters it says nothing.
+    if guess is None or None not in observed.planes:
+        return None
+    unsaturated = [o for o in observed.patches[name] if o.saturated_share == 0]
+    if not unsaturated:
         return None
     o = max(unsaturated, key=lambda o: o.exposure_s)
-    conversion = guessed_conversion(guess, observed.configuration.source.spectrum, observed.vignetting, o.state.gain_db)
+    conversion = guessed_conversion(
+        guess, observed.configuration.source.spectrum, observed.monochrome.corrections.vignetting, o.state.gain_db
+    )
     net_dn = o.signal_dn - o.mean_inverse_v * conversion.dark_dn(o.exposure_s)
     return net_dn / (conversion.responsivity_dn_s_cd_m2 * o.exposure_s)
 
@@ -303,7 +322,7 @@ def _calculated_cd_m2(observed: ObservedSession, observations: Sequence[PatchObs
 def _contrast_row(
     session: Session,
     observed: ObservedSession,
-    calibration: Calibration,
+    calibration: AnyCalibration,
     pair: ContrastConfiguration,
     bright: PatchRow,
     dark: PatchRow,
@@ -312,32 +331,58 @@ def _contrast_row(
     records = by_exposure(session, "light")[exposure_s]
     bright_record, dark_record = (next(r for r in records if shows(r, name)) for name in (pair.bright, pair.dark))
     seen = {
-        record.number: calibration.to_luminance(session.load(record)).luminance_cd_m2
+        record.number: calibration.to_luminance(session.load(record))
         for record in {r.number: r for r in (bright_record, dark_record)}.values()
     }
-    a, b = bright.region.select(seen[bright_record.number]), dark.region.select(seen[dark_record.number])
-    result = cdp(a, b, pair.contrast, pair.epsilon)
-    if result.bright == "b":
+    bright_map, dark_map = seen[bright_record.number], seen[dark_record.number]
+    a, b = bright_map.select(bright.region), dark_map.select(dark.region)
+    result = cdp_with_common_errors(
+        a,
+        b,
+        pair.contrast,
+        pair.epsilon,
+        paired_errors(bright_map, bright.region, dark_map, dark.region),
+    )
+    if result.result.bright == "b":
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
     measured, camera = (
         _ratio_less_one(bright.measured_cd_m2, dark.measured_cd_m2),
         _ratio_less_one(bright.calibrated.luminance_cd_m2, dark.calibrated.luminance_cd_m2),
     )
     measured_rel = [row.measured_random_rel for row in (bright, dark)]
-    camera_rel = [row.calibrated.random_rel for row in (bright, dark)]
     return ContrastRow(
         bright=pair.bright,
         dark=pair.dark,
-        cdp=result,
-        distribution=contrast_distribution(a, b, _edges(result, camera, a, b)),
+        calibrated_cdp=result,
+        distribution=contrast_distribution(a, b, _edges(result.result, camera, a, b)),
         measured_contrast=measured,
         measured_standard_uncertainty=(1 + measured) * hypot(*measured_rel),
         camera_contrast=camera,
-        camera_standard_uncertainty=(1 + camera) * hypot(*camera_rel),
+        camera_standard_uncertainty=contrast_uncertainty(bright.calibrated, dark.calibrated),
         exposure_s=exposure_s,
         frame_number=bright_record.number,
         dark_frame_number=dark_record.number,
     )
+
+
+def paired_errors(
+    bright_map: LuminanceMap, bright: Roi, dark_map: LuminanceMap, dark: Roi
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Errors that two regions share, and those of each that are alike for its pixels only."""
+    pairs = [
+        (_finite(x.relative), _finite(y.relative))
+        for x, y in zip(bright_map.common_of(bright), dark_map.common_of(dark), strict=True)
+    ]
+    nothing = np.zeros(())
+    of_bright = [(_finite(error.relative), nothing) for error in bright_map.slow_of(bright)]
+    of_dark = [(nothing, _finite(error.relative)) for error in dark_map.slow_of(dark)]
+    return [*pairs, *of_bright, *of_dark]
+
+
+def _finite(relative: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
+    """Put 0 where a pixel is exactly at the darkness: it has no relative error, and nothing is seen there."""
+    values = np.asarray(relative, dtype=float)
+    return np.where(np.isfinite(values), values, 0.0)
 
 
 def _ratio_less_one(bright: float, dark: float) -> float:
@@ -356,7 +401,7 @@ def _edges(result: CdpResult, contrast: float, a: NDArray[Any], b: NDArray[Any])
 def _longest_unsaturated(observed: ObservedSession, pair: ContrastConfiguration) -> float:
     at: dict[float, list[PatchObservation]] = {}
     for name in (pair.bright, pair.dark):
-        for o in observed.patches[name]:
+        for o in observed.of_patch(name):
             at.setdefault(o.exposure_s, []).append(o)
     fitting = [t for t, group in at.items() if all(o.saturated_share == 0 for o in group)]
     if not fitting:

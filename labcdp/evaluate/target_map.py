@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import Calibration
+from ..calibration import AnyCalibration
 from ..errors import CalibrationError
-from ..luminance import Invalid, LuminanceMap
+from ..luminance import Invalid, LuminanceMap, chosen
 from ..roi import Roi
 from ..session import FrameRecord, Session
 from .observe import ObservedSession, by_exposure, by_patch
 
 
-def target_map(session: Session, observed: ObservedSession, calibration: Calibration) -> LuminanceMap:
+def target_map(session: Session, observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:
     """Merge the frames of the target, for each pixel from the longest exposure that does not saturate it.
 
     Where patches were shown one by one, each region shows its patch, and the rest what was around the first one;
@@ -40,30 +40,20 @@ def target_map(session: Session, observed: ObservedSession, calibration: Calibra
     for name in others:
         assert name is not None, "a session has patches together or one by one"
         alone = _merged(session, calibration, frames[name])
-        target = _chosen(_whole_mask(regions[name], target.valid.shape), alone, target)
+        target = chosen(_whole_mask(target.scaled(regions[name]), target.shape), alone, target)
     return target
 
 
-def _merged(session: Session, calibration: Calibration, records: Sequence[FrameRecord]) -> LuminanceMap:
+def _merged(session: Session, calibration: AnyCalibration, records: Sequence[FrameRecord]) -> LuminanceMap:
     """Merge frames, the shortest exposure first."""
     merged = calibration.to_luminance(session.load(records[0]))
     for record in records[1:]:
         longer = calibration.to_luminance(session.load(record))
-        merged = _chosen(longer.invalid & Invalid.SATURATED == 0, longer, merged)
+        merged = chosen(longer.invalid & Invalid.SATURATED == 0, longer, merged)
     return merged
 
 
-def _chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> LuminanceMap:
-    return LuminanceMap(
-        np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
-        np.where(where, new.random_rel, old.random_rel),
-        old.common_rel,
-        np.where(where, new.invalid, old.invalid),
-    )
-
-
-def _whole_mask(region: Roi, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    height, width = shape
-    mask = np.zeros((height, width), dtype=np.bool_)
-    mask[region.window((height, width))] = region.mask((height, width))
+def _whole_mask(region: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    mask = np.zeros(shape, dtype=np.bool_)
+    mask[region.window(shape)] = region.mask(shape)
     return mask

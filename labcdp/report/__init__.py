@@ -1,5 +1,8 @@
 """Report: results as tables, figures, pages, spreadsheets and files."""
 
+from .calibration_results import write_calibration_report
+from .characterise_results import characterisation_values, write_characterisation
+from .characterise_tables import characterisation_table
 from .folder import prepare_folder
 from .map_files import write_map
 from .map_tables import map_notes, map_values, usable_table
@@ -9,9 +12,12 @@ from .simulation_results import simulation_values, write_simulation
 from .simulation_tables import detection_table, signal_table
 from .tables import Table, contrast_table, summary_table
 from .thesis_results import figure_table, thesis_table, thesis_values, write_thesis
+from .twin_results import write_twin
 
 __all__ = [
     "Table",
+    "characterisation_table",
+    "characterisation_values",
     "contrast_table",
     "detection_table",
     "figure_table",
@@ -26,8 +32,11 @@ __all__ = [
     "thesis_table",
     "thesis_values",
     "usable_table",
+    "write_calibration_report",
+    "write_characterisation",
     "write_map",
     "write_results",
     "write_simulation",
     "write_thesis",
+    "write_twin",
 ]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..calibration import Calibration
 from .digits import cdp_decimals, exposure, fixed, percent, printable, share_percent, significant
 from .drawing import reduction
 from .pictures import luminance_figure, target_figure
@@ -99,7 +100,7 @@ def _luminance(evaluation: SessionEvaluation) -> ReportFigure:
 
 def _scale(evaluation: SessionEvaluation) -> str:
     """Tell how many pixels a drawn one stands for."""
-    side = reduction(evaluation.map.luminance_cd_m2.shape)
+    side = evaluation.map.step * reduction(evaluation.map.shape)
     return f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
 
 
@@ -107,11 +108,16 @@ def _fit(evaluation: SessionEvaluation) -> ReportFigure:
     rows = evaluation.calibration.residuals
     worst = max(rows, key=lambda row: abs(row.residual_rel))
     largest = f"{fixed(100 * worst.residual_rel, 2, sign=True)} % at patch {printable(worst.patch)}"
+    linear = (
+        "Left: signal above dark of the calibration's patches over their luminance by the meter, with the fitted line. "
+        "Right: what the line leaves over."
+        if isinstance(evaluation.calibration, Calibration)
+        else "What the combination of colour planes leaves over, of each patch by a fit without it."
+    )
     return ReportFigure(
         "fit.png",
         fit_figure(evaluation),
-        "Left: signal above dark of the calibration's patches over their luminance by the meter, with the fitted line. "
-        "Right: what the line leaves over. The bars hold 95 % by all stated errors that differ between patches; the "
+        f"{linear} The bars hold 95 % by all stated errors that differ between patches; the "
         "meter's scale error is common to all patches and not in them.",
         f"Fit of the responsivity over {len(rows)} patches, and their residuals; the largest is {largest}.",
     )

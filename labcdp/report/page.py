@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import wording
-from .digits import printable
+from .calibration_combination import facts_of_any
+from .digits import printable, shortened
 from .document import Document
-from .facts import calibration_facts, provenance_facts
+from .facts import provenance_facts
 from .figures import ReportFigure, ReportFigures
 from .tables import contrast_table, residual_table, summary_table
 
@@ -52,9 +53,10 @@ def html_page(evaluation: SessionEvaluation, figures: ReportFigures) -> str:
             patches=summary_table(evaluation),
             contrasts=contrast_table(evaluation),
             residuals=residual_table(evaluation.calibration),
-            calibration=calibration_facts(evaluation.calibration),
+            calibration=facts_of_any(evaluation.calibration),
             provenance=provenance_facts(evaluation),
-            configuration="\n".join(printable(line) for line in configuration.to_toml().splitlines()),
+            # Spectra stand in the session; here their first values tell which ones.
+            configuration="\n".join(shortened(line, 160) for line in configuration.to_toml().splitlines()),
         )
     )
 

@@ -56,7 +56,7 @@ def target_figure(evaluation: SessionEvaluation) -> bytes:
         np.clip(block_mean(luminance, reduction(luminance.shape)), darkest, brightest),
         cmap="gray",
         norm=LogNorm(darkest, brightest),
-        extent=_extent(luminance),
+        extent=_extent(evaluation.map),
     )
     _name_regions(figure, axes, [row.region for row in evaluation.patches])
     return png(figure)
@@ -73,10 +73,10 @@ def _image_axes(evaluation: SessionEvaluation, title: str, beside_in: float) -> 
     return figure, axes
 
 
-def _extent(image: NDArray[np.floating]) -> tuple[float, float, float, float]:
+def _extent(image: LuminanceMap) -> tuple[float, float, float, float]:
     """Place the image so that regions can be drawn in the camera's pixels, y down."""
     height, width = image.shape
-    return 0.0, float(width), float(height), 0.0
+    return 0.0, float(width * image.step), float(height * image.step), 0.0
 
 
 def _name_regions(figure: Figure, axes: Axes, regions: list[Roi]) -> None:
@@ -183,7 +183,7 @@ def luminance_figure(evaluation: SessionEvaluation) -> bytes:
         np.clip(block_mean(luminance, side), 0.9 * low, 1.1 * high),
         cmap="viridis",
         norm=LogNorm(0.9 * low, 1.1 * high),
-        extent=_extent(luminance),
+        extent=_extent(evaluation.map),
     )
     bar = figure.colorbar(picture, ax=axes, extend="both")
     bar.set_label("luminance in cd/m²", fontsize=LABEL_SIZE)
@@ -191,7 +191,7 @@ def luminance_figure(evaluation: SessionEvaluation) -> bytes:
     plain_numbers(bar.ax.yaxis)
     reasons = _reasons(evaluation.map, low)
     if reasons:
-        axes.imshow(_overlay(reasons, side), extent=_extent(luminance), interpolation="nearest")
+        axes.imshow(_overlay(reasons, side), extent=_extent(evaluation.map), interpolation="nearest")
         figure.legend(
             handles=[Patch(facecolor=reason.colour, edgecolor="black", linewidth=0.6) for reason in reasons],
             labels=[f"{reason.name}: {share_percent(float(reason.mask.mean()))} of the pixels" for reason in reasons],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration import expanded_half_width
+from ..calibration import Calibration, expanded_half_width
 from .digits import Z_95, cdp_decimals, cdp_interval, fixed, percent, share_percent, shortened, with_half_width
 from .drawing import (
     BLUE,
@@ -25,7 +25,7 @@ from .tables import contrast_with_half_width, pair_name
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..calibration import Calibration, PatchResidual
+    from ..calibration import PatchResidual
     from ..contrast import CdpResult, ContrastDistribution
     from ..evaluate import ContrastRow, SessionEvaluation
 
@@ -40,17 +40,21 @@ _TOLD_SHARE = 0.001
 
 
 def fit_figure(evaluation: SessionEvaluation) -> bytes:
-    """Draw the signal of the patches over their luminance by the meter with the fitted line, and residuals, as PNG."""
+    """Draw signal over luminance by the meter with the fitted line (of no colour filters), and residuals, as PNG."""
     calibration = evaluation.calibration
     rows = sorted(calibration.residuals, key=lambda row: row.reading_cd_m2)
     figure = new_figure(10.0, max(4.5, 1.6 + 0.24 * len(rows)), bool(evaluation.simulated))
+    if not isinstance(calibration, Calibration):
+        draw_residuals(figure.add_subplot(), rows)
+        return png(figure)
     line, residuals = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
-    _draw_line(line, calibration, rows)
-    _draw_residuals(residuals, rows)
+    draw_line(line, calibration, rows)
+    draw_residuals(residuals, rows)
     return png(figure)
 
 
-def _draw_line(axes: Axes, calibration: Calibration, rows: list[PatchResidual]) -> None:
+def draw_line(axes: Axes, calibration: Calibration, rows: list[PatchResidual]) -> None:
+    """Draw signal over luminance with the model; `rows` by rising luminance."""
     r = calibration.responsivity.responsivity_dn_s_cd_m2
     half_width = r * expanded_half_width(calibration.meter_scale.half_width_rel, calibration.responsivity.random_rel)
     readings = np.array([row.reading_cd_m2 for row in rows])
@@ -64,12 +68,14 @@ def _draw_line(axes: Axes, calibration: Calibration, rows: list[PatchResidual]) 
     axes.grid(color="0.9")
     axes.legend(fontsize=SMALL_SIZE, loc="upper left")
     title = f"Responsivity {with_half_width(r, half_width)} DN s⁻¹ / (cd m⁻²)"
-    label(axes, "luminance by the meter in cd/m²", "signal by the camera in DN/s", title)
+    signal = "signal" if calibration.response.kind == "linear" else "linearised signal"
+    label(axes, "luminance by the meter in cd/m²", f"{signal} by the camera in DN/s", title)
 
 
-def _draw_residuals(axes: Axes, rows: list[PatchResidual]) -> None:
+def draw_residuals(axes: Axes, rows: list[PatchResidual]) -> None:
+    """Draw residuals with 95 % bars, the last of the rows on top."""
     places = np.arange(len(rows))
-    half_widths = [100 * Z_95 * _deviation_rel(row) for row in rows]
+    half_widths = [100 * Z_95 * deviation_rel(row) for row in rows]
     axes.axvline(0.0, color=BLUE, linewidth=1.5)
     axes.errorbar(
         [100 * row.residual_rel for row in rows],
@@ -90,7 +96,7 @@ def _draw_residuals(axes: Axes, rows: list[PatchResidual]) -> None:
     axes.set_yticks(places, [shortened(row.patch, 24) for row in rows], fontsize=SMALL_SIZE, parse_math=False)
 
 
-def _deviation_rel(row: PatchResidual) -> float:
+def deviation_rel(row: PatchResidual) -> float:
     """Return the residual's standard deviation by the stated errors, relative to the reading."""
     if row.standardised_residual != 0:
         return abs(row.residual_rel / row.standardised_residual)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..calibration import expanded_half_width
+from ..calibration import Calibration, expanded_half_width
 from . import wording
+from .calibration_combination import facts_of_any
 from .digits import Z_95, cdp_decimals, decimals, exposures, percent
-from .facts import calibration_facts, provenance_facts
+from .facts import provenance_facts
 from .tables import calibrated_decimals, measured_decimals, pair_name
 from .workbook import Cell, Number, Sheet, workbook
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration
     from ..contrast import ContrastDistribution
     from ..evaluate import ContrastRow, PatchRow, SessionEvaluation
 
@@ -43,11 +44,7 @@ def spreadsheet(evaluation: SessionEvaluation) -> bytes:
 
 
 def _summary(evaluation: SessionEvaluation) -> Sheet:
-    calibration = evaluation.calibration
-    fit = calibration.responsivity
-    low, high = calibration.range_cd_m2
-    scale_rel = expanded_half_width(calibration.meter_scale.half_width_rel, fit.random_rel)
-    r = fit.responsivity_dn_s_cd_m2
+    low, high = evaluation.calibration.range_cd_m2
     rows: list[tuple[Cell, ...]] = [
         ("Session", evaluation.observed.configuration.name, None),
         ("Simulated", wording.simulated(evaluation) or "nothing", None),
@@ -56,10 +53,7 @@ def _summary(evaluation: SessionEvaluation) -> Sheet:
         ("Check", wording.check(evaluation), None),
         ("Patches", Number(len(evaluation.patches), 0), None),
         ("Largest deviation of camera from meter", _percent(_largest_deviation_rel(evaluation), 2), "%"),
-        ("Responsivity", Number(r, decimals(r * scale_rel, 2)), "DN s⁻¹ / (cd m⁻²)"),
-        ("95 % uncertainty of the responsivity", _percent(scale_rel, decimals(100 * scale_rel, 2)), "%"),
-        ("χ² of the fit", Number(fit.chi_squared, 2), None),
-        ("Degrees of freedom", Number(fit.degrees_of_freedom, 0), None),
+        *_fit(evaluation.calibration),
         ("Lowest calibrated luminance", Number(low, decimals(low, 3)), "cd/m²"),
         ("Highest calibrated luminance", Number(high, decimals(high, 3)), "cd/m²"),
         *(
@@ -69,6 +63,24 @@ def _summary(evaluation: SessionEvaluation) -> Sheet:
         *(("Warning", warning, None) for warning in wording.warnings(evaluation)),
     ]
     return Sheet("Summary", ("Quantity", "Value", "Unit"), rows)
+
+
+def _fit(calibration: AnyCalibration) -> list[tuple[Cell, ...]]:
+    if not isinstance(calibration, Calibration):
+        unit = "(cd/m²) / (DN/s)"
+        return [
+            (f"Weight of plane {plane}", Number(w, decimals(w, 4)), unit)
+            for plane, w in calibration.rate_weights.items()
+        ]
+    fit = calibration.responsivity
+    scale_rel = expanded_half_width(calibration.meter_scale.half_width_rel, fit.random_rel)
+    r = fit.responsivity_dn_s_cd_m2
+    return [
+        ("Responsivity", Number(r, decimals(r * scale_rel, 2)), "DN s⁻¹ / (cd m⁻²)"),
+        ("95 % uncertainty of the responsivity", _percent(scale_rel, decimals(100 * scale_rel, 2)), "%"),
+        ("χ² of the fit", Number(fit.chi_squared, 2), None),
+        ("Degrees of freedom", Number(fit.degrees_of_freedom, 0), None),
+    ]
 
 
 def _largest_deviation_rel(evaluation: SessionEvaluation) -> float:
@@ -167,7 +179,7 @@ def _with_half_width(contrast: float, standard_uncertainty: float) -> tuple[Numb
     return Number(100 * contrast, n), Number(half_width, n)
 
 
-def _residuals(calibration: Calibration) -> Sheet:
+def _residuals(calibration: AnyCalibration) -> Sheet:
     header = (
         "patch",
         "readings",
@@ -218,7 +230,7 @@ def _provenance(evaluation: SessionEvaluation) -> Sheet:
     configuration = evaluation.observed.configuration.to_toml().splitlines()
     rows = [
         *provenance_facts(evaluation),
-        *((f"Calibration: {fact.name}", fact.value) for fact in calibration_facts(evaluation.calibration)),
+        *((f"Calibration: {fact.name}", fact.value) for fact in facts_of_any(evaluation.calibration)),
         *(("Configuration", line) for line in configuration if line),
     ]
     return Sheet("Provenance", ("What", "Value"), rows)

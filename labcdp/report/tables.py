@@ -17,7 +17,7 @@ from .digits import (
 )
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration
     from ..evaluate import ContrastRow, PatchRow, SessionEvaluation
 
 
@@ -141,7 +141,7 @@ def contrast_with_half_width(contrast: float, standard_uncertainty: float) -> st
     return with_half_width(100 * contrast, 100 * Z_95 * standard_uncertainty)
 
 
-def residual_table(calibration: Calibration) -> Table:
+def residual_table(calibration: AnyCalibration) -> Table:
     """Patches of the calibration: what the fitted line leaves over."""
     return Table(
         columns=(

@@ -97,7 +97,7 @@ def check(evaluation: SessionEvaluation) -> str:
             "for the scale error of the meter; the other patches were used to calibrate."
         )
     return (
-        "The camera was calibrated with these very readings: the deviations show how well one straight line fits all "
+        "The camera was calibrated with these very readings: the deviations show how well one fit holds for all "
         "patches, and are no independent check. To have one, leave a patch out of the calibration."
     )
 

@@ -13,8 +13,8 @@ from labcdp.drivers.camera import CameraError, CameraSettingError
 from labcdp.drivers.minolta_ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.errors import ConfigurationError
-from labcdp.luminance import Cos4Vignetting
 from labcdp.session import SessionConfiguration, example_configuration
+from labcdp.vignetting import Cos4Vignetting
 
 SHAPE = (400, 480)
 

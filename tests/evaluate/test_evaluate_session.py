@@ -84,7 +84,7 @@ def test_the_map_shows_the_target(evaluation):
     values = evaluation.map.luminance_cd_m2
     for row in evaluation.patches:
         patch = row.region.select(values)
-        noise = 5 * patch.std() / sqrt(patch.size)
+        noise = 5 * float(patch.std()) / sqrt(patch.size)
         assert patch.mean() == pytest.approx(row.calibrated.luminance_cd_m2, rel=0.01, abs=noise)
     assert not (evaluation.map.invalid & Invalid.SATURATED).any()
 
@@ -115,12 +115,13 @@ def test_another_light_is_warned_about(recorded, observed, evaluation):
 
 
 def test_another_black_level_is_refused(observed, evaluation):
+    plane = observed.monochrome
     patches = {
         name: [replace(o, state=replace(o.state, black_level_dn=128.0)) for o in group]
-        for name, group in observed.patches.items()
+        for name, group in plane.patches.items()
     }
     with pytest.raises(CalibrationError, match=r"black level of .* is 128 DN, but .* has 64 DN"):
-        calibrate_session(replace(observed, patches=patches))
+        calibrate_session(replace(observed, planes={None: replace(plane, patches=patches)}))
 
 
 def test_bright_and_dark_the_wrong_way_round_are_refused(recorded, observed, evaluation):

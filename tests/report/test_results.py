@@ -46,7 +46,12 @@ def test_json_holds_the_evaluation(evaluation: SessionEvaluation, written: Path)
 def test_json_has_null_for_what_is_not_finite(evaluation: SessionEvaluation, tmp_path: Path) -> None:
     nan = float("nan")
     row = evaluation.contrasts[0]
-    row = replace(row, cdp=replace(row.cdp, standard_error=nan, confidence_interval=(nan, nan)))
+    unknown = replace(
+        row.calibrated_cdp,
+        result=replace(row.cdp, standard_error=nan, confidence_interval=(nan, nan)),
+        confidence_interval=(nan, nan),
+    )
+    row = replace(row, calibrated_cdp=unknown)
     write_results(replace(evaluation, contrasts=[row]), tmp_path)
     contrast = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["contrasts"][0]
     assert contrast["standard_error"] is None

@@ -1,0 +1,52 @@
+"""What is taken off frames before a patch is measured: fall-off, defects, the pattern of the darkness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..calibration import AnyCalibration, Calibration
+from ..calibration.dark_library import DarkLibrary
+from ..calibration.defects import DefectMap
+from ..session import SessionConfiguration
+from ..vignetting import AnyVignetting, Cos4Vignetting
+
+#: Corrections by colour plane; None stands for a monochrome sensor.
+PlaneCorrections = Mapping[str | None, "Corrections"]
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Corrections for the frames of one plane.
+
+    Parameters
+    ----------
+    vignetting : Cos4Vignetting, RadialVignetting, FlatField or None
+        Fall-off; None for none.
+    defects : DefectMap or None
+        Pixels that are left out of regions.
+    dark_library : DarkLibrary or None
+        Pattern of the darkness.
+    """
+
+    vignetting: AnyVignetting | None
+    defects: DefectMap | None = None
+    dark_library: DarkLibrary | None = None
+
+    @classmethod
+    def of_lens(cls, configuration: SessionConfiguration, plane: str | None) -> Corrections:
+        """Natural fall-off of the configured lens: what is known without a flat field."""
+        # The pixels of one colour are two pitches apart.
+        pitch_m = configuration.camera.pixel_pitch_m * (1 if plane is None else 2)
+        return cls(Cos4Vignetting(configuration.lens.focal_length_m, pitch_m))
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> Corrections:
+        """Those of a calibration: its patches are measured with nothing else."""
+        return cls(calibration.vignetting, calibration.defects, calibration.dark_library)
+
+
+def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]:
+    """Corrections of each plane of a calibration."""
+    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
+    return {plane.state.plane: Corrections.of(plane) for plane in planes}

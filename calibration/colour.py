@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..frame import Frame
 from ..luminance import LuminanceMap
+from ..spectral_mismatch import Source
 from ..spectral_table import SpectralTable
 from .findings import LeftOut
 from .model import Calibration, PatchResidual
@@ -128,6 +129,11 @@ class ColourCalibration:
     def source_spectrum(self) -> str:
         """Light it is valid for."""
         return self.planes[0].source_spectrum
+
+    @property
+    def light(self) -> Source:
+        """The spectrum it is valid for as measured, else its name."""
+        return self.planes[0].light
 
     @property
     def meter_scale(self) -> MeterScale:

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import CalibrationError
 from ..frame import PLANES
 from ..reading import Reading
-from ..spectral_mismatch import Source, f1_prime, weighted_sum
+from ..spectral_mismatch import f1_prime, weighted_sum
 from ..spectral_table import SpectralTable
 from .calibrate import fit
 from .chance import student_widening
@@ -54,7 +54,6 @@ def fit_colour(
     setup: Setup,
     *,
     sensitivities: Mapping[str, SpectralTable] | None = None,
-    source: Source | None = None,
     held_out: Collection[str] = (),
     defects: Mapping[str, DefectMap | None] | None = None,
     dark_libraries: Mapping[str, DarkLibrary | None] | None = None,
@@ -79,8 +78,6 @@ def fit_colour(
         Lens, spectrum, and hash of the input.
     sensitivities : mapping of str to SpectralTable or None
         Relative spectral sensitivities of R, G and B to radiant power, if known; their relative scale does not matter.
-    source : str or SpectralTable or None
-        The measured spectrum of the light; None for that named in `setup`.
     held_out : collection of str
         Patches the fit is not shown; their deviations tell how good it is.
     defects, dark_libraries : mapping of str or None
@@ -101,7 +98,7 @@ def fit_colour(
     corrections = {plane: ((defects or {}).get(plane), (dark_libraries or {}).get(plane)) for plane in PLANES}
     planes = _fit_planes(observations, darks, {name: readings[name] for name in grey}, setup, corrections)
     groups = by_patch(observations)
-    prior = choose_prior(planes, sensitivities, setup.source_spectrum if source is None else source)
+    prior = choose_prior(planes, sensitivities, setup.light)
     scatter_rel = _scatter_rel(planes, colours_of_planes(planes) @ prior.prior.weights)
     patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings, scatter_rel)
     chosen, ladder = _choose(patches.data, prior.prior)

@@ -13,6 +13,8 @@ from ..errors import InputError
 from ..frame import Frame
 from ..luminance import LuminanceMap
 from ..response import Response
+from ..spectral_mismatch import Source
+from ..spectral_table import SpectralTable
 from ..vignetting import AnyVignetting
 from .common_errors import FitError
 from .dark import DarkModel
@@ -158,6 +160,9 @@ class Calibration:
     provenance : Provenance
         Where it comes from.
 
+    measured_spectrum : SpectralTable or None
+        Power of that light, if it was measured.
+
     Raises
     ------
     InputError
@@ -187,6 +192,7 @@ class Calibration:
     tests: tuple[FitTest, ...]
     warnings: tuple[str, ...]
     provenance: Provenance
+    measured_spectrum: SpectralTable | None = None
 
     def __post_init__(self) -> None:
         low, high = self.range_cd_m2
@@ -197,6 +203,11 @@ class Calibration:
         responsivity = self.responsivity.responsivity_dn_s_cd_m2
         if not (isfinite(responsivity) and responsivity > 0):
             raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
+
+    @property
+    def light(self) -> Source:
+        """The spectrum it is valid for as measured, else its name."""
+        return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
 
     @property
     def responsivity_common_rel(self) -> float:

@@ -7,6 +7,8 @@ from datetime import datetime
 from math import isfinite
 
 from ..errors import InputError
+from ..spectral_mismatch import Source
+from ..spectral_table import SpectralTable
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,19 @@ class Setup:
         spectrum only.
     input_sha256 : str
         Hash of the frames and readings, as the caller keeps them.
+    measured_spectrum : SpectralTable or None
+        Power of that light, if it was measured.
     """
 
     lens: LensIdentity
     source_spectrum: str
     input_sha256: str
+    measured_spectrum: SpectralTable | None = None
+
+    @property
+    def light(self) -> Source:
+        """The spectrum as measured, else its name."""
+        return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,9 @@ from .terminal import JSON_OPTION, print_json, say
 
 if TYPE_CHECKING:
     from ..calibration.bracket import Bracket
-    from ..calibration.setup import LensIdentity
     from ..calibration.store import AnyCalibration
     from ..frame import Frame
-    from ..session import FrameRecord, Session
+    from ..session import FrameRecord, Session, SessionConfiguration
 
 #: What the reasons are called for a person.
 _REASONS = {
@@ -36,8 +35,7 @@ class _Selected:
 
     frames: Sequence[Frame]
     names: Sequence[str]
-    lens: LensIdentity | None = None
-    spectrum: str | None = None
+    configuration: SessionConfiguration | None = None
 
 
 def luminance(
@@ -67,12 +65,13 @@ def luminance(
     from ..calibration.bracket import bracket_luminance
     from ..calibration.luminance_file import SUFFIXES, metadata, save_luminance
     from ..calibration.store import file_sha256, load_any
+    from ..evaluate.session import mismatch
 
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(f"--output {output} has no known end: give a name that ends in {', '.join(SUFFIXES)}")
     loaded = load_any(calibration)
     selected = _selected(files, frame, exposure, patch, loaded)
-    warnings = _checked(selected, loaded)
+    warnings = [] if selected.configuration is None else mismatch(selected.configuration, loaded)
     result = bracket_luminance(loaded, selected.frames)
     about = {
         "calibration": {
@@ -117,7 +116,6 @@ def _selected(
 
 
 def _of_session(path: Path, numbers: Sequence[int], exposures: Sequence[str], patch: str | None) -> _Selected:
-    from ..evaluate.observe import lens_of
     from ..session import Session
 
     session = Session.open(path)
@@ -144,12 +142,10 @@ def _of_session(path: Path, numbers: Sequence[int], exposures: Sequence[str], pa
             f"the frames show different patches ({', '.join(shown)}): choose one with --patch, for example --patch "
             f"{shown[0]!r}"
         )
-    configuration = session.configuration
     return _Selected(
         [session.load(record) for record in chosen],
         [record.file.name for record in chosen],
-        lens_of(configuration),
-        configuration.source.spectrum,
+        session.configuration,
     )
 
 
@@ -196,19 +192,6 @@ def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:
 def _numbers(session: Session) -> str:
     numbers = [record.number for record in session.frames()]
     return f"{min(numbers)} to {max(numbers)}" if numbers else "none"
-
-
-def _checked(selected: _Selected, loaded: AnyCalibration) -> list[str]:
-    """Refuse another lens; return a warning about another light."""
-    from ..calibration.conversion import require_lens
-
-    require_lens(loaded.lens, selected.lens)
-    if selected.spectrum not in (None, loaded.source_spectrum):
-        return [
-            f"the calibration was made in {loaded.source_spectrum} light, the frames in {selected.spectrum}: the "
-            "luminances may be wrong by many percent; calibrate in this light"
-        ]
-    return []
 
 
 def _statistics(result: Bracket) -> dict[str, Any]:

@@ -45,6 +45,7 @@ def calibrate_session(
         lens=lens_of(observed.configuration),
         source_spectrum=observed.configuration.source.spectrum,
         input_sha256=_joined_sha256(sessions),
+        measured_spectrum=observed.configuration.source.measured,
     )
     calibration = _fit(sessions, setup, held_out)
     _require_all_used(calibration, sessions)
@@ -73,7 +74,6 @@ def _fit(sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection
         readings,
         setup,
         sensitivities=None if sensitivity is None else sensitivity.spectra,
-        source=configuration.source.light,
         held_out=held_out,
         defects={plane: corrections[plane].defects for plane in planes},
         dark_libraries={plane: corrections[plane].dark_library for plane in planes},

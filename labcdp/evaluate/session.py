@@ -28,6 +28,7 @@ from ..luminance import LuminanceMap
 from ..roi import Roi
 from ..session import ContrastConfiguration, Session, SessionConfiguration
 from ..spectral_mismatch import mismatch_warning
+from ..spectral_table import ONLY, SpectralTable
 from .guess import guessed_conversion
 from .observe import ObservedSession, by_exposure, lens_of, shows
 from .target_map import target_map
@@ -273,9 +274,15 @@ def calibration_values(calibration: AnyCalibration) -> dict[str, Any]:
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[str]:
     """Refuse a calibration with another lens or f-number; return a warning if the light was another."""
     require_lens(calibration.lens, lens_of(configuration))
-    sensitivity = None if isinstance(calibration, Calibration) else calibration.sensitivity
-    warning = mismatch_warning(calibration.source_spectrum, configuration.source.spectrum, sensitivity)
+    sensitivity = calibration.sensitivity if not isinstance(calibration, Calibration) else _of_camera(configuration)
+    warning = mismatch_warning(calibration.light, configuration.source.light, sensitivity)
     return [] if warning is None else [warning]
+
+
+def _of_camera(configuration: SessionConfiguration) -> SpectralTable | None:
+    """Spectral sensitivity of a monochrome camera, if it is given."""
+    given = configuration.camera.spectral_sensitivity
+    return None if given is None else given.spectra.get(ONLY)
 
 
 def _patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:

@@ -135,9 +135,14 @@ class SourceConfiguration(Table):
     )
 
     @property
+    def measured(self) -> SpectralTable | None:
+        """The spectrum as measured, if it was."""
+        return None if self.spectrum_file is None else next(iter(self.spectrum_file.spectra.values()))
+
+    @property
     def light(self) -> str | SpectralTable:
         """The spectrum as measured, else its name."""
-        return self.spectrum if self.spectrum_file is None else next(iter(self.spectrum_file.spectra.values()))
+        return self.spectrum if self.measured is None else self.measured
 
     @model_validator(mode="after")
     def _one_column(self) -> Self:

@@ -13,7 +13,14 @@ from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.errors import CalibrationError, InputError, SessionError
 from labcdp.evaluate import calibrate_session, evaluate_session, observe_session
 from labcdp.luminance import Invalid
-from labcdp.session import ContrastConfiguration, Session, SessionConfiguration, example_configuration
+from labcdp.session import (
+    ContrastConfiguration,
+    Session,
+    SessionConfiguration,
+    SourceConfiguration,
+    example_configuration,
+)
+from labcdp.session.bench_tables import SpectraConfiguration
 
 THESIS = {"upper right": 75.6, "upper left": 356.0, "lower right": 33.6, "lower left": 412.0}
 
@@ -103,7 +110,7 @@ def other(observed, **changes):
 
 def test_another_lens_or_f_number_is_refused(recorded, observed, evaluation):
     lens = observed.configuration.lens.model_copy(update={"f_number": 4.0})
-    with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the session was recorded with .*f/4\)"):
+    with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the frame was taken with .*f/4\)"):
         evaluate_session(recorded, other(observed, lens=lens), evaluation.calibration)
 
 
@@ -112,6 +119,26 @@ def test_another_light_is_warned_about(recorded, observed, evaluation):
     result = evaluate_session(recorded, other(observed, source=source), evaluation.calibration)
     assert result.warnings[0].startswith("the calibration was made in D65 light, the session in A")
     assert result.to_dict()["warnings"][0] == result.warnings[0]
+
+
+def test_a_light_that_was_measured_is_another_than_one_of_the_same_name(recorded, observed, evaluation):
+    spectrum = {
+        "file": "lamp.csv",
+        "sha256": "0" * 64,
+        "wavelength_nm": (380.0, 780.0),
+        "columns": {"lamp": (1.0, 2.0)},
+    }
+    configuration = observed.configuration
+    lamp = SourceConfiguration(spectrum=configuration.source.spectrum, spectrum_file=spectrum)
+    changed = replace(observed, configuration=configuration.model_copy(update={"source": lamp}))
+    result = evaluate_session(recorded, changed, evaluation.calibration)
+    assert any("the session in a measured: the camera has no V(lambda)" in warning for warning in result.warnings)
+    with_sensitivity = configuration.camera.model_copy(
+        update={"spectral_sensitivity": SpectraConfiguration(**(spectrum | {"columns": {"relative": (1.0, 1.0)}}))}
+    )
+    known = changed.configuration.model_copy(update={"camera": with_sensitivity})
+    result = evaluate_session(recorded, replace(changed, configuration=known), evaluation.calibration)
+    assert any("by the camera's spectral sensitivity its luminances are" in warning for warning in result.warnings)
 
 
 def test_another_black_level_is_refused(observed, evaluation):

@@ -63,7 +63,6 @@ def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
         observed.readings,
         Setup(lens_of(session.configuration), session.configuration.source.spectrum, observed.input_sha256),
         sensitivities=sensitivity.spectra,
-        source=session.configuration.source.light,
         held_out=held_out,
     )
     assert calibration.state.camera == CameraIdentity("Acme", "Still 1", "0815")

@@ -2,7 +2,13 @@
 
 Run ``python benchmarks/twin_coverage.py``; ``--benches`` for another number than 100. Each bench has another camera,
 lens, light, target and meter. It is recorded as a session, and the twin is told no more than the session: luminances by
-the meter, and of lens and sensor only what a data sheet says (with an f-number up to 3 % off).
+the meter, which errs as much as its data sheet lets it, and of lens and sensor what theirs say: f-number and focal
+length are up to 3 % off. Every third bench has a flat field, of light that is not quite uniform; the others have the
+fall-off of the focal length they are told.
+
+What 100 benches gave: of 5095 pairs 98.2 % +- 0.3 % agree, of the 1550 with a predicted CDP of 0.01 to 0.99 it is
+95.5 % +- 0.9 %. The rest have a CDP of nearly 0 or 1, where few pixels decide and nearly all agree. In one bench the
+signals contradict a parameter of the twin though none is wrong.
 """
 
 from __future__ import annotations
@@ -14,13 +20,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from math import ceil, exp, floor, log, sqrt
+from math import ceil, exp, floor, inf, log, log10, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labcdp.calibration.flat_field import measure_fall_off
+from labcdp.calibration.pixel_statistics import pixel_statistics
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.clock import SystemClock
 from labcdp.drivers.minolta_ls_protocol import LS110, parse_reading
@@ -29,6 +37,7 @@ from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.target import SimulatedTarget
 from labcdp.errors import LabcdpError
 from labcdp.evaluate import calibrate_session, characterise_session, observe_session
+from labcdp.evaluate.corrections import Corrections
 from labcdp.evaluate.twin import TwinResult, twin_session
 from labcdp.evaluate.twin_pair import SAMPLING, TwinPair
 from labcdp.frame import CameraIdentity, Frame
@@ -36,6 +45,8 @@ from labcdp.reading import MeterIdentity
 from labcdp.session import Session, SessionConfiguration
 
 WIDTH, HEIGHT = 400, 300
+#: Frames of uniform light, and how uneven it is across the image (relative standard deviation of a plane).
+FLAT_FRAMES, FLAT_UNEVENNESS_REL = 16, 0.005
 START = datetime(2026, 3, 1, 12, tzinfo=UTC)
 FRAMES = 2
 READINGS = 3
@@ -82,6 +93,8 @@ class RandomBench:
     exposures_s: tuple[float, ...]
     temperature_c: float
     meter: MeterErrorModel
+    digits: dict[str, float]
+    flat_field: bool
     text: str
     seed: int
 
@@ -155,7 +168,7 @@ def random_bench(seed: int) -> RandomBench:
     text = TOLD.format(
         asked="".join(asked),
         pitch=sensor.pixel_pitch_m,
-        focal=focal_m,
+        focal=focal_m * float(rng.uniform(0.97, 1.03)),
         f_number=f_number,
         spectrum=spectrum,
         exposures=list(exposures_s),
@@ -163,7 +176,8 @@ def random_bench(seed: int) -> RandomBench:
     )
     meter = MeterErrorModel(float(rng.uniform(-0.02, 0.02)), LS110.repeatability_rel, seed)
     levels = dict(zip(names, map(float, luminances), strict=True))
-    return RandomBench(chain, levels, regions, exposures_s, temperature_c, meter, text, seed)
+    digits = dict(zip(names, rng.uniform(-1, 1, count).tolist(), strict=True))
+    return RandomBench(chain, levels, regions, exposures_s, temperature_c, meter, digits, seed % 3 == 0, text, seed)
 
 
 def record(bench: RandomBench, path: Path) -> Session:
@@ -172,26 +186,7 @@ def record(bench: RandomBench, path: Path) -> Session:
         bench.configuration(with_truth=True), bench.chain, Drifts(SystemClock(), bench.temperature_c), bench.seed
     )
     session = Session.create(path, bench.configuration(with_truth=False))
-    sensor = bench.chain.sensor
     index = 0
-
-    def frame(dn: NDArray[np.uint16], exposure_s: float) -> Frame:
-        return Frame(
-            dn=dn,
-            exposure_s=exposure_s,
-            gain_db=0.0,
-            bit_depth=sensor.bits,
-            saturation_dn=float(floor(sensor.saturation_dn())),
-            black_level_dn=sensor.black_level_dn,
-            pixel_format=f"Mono{sensor.bits}",
-            colour_filter=None,
-            temperature_c=bench.temperature_c,
-            timestamp=START + timedelta(seconds=index),
-            camera_timestamp_ns=index,
-            frame_id=index,
-            camera=CameraIdentity("labcdp", "Random", f"SIM-{bench.seed}", simulated=True),
-        )
-
     for covered in (True, False):
         target.covered = covered
         for exposure_s in bench.exposures_s:
@@ -199,12 +194,16 @@ def record(bench: RandomBench, path: Path) -> Session:
             for _ in range(FRAMES):
                 index += 1
                 frames.append(
-                    (frame(target.expose(exposure_s, 0.0, index), exposure_s), "dark" if covered else "light")
+                    (
+                        frame_of(bench, target.expose(exposure_s, 0.0, index), exposure_s, index),
+                        "dark" if covered else "light",
+                    )
                 )
             session.add_frames([(one, role, None) for one, role in frames])  # type: ignore[misc]
     identity = MeterIdentity("LS-110", "SIM", None, simulated=True)
     for name, luminance in bench.luminance_cd_m2.items():
-        engine = SimulatedLS(lambda luminance=luminance: luminance, LS110, bench.meter)  # type: ignore[misc]
+        shown = luminance + digit_error_cd_m2(luminance, bench.digits[name])
+        engine = SimulatedLS(lambda shown=shown: shown, LS110, bench.meter)  # type: ignore[misc]
         for _ in range(READINGS):
             index += 1
             time_of = START + timedelta(seconds=index)
@@ -212,9 +211,65 @@ def record(bench: RandomBench, path: Path) -> Session:
     return session
 
 
+def frame_of(bench: RandomBench, dn: NDArray[np.uint16], exposure_s: float, index: int) -> Frame:
+    sensor = bench.chain.sensor
+    return Frame(
+        dn=dn,
+        exposure_s=exposure_s,
+        gain_db=0.0,
+        bit_depth=sensor.bits,
+        saturation_dn=float(floor(sensor.saturation_dn())),
+        black_level_dn=sensor.black_level_dn,
+        pixel_format=f"Mono{sensor.bits}",
+        colour_filter=None,
+        temperature_c=bench.temperature_c,
+        timestamp=START + timedelta(seconds=index),
+        camera_timestamp_ns=index,
+        frame_id=index,
+        camera=CameraIdentity("labcdp", "Random", f"SIM-{bench.seed}", simulated=True),
+    )
+
+
+def digit_error_cd_m2(luminance: float, share: float) -> float:
+    """Error of the meter's digits, a share of what its data sheet allows beside the half digit of rounding."""
+    return share * (LS110.digit_error(luminance, "cd/m2") - 0.5) * max(10.0 ** (floor(log10(luminance)) - 3), 0.01)
+
+
+def corrections_of_flat_field(bench: RandomBench) -> dict[str | None, Corrections]:
+    """Fall-off from frames of a source that is not quite uniform; the brightest pixel at 0.6 of saturation."""
+    rng = np.random.default_rng([20261122, bench.seed])
+    slope = rng.normal(0, FLAT_UNEVENNESS_REL, 2)
+    # The standard deviation of a coordinate from -1 to 1 is 1 / sqrt 3.
+    y, x = (np.linspace(-1, 1, size) * sqrt(3 / 2) for size in (HEIGHT, WIDTH))
+    light = 1 + np.add.outer(slope[0] * y, slope[1] * x)
+    sensor = bench.chain.sensor
+    room_e = (sensor.saturation_dn() - sensor.black_level_dn) / sensor.k_dn_per_e
+    exposure_s = 0.01
+    rate = light * bench.chain.electron_rate(np.ones((HEIGHT, WIDTH)))
+    rate *= 0.6 * room_e / (exposure_s * rate.max())
+    statistics = []
+    for first, of in ((1, 0.0), (1001, rate)):
+        frames = (
+            frame_of(
+                bench,
+                bench.chain.expose(
+                    of, exposure_s, temperature_c=bench.temperature_c, seed=bench.seed + 7, exposure_index=index
+                ),
+                exposure_s,
+                index,
+            )
+            for index in range(first, first + FLAT_FRAMES)
+        )
+        statistics.append(pixel_statistics(frames))
+    dark, bright = statistics
+    return {None: Corrections(measure_fall_off([bright], [dark], FLAT_UNEVENNESS_REL).chosen)}
+
+
 def compare(seed: int, folder: Path) -> TwinResult:
-    with record(random_bench(seed), folder / f"bench-{seed}") as session:
-        observed = observe_session(session)
+    bench = random_bench(seed)
+    with record(bench, folder / f"bench-{seed}") as session:
+        corrections = corrections_of_flat_field(bench) if bench.flat_field else None
+        observed = observe_session(session, corrections=corrections)
         return twin_session(session, observed, calibrate_session(observed), characterise_session(session))
 
 
@@ -242,11 +297,24 @@ def main() -> None:
             except LabcdpError as error:
                 refused[f"{seed}: {error}"] += 1
     print(f"{len(results)} benches in {time.perf_counter() - begun:.0f} s")
+    suspected = [(seed, [one.name for one in result.findings]) for seed, result in results if result.findings]
+    print(f"benches with a parameter that the signals contradict, though none is wrong: {len(suspected)} {suspected}")
     for text in refused:
         print(f"refused: {text}")
     pairs = [(seed, pair) for seed, result in results for pair in result.pairs]
+    contrasts = ((0.1, 0.3), (0.3, 1.0), (1.0, 10.0), (10.0, inf))
+    flat = {seed for seed, _ in results if random_bench(seed).flat_field}
     for label, chosen in (
-        ("all pairs", [(seed, pair) for seed, pair in pairs]),
+        ("all pairs", pairs),
+        *(
+            (
+                f"contrast {a:.0%} to {b:.0%}" if b < inf else f"contrast above {a:.0%}",
+                [one for one in pairs if a <= one[1].asked.meter_contrast < b],
+            )
+            for a, b in contrasts
+        ),
+        ("with a flat field", [one for one in pairs if one[0] in flat]),
+        ("by the focal length", [one for one in pairs if one[0] not in flat]),
         ("CDP 0.01 to 0.99", [(seed, pair) for seed, pair in pairs if 0.01 <= pair.predicted <= 0.99]),
         ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
         ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.influences[0].name != SAMPLING]),
@@ -254,7 +322,10 @@ def main() -> None:
         of_bench = [[pair.agrees for seed, pair in chosen if seed == one] for one, _ in results]
         of_bench = [one for one in of_bench if one]
         share, error = share_with_uncertainty([sum(one) for one in of_bench], [len(one) for one in of_bench])
-        print(f"{label:20s} {len(chosen):5d} pairs, {100 * share:.2f} % +- {100 * error:.2f} % agree")
+        print(
+            f"{label:24s} {len(chosen):5d} pairs, {100 * share:.2f} % +- {100 * error:.2f} % agree, "
+            f"scatter of a bench {100 * error * sqrt(len(of_bench)):.1f} %"
+        )
     z = np.array([standardised(pair) for _, pair in pairs if 0.01 <= pair.predicted <= 0.99])
     print(f"standardised differences: {z.mean():.2f} +- {z.std():.2f}, beyond 3: {np.mean(abs(z) > 3):.2%}")
     for kind in ("mean_dn", "temporal_dn", "spatial_dn"):

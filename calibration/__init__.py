@@ -17,6 +17,7 @@ from .observations import CameraState, DarkObservation, PatchObservation
 from .observe import observe_dark, observe_patches
 from .patch import PatchLuminance, contrast_uncertainty, patch_luminance
 from .readings import MeterScale
+from .response_curve import ResponseCurve, response_from_bracket
 from .setup import LensIdentity, Provenance, Setup
 from .store import AnyCalibration, load, load_any, save
 from .uncertainty import coverage_probability, expanded_half_width
@@ -35,6 +36,7 @@ __all__ = [
     "PatchObservation",
     "PatchResidual",
     "Provenance",
+    "ResponseCurve",
     "ResponsivityFit",
     "Setup",
     "TemporalNoise",
@@ -50,5 +52,6 @@ __all__ = [
     "observe_dark",
     "observe_patches",
     "patch_luminance",
+    "response_from_bracket",
     "save",
 ]

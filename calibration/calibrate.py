@@ -30,6 +30,7 @@ from .model import Calibration, PatchResidual, ResponsivityFit
 from .observations import DarkObservation, PatchObservation
 from .readings import MeterScale, meter_scale
 from .residuals import fitted_rows, held_out_rows
+from .response_curve import ResponseCurve
 from .robust import screen
 from .rungs import rungs
 from .scatter import with_scatter
@@ -47,6 +48,7 @@ def fit(
     held_out: Collection[str] = (),
     defects: DefectMap | None = None,
     dark_library: DarkLibrary | None = None,
+    response: ResponseCurve | None = None,
 ) -> Calibration:
     """Calibrate a camera.
 
@@ -55,7 +57,8 @@ def fit(
     the darkness by all observations of a gain, an exposure's by all that have it. The meter's scale error is shared by
     everything; it stays out of the fit and is kept apart (if the meter was in the wrong unit throughout, R is wrong by
     that factor and nothing shows it). h is linear, quadratic or a monotone PCHIP, whichever leave-one-out errors ask
-    for. One bad reading is found, named and left out. What the model takes for granted is tested.
+    for; or that of a bracket of exposures, which the patches then scale. One bad reading is found, named and left
+    out. What the model takes for granted is tested.
 
     Parameters
     ----------
@@ -74,27 +77,33 @@ def fit(
         Pixels the observations leave out; kept for the frames to come.
     dark_library : DarkLibrary or None
         Dark pattern that was taken off the observations; kept for the frames to come.
+    response : ResponseCurve or None
+        Shape of the response, from a bracket of exposures (`response_from_bracket`): the patches scale it only. None
+        to find the response by the patches.
 
     Raises
     ------
     CalibrationError
         If patches and readings do not match, cameras, settings or meters differ, fewer than `MIN_PATCHES` patches
-        can be used, they have one luminance, a brighter one gives clearly less signal, or there is no light.
+        can be used, they have one luminance, a brighter one gives clearly less signal, there is no light, or they
+        contradict the response of the bracket.
     InputError
         If a reading is a ratio in %.
     """
     require_one_camera(observations, darks)
-    settings, warnings, dark_warnings = gain_settings(observations, darks)
+    settings, warnings, dark_warnings = gain_settings(
+        observations, darks, None if response is None else response.response
+    )
     groups = group_by_patch(observations, readings, held_out)
     scale = meter_scale(readings)
     data = take_usable({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
     design = build_design(data.groups, data.readings, settings)
     require_every_gain(design, settings)
     require_span(design)
-    screened = screen(design, rungs(design.net_dn, len(design.patches)), data.readings, readings)
+    screened = screen(design, rungs(design.net_dn, len(design.patches), response), data.readings, readings)
     design = screened.design
     require_every_gain(design, settings)
-    first, ladder = climb(design, rungs(design.net_dn, len(design.patches)))
+    first, ladder = climb(design, rungs(design.net_dn, len(design.patches), response))
     require_monotone(first)
     final = with_scatter(design, first.rung)
     tests = _tests(first, final, settings, dark_warnings)
@@ -111,7 +120,11 @@ def fit(
     rows, held_out_warnings = held_out_rows(
         calibration, {name: groups[name] for name in groups if name in held_out}, readings
     )
-    warnings += [*data.warnings, *(f"{row.reason}: left out" for row in screened.left_out)]
+    warnings += [
+        *data.warnings,
+        *(() if response is None else response.warnings),
+        *(f"{row.reason}: left out" for row in screened.left_out),
+    ]
     warnings += [*design_warnings(design, settings), *finding_warnings(final, tests), *held_out_warnings]
     for warning in warnings:
         _log.warning("%s", warning)
@@ -145,6 +158,7 @@ def _assemble(
         state=observation.state,
         lens=setup.lens,
         source_spectrum=setup.source_spectrum,
+        measured_spectrum=setup.measured_spectrum,
         meter_scale=scale,
         responsivity=responsivity,
         response=response,
@@ -156,7 +170,7 @@ def _assemble(
         defects=None,
         dark_library=None,
         range_cd_m2=(min(luminances), max(luminances)),
-        range_net_dn=(float(design.net_dn.min()), float(design.net_dn.max())),
+        range_net_dn=_range_net_dn(final),
         exposures_s=tuple(float(v) for v in np.unique(design.exposures_s[design.exposure])),
         residuals=residuals,
         held_out=(),
@@ -170,6 +184,13 @@ def _assemble(
             versions=dict(_versions()),
         ),
     )
+
+
+def _range_net_dn(final: Solution) -> tuple[float, float]:
+    """Signals the response rests on: those of the patches, or of the bracket."""
+    if final.rung.bracket is not None:
+        return final.rung.bracket.range_net_dn
+    return float(final.design.net_dn.min()), float(final.design.net_dn.max())
 
 
 @cache

@@ -30,7 +30,7 @@ class FitError:
     Parameters
     ----------
     source : str
-        ``fit``, ``gain`` or ``dark and temperature``.
+        ``fit``, ``gain``, ``linearity`` or ``dark and temperature``.
     net_dn : tuple of float
         Signals above dark, ascending.
     relative : tuple of float
@@ -60,8 +60,8 @@ def common_errors(
 ) -> tuple[CommonError, ...]:
     """Independent errors that the luminances of one frame share, as signed patterns.
 
-    ``meter scale`` (rectangular), ``exposure time``, and those of the fit: ``fit``, ``gain`` and ``dark and
-    temperature``, one for each eigenvector of a covariance. In a contrast of two luminances the difference of their
+    ``meter scale`` (rectangular), ``exposure time``, and those of the fit: ``fit``, ``gain``, ``linearity`` and ``dark
+    and temperature``, one for each eigenvector of a covariance. In a contrast of two luminances the difference of their
     patterns is left. Number and order of the errors are the same for all frames of one gain.
 
     Parameters

@@ -64,9 +64,10 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
     setting = calibration.setting(frame.gain_db)
     library = calibration.dark_library
     pattern, noise_dn = None, 0.0
-    if library is not None and library.worth_applying(frame.exposure_s, frame.temperature_c):
-        pattern = library.pattern_dn(frame.shape, frame.exposure_s, frame.temperature_c)
-        noise_dn = library.noise_dn(frame.exposure_s, frame.temperature_c)
+    if library is not None:
+        pattern = library.correction_dn(frame.shape, frame.exposure_s, frame.temperature_c)
+        if pattern is not None:
+            noise_dn = library.noise_dn(frame.exposure_s, frame.temperature_c)
     tables = DnTables(
         calibration, setting, frame.exposure_s, frame.temperature_c, frame.bit_depth, library_noise_dn=noise_dn
     )

@@ -97,6 +97,14 @@ class DarkLibrary:
         )
         return pattern
 
+    def correction_dn(
+        self, shape: tuple[int, int], exposure_s: float, temperature_c: float | None = None
+    ) -> NDArray[np.float32] | None:
+        """Pattern to take off frames, as `pattern_dn`; None where that is not `worth_applying`."""
+        if not self.worth_applying(exposure_s, temperature_c):
+            return None
+        return self.pattern_dn(shape, exposure_s, temperature_c)
+
     def noise_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """Return the standard uncertainty of one pixel of the pattern."""
         return self._standard(self.noise_covariance, exposure_s, temperature_c)

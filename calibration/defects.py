@@ -75,6 +75,14 @@ class DefectMap:
         height, width = reasons.shape
         return cls(rows.astype(np.int32), columns.astype(np.int32), reasons[rows, columns], (height, width))
 
+    def joined(self, other: DefectMap) -> DefectMap:
+        """Pixels of both maps with the reasons of both; raises InputError if they are of different image sizes."""
+        other.mask(self.image_shape)
+        reasons = np.zeros(self.image_shape, dtype=np.uint8)
+        for one in (self, other):
+            reasons[one.rows, one.columns] |= one.reasons
+        return DefectMap.of(reasons)
+
     @property
     def n_pixels(self) -> int:
         """How many pixels are defect."""

@@ -98,6 +98,9 @@ class DnTables:
         if self.calibration.response.kind != "linear":
             beyond = self.net_dn - RANGE_MARGIN * self._noise_dn > self.calibration.range_net_dn[1]
             flags |= np.where(beyond, Invalid.OUTSIDE_CALIBRATED, 0)
+        if self.calibration.response.kind == "table":
+            below = self.net_dn + RANGE_MARGIN * self._noise_dn < self.calibration.range_net_dn[0]
+            flags |= np.where(below, Invalid.OUTSIDE_CALIBRATED, 0)
         return flags.astype(np.uint8)
 
     @property
@@ -121,8 +124,7 @@ class DnTables:
 
     @cached_property
     def _noise_dn(self) -> NDArray[np.float64]:
-        noise = self.setting.noise
-        variance_dn2 = noise.k_dn_per_e * np.maximum(self.net_dn, 0) + noise.dark_noise_dn**2
+        variance_dn2 = self.setting.noise.variances_dn2(self.net_dn)
         total: NDArray[np.float64] = np.sqrt(variance_dn2 + self.library_noise_dn**2)
         return total
 

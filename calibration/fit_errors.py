@@ -7,6 +7,7 @@ import numpy as np
 from .common_errors import FitError
 from .design import Array
 from .gls import Solution
+from .rungs import Rung
 
 #: Signals at which the error of a bent response is kept: a straight line between them is exact to 0.1 % of it.
 _N_NODES = 48
@@ -23,7 +24,8 @@ def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
 
     An error of the darkness moves the parameters too: it is kept whole, with both its effects. The rest of the
     parameters' covariance is split into the eigenvectors of the response (``fit``; the gain factors follow by
-    regression) and those of the gain factors given the response (``gain``).
+    regression) and those of the gain factors given the response (``gain``). An error of a response that is given
+    (``linearity``) is less what the scale, fitted with it, makes good.
 
     Parameters
     ----------
@@ -33,7 +35,8 @@ def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
         Factor on the errors that do not come from the darkness.
     """
     by_dark = [solution.slope * error.dark_dn for error in solution.design.dark_errors]
-    rest = solution.covariance - sum(np.outer(column, column) for column in by_dark)
+    by_shape = list(solution.luminance * solution.rung.errors(solution.design.net_dn))
+    rest = solution.covariance - sum(np.outer(column, column) for column in (*by_dark, *by_shape))
     own = solution.gain @ rest @ solution.gain.T
     n = solution.rung.n_parameters
     response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
@@ -60,14 +63,26 @@ def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
                 error.gain_db,
             )
         )
+    for row, column in zip(solution.rung.errors(_nodes(solution.rung)), by_shape, strict=True):
+        moved = _error(solution, "linearity", -solution.gain @ column)
+        relative = tuple(float(v) for v in row + np.array(moved.relative))
+        errors.append(FitError(moved.source, moved.net_dn, relative, moved.gain_rel))
     return tuple(errors)
+
+
+def _nodes(rung: Rung) -> Array:
+    top = rung.knots_dn[-1]
+    if rung.kind == "linear":
+        return np.array([top])
+    if rung.kind == "table":
+        return np.geomspace(rung.knots_dn[0], top, _N_NODES)
+    return top * np.arange(1, _N_NODES + 1) / _N_NODES
 
 
 def _error(solution: Solution, source: str, step: Array) -> FitError:
     """Return what a step of all parameters does to the luminances."""
     rung, n = solution.rung, solution.rung.n_parameters
-    top = rung.knots_dn[-1]
-    nodes = np.array([top]) if rung.kind == "linear" else top * np.arange(1, _N_NODES + 1) / _N_NODES
+    nodes = _nodes(rung)
     curve = rung.curve(solution.parameters[:n], nodes)
     return FitError(
         source,

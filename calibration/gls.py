@@ -12,6 +12,14 @@ from .rungs import Rung
 
 _MAX_ROUNDS = 200
 _TOLERANCE = 1e-10
+_CHECK = (
+    "check that readings and frames belong to the same patches; of a camera with a tone curve (gamma) find the "
+    "response by a bracket (labcdp calibrate --response debevec)"
+)
+_CONTRADICTS = (
+    "the response of the bracket contradicts the patches: check that readings and frames belong to the same patches, "
+    "that scene and light stood still, or calibrate without it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +38,8 @@ class Solution:
         Luminance of each observation, its derivative by the DN, and luminance less reading; cd/m^2.
     jacobian : ndarray of float, shape (n, p)
         Derivatives of the luminances by the parameters.
+    gain : ndarray of float, shape (p, n)
+        How the parameters follow from the luminances.
     covariance, weight, left : ndarray of float, shape (n, n)
         Effective covariance C of the residuals; its inverse K; and P = K - K X (X^T K X)^-1 X^T K with the Jacobian X,
         by which all tests of further parameters follow.
@@ -42,6 +52,7 @@ class Solution:
     slope: Array
     residual: Array
     jacobian: Array
+    gain: Array
     covariance: Array
     weight: Array
     left: Array
@@ -49,19 +60,14 @@ class Solution:
     @property
     def chi_squared(self) -> float:
         """Minimum of the sum of squares."""
-        return float(self.residual @ self.weight @ self.residual)
+        # The scale of a given response is fitted with other weights than these.
+        weight = self.weight if self.rung.bracket is None else self.left
+        return float(self.residual @ weight @ self.residual)
 
     @property
     def degrees_of_freedom(self) -> int:
         """Observations less parameters."""
         return self.residual.size - self.parameters.size
-
-    @property
-    def gain(self) -> Array:
-        """How the parameters follow from the luminances: (X^T K X)^-1 X^T K, shape (p, n)."""
-        normal = self.jacobian.T @ self.weight
-        solved: Array = np.linalg.solve(normal @ self.jacobian, normal)
-        return solved
 
     def shift(self, pattern: Array) -> tuple[float, float]:
         """Fit one more parameter: how much of `pattern`, shape (n,), is in luminances less readings.
@@ -83,7 +89,8 @@ def solve(design: Design, rung: Rung) -> Solution:
     holds readings and patches, C_n the signals, and S the slopes dL/dn. Setting the derivative to zero gives weighted
     normal equations with the Jacobian at the adjusted signals n' = n - C_n S C^-1 r on the left; they are solved by
     repetition. For a straight line and uncorrelated errors these are the unified equations of D. York et al., Am. J.
-    Phys. 72 (2004) 367.
+    Phys. 72 (2004) 367. The errors of a response that is given count in the solution's covariance, not in the weights
+    of the fit: its scale would follow the signals that it starts from, and be wrong by its whole error at the others.
 
     Parameters
     ----------
@@ -104,7 +111,10 @@ def solve(design: Design, rung: Rung) -> Solution:
         covariance = design.patch_covariance(luminance) + slope[:, None] * net_covariance * slope
         if not (np.isfinite(covariance).all() and (slope != 0).all()):
             break
-        weight = np.linalg.inv(covariance)
+        try:
+            weight = np.linalg.inv(covariance)
+        except np.linalg.LinAlgError:
+            break
         residual = luminance - x
         adjusted = design.net_dn - net_covariance @ (slope * (weight @ residual))
         left = _evaluate(design, rung, parameters, adjusted)[2].T @ weight
@@ -115,30 +125,41 @@ def solve(design: Design, rung: Rung) -> Solution:
         ):
             return _solution(design, rung, parameters, net_covariance)
     raise CalibrationError(
-        f"the {rung.kind} fit did not settle in {_MAX_ROUNDS} rounds: check that readings and frames belong to the "
-        "same patches"
+        f"the {rung.kind} fit did not settle in {_MAX_ROUNDS} rounds: {_CHECK}"
+        if rung.bracket is None
+        else _CONTRADICTS
     )
 
 
 def _solution(design: Design, rung: Rung, parameters: Array, net_covariance: Array) -> Solution:
     if not rung.rises(parameters[: rung.n_parameters]):
-        raise CalibrationError(
-            f"the {rung.kind} response does not rise with the light: check that readings and frames belong to the same "
-            "patches"
-        )
+        raise CalibrationError(f"the {rung.kind} response does not rise with the light: {_CHECK}")
     luminance, slope, jacobian = _evaluate(design, rung, parameters, design.net_dn)
     covariance = design.patch_covariance(luminance) + slope[:, None] * net_covariance * slope
+    normal = jacobian.T @ np.linalg.inv(covariance)
+    by_shape = luminance * rung.errors(design.net_dn)
+    covariance = covariance + by_shape.T @ by_shape
     weight = np.linalg.inv(covariance)
     columns = weight @ jacobian
     left = weight - columns @ np.linalg.solve(jacobian.T @ columns, columns.T)
     return Solution(
-        design, rung, parameters, luminance, slope, luminance - design.readings, jacobian, covariance, weight, left
+        design=design,
+        rung=rung,
+        parameters=parameters,
+        luminance=luminance,
+        slope=slope,
+        residual=luminance - design.readings,
+        jacobian=jacobian,
+        gain=np.linalg.solve(normal @ jacobian, normal),
+        covariance=covariance,
+        weight=weight,
+        left=left,
     )
 
 
 def _start(design: Design, rung: Rung) -> Array:
-    """Return a straight line by the median ratio, for each gain."""
-    ratio = design.readings / (design.net_dn * design.scale_per_s)
+    """Return a straight line, or the given response, by the median ratio for each gain."""
+    ratio = design.readings / (rung.shape(design.net_dn) * design.scale_per_s)
     n_gains = int(design.gain.max()) + 1
     slopes = [float(np.median(ratio[design.gain == g])) for g in range(n_gains)]
     return np.concatenate([rung.start(slopes[0]), np.array(slopes[1:]) / slopes[0]])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ..errors import CalibrationError
 from ..reading import Reading
+from ..response import Response
 from .dark import DarkModel, fit_dark
 from .findings import LeftOut
 from .gains import GainSetting
@@ -73,9 +74,16 @@ def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence
 
 
 def gain_settings(
-    observations: Sequence[PatchObservation], darks: Sequence[DarkObservation]
+    observations: Sequence[PatchObservation], darks: Sequence[DarkObservation], tone: Response | None = None
 ) -> tuple[tuple[GainSetting, ...], list[str], list[str]]:
     """Darkness and noise of each gain, the first observation's first; factors are 1.
+
+    Parameters
+    ----------
+    observations, darks : sequence of PatchObservation, of DarkObservation
+        Of one camera.
+    tone : Response or None
+        As of `fit_noise`.
 
     Returns
     -------
@@ -107,7 +115,7 @@ def gain_settings(
             )
         own = [o for o in observations if abs(o.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
         dark, dark_warnings = fit_dark(own_darks)
-        noise, noise_warnings = fit_noise(own, dark)
+        noise, noise_warnings = fit_noise(own, dark, tone)
         if not settings:
             of_dark = dark_warnings
         prefix = f"at {gain_db:g} dB: " if len(gains_db) > 1 else ""

@@ -14,6 +14,7 @@ from .design import Array, Design
 from .findings import ModelStep
 from .fit_tests import strongest_alternative
 from .gls import Solution, solve
+from .response_curve import ResponseCurve
 from .rungs import Rung
 
 #: Part by which a further parameter must lower the leave-one-out error.
@@ -79,13 +80,15 @@ def climb(design: Design, ladder: Sequence[Rung]) -> tuple[Solution, tuple[Model
     A model is taken instead of a simpler one if it lowers the sum of standardised squares of the leave-one-out
     deviations by more than `MIN_IMPROVEMENT`, by more than one standard error of the difference over the patches, and
     if it explains the data better than chance and than a veil of glare, a wrong dark, or one wrong exposure time would.
+    The response of a bracket comes first; if another is better by these rules, and chi^2 improbable for the
+    bracket's, it contradicts the patches.
 
     Parameters
     ----------
     design : Design
         The observations.
     ladder : sequence of Rung
-        The simplest first.
+        From `rungs`.
 
     Returns
     -------
@@ -97,12 +100,13 @@ def climb(design: Design, ladder: Sequence[Rung]) -> tuple[Solution, tuple[Model
     Raises
     ------
     CalibrationError
-        If the simplest model cannot be fitted.
+        If the first model cannot be fitted, or is that of a bracket and contradicts the patches.
     """
     chosen = solve(design, ladder[0])
     stated = chosen.covariance
     best = leave_one_out(chosen)
-    tried = [(ladder[0], best, "the simplest model")]
+    bracket = ladder[0].bracket
+    tried = [(ladder[0], best, "the simplest model" if bracket is None else _given(bracket))]
     for rung in ladder[1:]:
         try:
             solution = solve(design, rung)
@@ -112,7 +116,15 @@ def climb(design: Design, ladder: Sequence[Rung]) -> tuple[Solution, tuple[Model
         before, after = float(best.score.sum()), float(left_out.score.sum())
         figures = f"leave-one-out chi^2 {after:.3g} against {before:.3g} of the {chosen.rung.kind} one"
         obstacle = _obstacle(chosen, best, solution, left_out)
+        if obstacle is None and chosen.rung.bracket is not None and _explained(chosen):
+            obstacle = "better, but the patches agree with the bracket within its error"
         tried.append((rung, left_out, figures + (f": {obstacle}" if obstacle else ": clearly better")))
+        if obstacle is None and chosen.rung.bracket is not None:
+            raise CalibrationError(
+                f"the response of the bracket contradicts the patches, a {rung.kind} one fits them clearly better "
+                f"({figures}): check that the scene and its light stood still over the bracket and that camera and "
+                "exposures are right, or calibrate without it"
+            )
         if obstacle is None:
             chosen, best = solution, left_out
     weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.patch_rel**2 + 1e-6)
@@ -128,13 +140,24 @@ def climb(design: Design, ladder: Sequence[Rung]) -> tuple[Solution, tuple[Model
     )
 
 
+def _explained(solution: Solution) -> bool:
+    return chance_of_chi_squared(solution.chi_squared, solution.degrees_of_freedom) >= SMALL_CHANCE
+
+
+def _given(bracket: ResponseCurve) -> str:
+    return (
+        f"the shape by {bracket.method.capitalize()} from a bracket of {len(bracket.exposures_s)} exposures, which "
+        f"differ from it by {bracket.residual_rel:.2%}; the patches scale it"
+    )
+
+
 def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> str | None:
     """Why the better-fitting model is not taken, None if it is."""
     gained = before.score - after.score
     error = sqrt(float(np.var(gained, ddof=1)) * gained.size)
     if gained.sum() <= MIN_IMPROVEMENT * before.score.sum() or gained.sum() <= error:
         return "not clearly better"
-    freedom = better.rung.n_parameters - simple.rung.n_parameters
+    freedom = max(better.rung.n_parameters - simple.rung.n_parameters, 1)
     unexplained = max(1.0, better.chi_squared / max(better.degrees_of_freedom, 1))
     drop = simple.chi_squared - better.chi_squared
     if chance_of_chi_squared(max(drop, 0.0) / unexplained, freedom) >= SMALL_CHANCE:

@@ -35,10 +35,10 @@ class Defects(Protocol):
 class DarkPattern(Protocol):
     """What each pixel adds in darkness, zero on average."""
 
-    def pattern_dn(
+    def correction_dn(
         self, shape: tuple[int, int], exposure_s: float, temperature_c: float | None = None
-    ) -> NDArray[np.floating[Any]]:
-        """Pattern at an exposure and temperature, shape (height, width)."""
+    ) -> NDArray[np.floating[Any]] | None:
+        """Pattern to take off at an exposure and temperature, shape (height, width); None for nothing."""
 
 
 def observe_patches(
@@ -191,7 +191,7 @@ def _accumulators(
     sound = None if defects is None else ~defects.mask(frame.shape)
     pattern = None
     if dark_library is not None:
-        pattern = dark_library.pattern_dn(frame.shape, frame.exposure_s, frame.temperature_c)
+        pattern = dark_library.correction_dn(frame.shape, frame.exposure_s, frame.temperature_c)
     whole = [Roi.rectangle("whole sensor", 0, 0, width, height)]
     return [RegionAccumulator(r, factor, sound, pattern) for r in (whole if regions is None else regions)]
 

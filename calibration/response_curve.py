@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import ceil, log, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from ..frame import Frame
 from ..response import Response
 from .observations import CameraState
 from .response_groups import group_pixels, residual_rel
-from .response_levels import LEVELS, WINDOW, Method, knot_levels, opencv_curve, smoothed
+from .response_levels import LEVELS, Method, knots, level_of, opencv_curve
 
 #: Fewest exposures: two of them say what a factor of the exposure does, the third tests it.
 MIN_EXPOSURES = 3
@@ -28,8 +30,16 @@ _MOST_PIXELS = 100_000
 _EDGE = 0.03
 #: Fewest pixels at a level for the level to count as seen, and to judge whether the scene stood still.
 _SEEN = 5
+#: Levels of 8 bits between which a response is straight enough to be interpolated.
+_NEAR = 5
 #: Share of the DN from which noise is small beside the typical deviation of pixels that speaks of motion.
 _BRIGHT_SHARE, _MOVED = 0.2, 0.25
+#: Error of a curve within a factor e of the exposure, by simulated brackets; it grows with the square of ln f.
+_WITHIN_REL = 0.01
+#: Factor of neighbouring exposures that is worth a warning.
+_WIDE_FACTOR = 3.0
+#: Independent errors of a curve for each step of the exposure, and the most.
+_PARTS, _MOST_ERRORS = 2, 16
 _CONTRADICTION = (
     "the exposures differ from any one response by {:.0%}: did something move, or the camera change gain, white "
     "balance or tone by itself? switch that off and take the bracket again"
@@ -63,16 +73,32 @@ class ResponseCurve:
     method: Method
     warnings: tuple[str, ...]
 
+    def errors(self, net_dn: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Independent relative errors of h for one standard uncertainty each, shape (k, n), at DN of shape (n,).
+
+        The curve is a chain of ratios from exposure to exposure, so its error grows link by link: each error is a ramp
+        over its part of ln h, half a link, and constant outside. A link has the residual of the curve, and what a
+        smooth curve may do within it: the exposures tell h at a factor f from any signal, not in between.
+        """
+        steps = np.diff(np.log(self.exposures_s))
+        link_rel = float(np.hypot(self.residual_rel, _WITHIN_REL * np.median(steps) ** 2))
+        low, high = (log(float(self.response.linearise(n))) for n in self.range_net_dn)
+        n_links = max((high - low) / float(np.median(steps)), 1.0)
+        edges = np.linspace(low, high, min(ceil(_PARTS * n_links), _MOST_ERRORS) + 1)
+        at = np.log(self.response.linearise(np.clip(net_dn, *self.range_net_dn)))
+        ramps: NDArray[np.float64] = np.clip((at - edges[:-1, None]) / np.diff(edges)[:, None], 0, 1)
+        return link_rel * sqrt(n_links / ramps.shape[0]) * ramps
+
 
 def response_from_bracket(frames: Sequence[Frame], dark_dn: float, method: Method = "debevec") -> ResponseCurve:
     """Response of a camera from frames of one still scene at several exposures.
 
     With OpenCV: P. E. Debevec and J. Malik, "Recovering high dynamic range radiance maps from photographs",
     SIGGRAPH 1997; M. A. Robertson, S. Borman and R. L. Stevenson, "Estimation-theoretic approach to dynamic range
-    enhancement using multiple exposures", J. Electron. Imaging 12 (2003) 219. Both work on 256 levels: deeper frames
-    are reduced to 8 bits. OpenCV takes single pixels, whose noise bends the curve, most of all towards dark and
-    saturation: here pixels are averaged in groups of one brightness before. The curve is smoothed by parabolas over 11
-    levels, since a response has no teeth, and made to rise.
+    enhancement using multiple exposures", J. Electron. Imaging 12 (2003) 219. Both know of 256 levels, which here are
+    equal ratios of DN above dark. OpenCV takes single pixels, whose noise bends the curve, most of all towards dark
+    and saturation: here pixels are averaged in groups of one brightness before. The curve is smoothed by parabolas
+    over 11 levels, since a response has no teeth, and made to rise.
 
     Parameters
     ----------
@@ -109,29 +135,27 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float, method: Metho
             f"the bracket shows {share:.0%} of the DN between dark and saturation at two exposures, a curve needs "
             f"{MIN_COVERED_SHARE:.0%}: take more exposures, or a scene with more luminances"
         )
-    first, last = int(covered[0]), int(covered[-1])
-    groups = group_pixels(pixels)
-    group_levels = np.clip((groups + 0.5) // step, 0, LEVELS - 1).astype(np.uint8)
-    curve = opencv_curve(group_levels, exposures_s, method)
-    curve = smoothed(curve[first : last + 1], net_of_level[first : last + 1])
-    knots = knot_levels(first, last, net_of_level)
-    net_dn = net_of_level[knots]
-    linear_dn = curve[knots - first] / curve[0] * net_dn[0]
-    response = Response("table", (0.0, *net_dn.tolist()), (0.0, *linear_dn.tolist()))
-    covered_dn = (float(net_dn[0]), float(net_dn[-1]))
+    covered_dn = (float(net_of_level[covered[0]]), float(net_of_level[covered[-1]]))
+    groups = group_pixels(pixels) - dark_dn
+    net_dn, curve = knots(opencv_curve(level_of(groups, covered_dn), exposures_s, method), covered_dn)
+    response = Response("table", (0.0, *net_dn.tolist()), (0.0, *(curve / curve[0] * net_dn[0]).tolist()))
     _require_still(pixels - dark_dn, exposures_s, response, covered_dn)
-    residual = residual_rel(groups - dark_dn, exposures_s, response, covered_dn)
+    residual = residual_rel(groups, exposures_s, response, covered_dn)
     if residual > MAX_RESIDUAL_REL:
         raise CalibrationError(_CONTRADICTION.format(residual))
     warnings = []
+    factor = max(b / a for a, b in pairwise(exposures_s))
+    if factor > _WIDE_FACTOR:
+        warnings.append(
+            f"exposures of the bracket are up to a factor of {factor:.2g} apart, within which the response rests on "
+            "its smoothness: take exposures a factor of 1.5 to 2.5 apart"
+        )
     if share < 0.9:
         warnings.append(
             f"the bracket shows {share:.0%} of the DN between dark and saturation; the rest is interpolated"
         )
     if residual > 0.02:
-        warnings.append(
-            f"the exposures differ from the curve by {residual:.1%}: expect that of luminances too"
-        )
+        warnings.append(f"the exposures differ from the curve by {residual:.1%}: expect that of luminances too")
     return ResponseCurve(response, residual, covered_dn, exposures_s, method, tuple(warnings))
 
 
@@ -176,7 +200,8 @@ def _require_uneven(exposures_s: Sequence[float]) -> None:
 def _inside(net_of_level: NDArray[np.float64], full_dn: float, step: int) -> NDArray[np.intp]:
     """Levels between which the curve is looked for."""
     edge = max(_EDGE * full_dn, 2.0 * step)
-    return np.flatnonzero((net_of_level >= edge) & (net_of_level <= full_dn - edge))
+    inside: NDArray[np.intp] = np.flatnonzero((net_of_level >= edge) & (net_of_level <= full_dn - edge))
+    return inside
 
 
 def _covered(levels: NDArray[np.uint8], inside: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -197,8 +222,9 @@ def _covered(levels: NDArray[np.uint8], inside: NDArray[np.intp]) -> NDArray[np.
         return inside[:0]
     # Between seen levels that are close the curve is as good as at them.
     away = np.abs(inside[:, None] - seen[None, :]).min(axis=1)
-    near = inside[away <= WINDOW // 2]
-    return near[(near >= seen[0]) & (near <= seen[-1])]
+    near = inside[away <= _NEAR]
+    covered: NDArray[np.intp] = near[(near >= seen[0]) & (near <= seen[-1])]
+    return covered
 
 
 def _require_still(

@@ -1,4 +1,4 @@
-"""Exposure of each of 256 levels from the pixels of a bracket: OpenCV's curve, smoothed, and where its knots are."""
+"""Exposure of each of 256 levels of DN by OpenCV, smoothed."""
 
 from __future__ import annotations
 
@@ -16,9 +16,27 @@ LEVELS = 256
 _LAMBDA, _ROUNDS = 20.0, 100
 #: Levels around which the curve is smoothed by a parabola.
 WINDOW = 11
-#: Distance of two knots in parts of the DN above dark, and the most in levels: a straight line in between is then off
-#: by 0.2 % at the most for a response of the power 2.2.
-_KNOT_REL, _KNOT_STEP = 0.08, 8
+#: Levels from one knot to the next.
+_KNOT_STEP = 5
+
+
+def level_of(net_dn: NDArray[np.floating[Any]], limits: tuple[float, float]) -> NDArray[np.uint8]:
+    """Level of DN above dark: 1 to 254 between the limits in equal ratios, 0 and 255 beyond.
+
+    In equal steps a response with a power, as cameras have it, would bend most where the least DN are.
+    """
+    low, high = limits
+    place = np.log(np.maximum(net_dn, 1e-3 * low) / low) / np.log(high / low)
+    level: NDArray[np.uint8] = np.clip(np.rint(1 + (LEVELS - 3) * place), 0, LEVELS - 1).astype(np.uint8)
+    return level
+
+
+def knots(curve: NDArray[np.float64], limits: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """DN above dark and exposure at knots, the ends of the range among them, from the exposure of all levels."""
+    inner = np.arange(1, LEVELS - 1)
+    at = np.unique(np.append(inner[::_KNOT_STEP], inner[-1]))
+    low, high = limits
+    return low * (high / low) ** ((at - 1) / (LEVELS - 3)), _smoothed(curve[inner])[at - 1]
 
 
 def opencv_curve(levels: NDArray[np.uint8], exposures_s: Sequence[float], method: Method) -> NDArray[np.float64]:
@@ -39,29 +57,13 @@ def opencv_curve(levels: NDArray[np.uint8], exposures_s: Sequence[float], method
     return np.interp(np.arange(LEVELS), known, curve[known])
 
 
-def smoothed(curve: NDArray[np.float64], net_dn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Curve with its logarithm smoothed by parabolas (Savitzky-Golay), a power law taken off before; rising."""
+def _smoothed(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Curve with its logarithm smoothed by parabolas (Savitzky-Golay), a straight line taken off before; rising."""
     from scipy.signal import savgol_filter
 
-    values, x = np.log(np.maximum(curve, 1e-30)), np.log(net_dn)
-    law = np.polyval(np.polyfit(x, values, 1), x)
-    window = min(WINDOW, (values.size - 1) // 2 * 2 + 1)
-    if window > 2:
-        values = law + savgol_filter(values - law, window, 2)
-    return rising(np.exp(values))
-
-
-def rising(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make it rise: where the curve falls, by a millionth from knot to knot."""
-    steps = 1 + 1e-6 * np.arange(values.size)
-    risen: NDArray[np.float64] = np.maximum.accumulate(values) * steps
-    return risen
-
-
-def knot_levels(first: int, last: int, net_dn: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Levels from `first` to `last` to put knots at, given the DN above dark of all levels."""
-    knots = [first]
-    while knots[-1] < last:
-        step = net_dn[knots[-1]] * _KNOT_REL / (net_dn[1] - net_dn[0])
-        knots.append(min(knots[-1] + int(np.clip(step, 1, _KNOT_STEP)), last))
-    return np.array(knots, dtype=np.intp)
+    values, x = np.log(curve), np.arange(curve.size)
+    line = np.polyval(np.polyfit(x, values, 1), x)
+    smooth = np.exp(line + savgol_filter(values - line, WINDOW, 2))
+    # Where the curve falls it rises by a millionth from level to level.
+    rising: NDArray[np.float64] = np.maximum.accumulate(smooth) * (1 + 1e-6 * x)
+    return rising

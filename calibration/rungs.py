@@ -1,4 +1,4 @@
-"""The responses a fit can choose from, each with its parameters: linear, quadratic, monotone PCHIP."""
+"""The responses a fit can choose from, each with its parameters: linear, quadratic, monotone PCHIP, or a given one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ..response import Response, ResponseKind
 from .design import Array
+from .response_curve import ResponseCurve
 
 #: Fewest patches beyond the number of parameters, so that leaving one out still leaves a fit to judge.
 MIN_SPARE_PATCHES = 2
@@ -29,26 +30,39 @@ class Rung:
     """One model of the ladder: c(n) = h(n) / R with its parameters b.
 
     linear: b1 n. quadratic: b1 n + b2 n^2 / n_max. pchip: monotone cubic interpolation (F. N. Fritsch and R. E.
-    Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0.
+    Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0. table: b1 times the response
+    of a bracket.
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'pchip'}
+    kind : {'linear', 'quadratic', 'pchip', 'table'}
         Which.
     knots_dn : tuple of float
-        Rising, the last is n_max, the highest signal of the fit; only that one for linear and quadratic.
+        Rising, the last is n_max, the highest signal of the fit; only that one for linear and quadratic; the range
+        of the bracket for a table.
+    bracket : ResponseCurve or None
+        Of a table.
     """
 
     kind: ResponseKind
     knots_dn: tuple[float, ...]
+    bracket: ResponseCurve | None = None
 
     @property
     def n_parameters(self) -> int:
         """Number of parameters b."""
-        return {"linear": 1, "quadratic": 2}.get(self.kind, len(self.knots_dn))
+        return {"linear": 1, "quadratic": 2, "table": 1}.get(self.kind, len(self.knots_dn))
+
+    def shape(self, net_dn: Array) -> Array:
+        """Return what c is about proportional to: h of a table, else the signal itself."""
+        return net_dn if self.bracket is None else self.bracket.response.linearise(net_dn)
+
+    def errors(self, net_dn: Array) -> Array:
+        """Independent relative errors of a shape that is given, shape (k, n); none of one that is fitted."""
+        return np.zeros((0, net_dn.size)) if self.bracket is None else self.bracket.errors(net_dn)
 
     def start(self, slope: float) -> Array:
-        """Parameters of a straight line."""
+        """Parameters of a straight line, or of a table, by the ratio of luminance to `shape`."""
         if self.kind == "pchip":
             return slope * np.array(self.knots_dn)
         return np.array([slope, 0.0][: self.n_parameters])
@@ -62,12 +76,18 @@ class Rung:
             a, b = parameters
             jacobian = np.column_stack([net_dn, net_dn**2 / top])
             return Curve(jacobian @ parameters, a + 2 * b * net_dn / top, jacobian)
+        if self.bracket is not None:
+            h = self.bracket.response
+            value, slope = h.linearise(net_dn), h.slope(net_dn)
+            return Curve(parameters[0] * value, parameters[0] * slope, value[:, None])
         return self._pchip(parameters, net_dn)
 
     def rises(self, parameters: Array) -> bool:
         """Whether c is zero at zero and strictly rising up to n_max."""
         if self.kind == "pchip":
             return bool((np.diff(parameters, prepend=0.0) > 0).all())
+        if self.bracket is not None:
+            return bool(parameters[0] > 0)
         return bool(parameters[0] > 0 and self.curve(parameters, np.array(self.knots_dn)).slope[-1] > 0)
 
     def response(self, parameters: Array) -> tuple[Response, float]:
@@ -75,6 +95,8 @@ class Rung:
         top = self.knots_dn[-1]
         if self.kind == "linear":
             return Response(), float(1 / parameters[0])
+        if self.bracket is not None:
+            return self.bracket.response, float(1 / parameters[0])
         if self.kind == "quadratic":
             at_top = top * (1 + parameters[1] / parameters[0])
             return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])
@@ -97,8 +119,8 @@ class Rung:
         return Curve(values[:, 0], slopes[:, 0], (values[:, 1:] - values[:, :1]) / step)
 
 
-def rungs(net_dn: Array, n_patches: int) -> list[Rung]:
-    """Models that the data can support, the simplest first.
+def rungs(net_dn: Array, n_patches: int, bracket: ResponseCurve | None = None) -> list[Rung]:
+    """Models that the data can support: the response of a bracket if there is one, then the simplest first.
 
     Parameters
     ----------
@@ -106,9 +128,12 @@ def rungs(net_dn: Array, n_patches: int) -> list[Rung]:
         Signals above dark of all observations.
     n_patches : int
         Number of patches.
+    bracket : ResponseCurve or None
+        Shape of the response that is given.
     """
     top = float(net_dn.max())
-    ladder = [Rung("linear", (top,))]
+    ladder = [] if bracket is None else [Rung("table", bracket.range_net_dn, bracket)]
+    ladder.append(Rung("linear", (top,)))
     if n_patches >= 2 + MIN_SPARE_PATCHES:
         ladder.append(Rung("quadratic", (top,)))
     for n_knots in range(min(MAX_KNOTS, n_patches - MIN_SPARE_PATCHES), 2, -1):

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
+from ..response import Response
 from .findings import LeftOut
 from .gains import GainSetting, index_of_gain
 from .observations import PatchObservation
 from .region_statistics import quantisation_variance_dn2
-from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, ROUNDING_DN2
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class NetSignal:
     Parameters
     ----------
     net_dn : float
-        DN above dark as the region's pixels have it, V not removed.
+        DN above dark as the region's pixels have it, V not removed; with a tone curve, that of the pixels' mean h.
     scale_per_s : float
         Mean of 1 / V over the exposure time: h(net_dn) times this is R L.
     noise_variance_dn2 : float
@@ -70,8 +71,8 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     o, index = observation, index_of_gain(settings, observation.state.gain_db)
     setting = settings[index]
     dark_dn = setting.dark.mean_dn(o.exposure_s, o.temperature_c)
-    net_dn = o.net_dn_at_pixel(dark_dn)
     pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
+    net_dn, power = _before_tone(o, dark_dn, pattern_dn2, setting.noise.tone)
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     return NetSignal(
@@ -80,10 +81,27 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
         noise_variance_dn2=setting.noise.variance_dn2(net_dn) / (o.n_pixels * o.n_frames) + rounding,
         dark_variance_dn2=setting.dark.variance_dn2(o.exposure_s, o.temperature_c),
         dark_nonuniformity_dn=setting.dark.nonuniformity_dn,
-        pixels_rel=sqrt(pattern_dn2 / o.n_pixels) / on_axis,
-        slow_rel=sqrt(o.nonuniformity_variance_dn2(dark_dn)) / on_axis,
+        pixels_rel=power * sqrt(pattern_dn2 / o.n_pixels) / on_axis,
+        slow_rel=power * sqrt(o.nonuniformity_variance_dn2(dark_dn)) / on_axis,
         gain_index=index,
     )
+
+
+def _before_tone(o: PatchObservation, dark_dn: float, pattern_dn2: float, tone: Response | None) -> tuple[float, float]:
+    """Signal whose h is the mean over the pixels' light, and d ln h / d ln n there.
+
+    The mean over noisy pixels of a bent response is not the response of the mean: to second order it is off by half
+    the variance of the light times the curvature.
+    """
+    net_dn = o.net_dn_at_pixel(dark_dn)
+    if tone is None or not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
+        return net_dn, 1.0
+    h, slope = float(tone.linearise(net_dn)), float(tone.slope(net_dn))
+    variance_dn2 = max(o.temporal_variance_dn2 - ROUNDING_DN2, 0.0) + pattern_dn2
+    wide = sqrt(3 * variance_dn2)
+    # The mean of h over a normal distribution by three points (Gauss and Hermite): exact to the fifth power.
+    mean = (float(tone.linearise(net_dn - wide)) + 4 * h + float(tone.linearise(net_dn + wide))) / 6
+    return net_dn + (mean - h) / slope, slope * net_dn / h
 
 
 def usable(
@@ -133,6 +151,9 @@ def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainS
     if observation.black_share > MAX_CLIPPED_SHARE:
         return "is clipped at 0 DN"
     signal = net_signal(observation, settings)
+    tone = settings[signal.gain_index].noise.tone
+    if tone is not None and not tone.net_dn[1] <= signal.net_dn <= tone.net_dn[-1]:
+        return "is outside the signals that the response of the bracket covers"
     if signal.net_dn <= MIN_NET_SIGNAL * sqrt(signal.variance_dn2):
         return "is not brighter than the dark"
     return None

@@ -4,3 +4,5 @@
 MAX_CLIPPED_SHARE = 0.001
 #: A patch counts as brighter than the dark from this many standard uncertainties on.
 MIN_NET_SIGNAL = 3.0
+#: Variance by rounding to whole DN.
+ROUNDING_DN2 = 1 / 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -40,24 +40,29 @@ def calibrate(
         None, help="Session recorded with uniform light that fills the image; default: cos^4 of the lens."
     ),
     unevenness: str = typer.Option("1%", help="Standard uncertainty of the uniform light across the image."),
+    response: Literal["debevec", "robertson"] | None = typer.Option(
+        None,
+        help="Find the camera's response (tone curve, gamma) from the session's exposures as a bracket, by Debevec or "
+        "Robertson; the readings scale it. Default: linear, or bent as the readings ask for.",
+    ),
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Fit the camera's conversion from DN to cd/m^2, save it, and report how good it is."""
+    """Fit the camera's conversion from DN to cd/m^2, save it, and report how good it is.
+
+    Hot pixels and the pattern of the darkness are found in the session's dark frames. The pattern is taken off, also
+    from frames that are converted later, if that leaves less than it removes.
+    """
     from ..calibration import save
-    from ..evaluate import calibrate_session, measure_corrections, require_same_optics
+    from ..evaluate import calibrate_session, response_of_session
     from ..report import write_calibration_report
     from ..session import Session
 
-    corrections = None
-    if flat_field is not None:
-        flat = Session.open(flat_field)
-        require_same_optics(Session.open(session), flat)
-        rel = fraction_of_percent(unevenness, "--unevenness")
-        with progress_bars() as bars:
-            corrections = measure_corrections(flat, rel, lambda done, total: bars.update("flat field", done, total))
-    opened, observed = _observe(session, without, corrections)
+    opened = Session.open(session)
+    corrections = _corrections([opened, *(Session.open(path) for path in more or ())], flat_field, unevenness)
+    observed = _observe(session, without, corrections)[1]
     others = [_observe(path, [], corrections)[1] for path in more or ()]
-    calibration = calibrate_session(observed, *others, held_out=hold_out)
+    curve = None if response is None else response_of_session(opened, observed, response)
+    calibration = calibrate_session(observed, *others, held_out=hold_out, response=curve)
     folder = _made(_results_folder(opened, output))
     path = folder / "calibration.json"
     save(calibration, path)
@@ -132,6 +137,22 @@ def replay(
         show_evaluation(result)
     if against is not None:
         say(f"Identical to {against}")
+
+
+def _corrections(sessions: list[Session], flat_field: Path | None, unevenness: str) -> PlaneCorrections:
+    """Measure what is taken off the frames before a calibration."""
+    from ..evaluate import corrections_of_lens, measure_corrections, require_same_optics, with_darkness
+    from ..session import Session
+
+    with progress_bars() as bars:
+        if flat_field is None:
+            corrections: PlaneCorrections = corrections_of_lens(sessions[0])
+        else:
+            flat = Session.open(flat_field)
+            require_same_optics(sessions[0], flat)
+            rel = fraction_of_percent(unevenness, "--unevenness")
+            corrections = measure_corrections(flat, rel, partial(bars.update, "flat field"))
+        return with_darkness(corrections, sessions, partial(bars.update, "darkness"))
 
 
 def _observe(

@@ -176,7 +176,7 @@ def fraction_of_percent(text: str, name: str) -> float:
             raise ValueError
         return float(text[:-1].strip()) / 100
     except ValueError:
-        raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 1000%") from None
+        raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 50%") from None
 
 
 JSON_OPTION = typer.Option(False, "--json", help="Print the result as JSON.")

@@ -42,7 +42,7 @@ def twin(
     from ..report import prepare_folder
     from ..report.twin_results import write_twin
     from ..report.twin_tables import pair_table
-    from ..report.twin_wording import twin_results, twin_warnings
+    from ..report.twin_wording import twin_notes, twin_results, twin_warnings
     from ..session import Session
 
     asked = None if contrast is None else fraction_of_percent(contrast, "--contrast")
@@ -73,8 +73,8 @@ def twin(
     if as_json:
         print_json({"output": str(folder), **result.to_dict()})
         return
-    for warning in twin_warnings(result):
-        say(f"Note: {warning}")
+    for note in (*twin_notes(result), *twin_warnings(result)):
+        say(f"Note: {note}")
     table = pair_table(result)
     if len(table.rows) <= _MOST_ROWS:
         print_table("Contrast detection probability", *table)

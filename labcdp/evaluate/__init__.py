@@ -1,8 +1,10 @@
 """Evaluation: sources, conversion and metrics joined to results."""
 
+from .bracket_session import response_of_session
 from .calibrate import calibrate_session
 from .characterise import characterise_index, characterise_session
-from .corrections import Corrections, corrections_of
+from .corrections import Corrections, corrections_of, corrections_of_lens
+from .dark_session import with_darkness
 from .exact import ExactPrediction, PatchRates, patch_distribution, predict, predict_interval
 from .exact_chain import predict_chain, transition_luminances
 from .flat_session import measure_corrections, require_same_optics
@@ -40,6 +42,7 @@ __all__ = [
     "characterise_index",
     "characterise_session",
     "corrections_of",
+    "corrections_of_lens",
     "evaluate_run",
     "evaluate_session",
     "evaluate_stage",
@@ -54,7 +57,9 @@ __all__ = [
     "predict_interval",
     "reproduce_thesis",
     "require_same_optics",
+    "response_of_session",
     "run_sweep",
     "transition_luminances",
     "twin_session",
+    "with_darkness",
 ]

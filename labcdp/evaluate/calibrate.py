@@ -7,12 +7,17 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ..calibration import AnyCalibration, Calibration, DarkObservation, PatchObservation, Setup, fit, fit_colour
+from ..calibration.response_curve import ResponseCurve
 from ..errors import CalibrationError, InputError
-from .observe import ObservedPlane, ObservedSession, lens_of
+from .observe import ObservedPlane, ObservedSession
+from .recorded import lens_of
 
 
 def calibrate_session(
-    observed: ObservedSession, *more: ObservedSession, held_out: Collection[str] = ()
+    observed: ObservedSession,
+    *more: ObservedSession,
+    held_out: Collection[str] = (),
+    response: ResponseCurve | None = None,
 ) -> AnyCalibration:
     """Calibrate a camera from what sessions say; one with colour filters plane by plane, and their combination.
 
@@ -25,6 +30,8 @@ def calibrate_session(
         session is another patch, whatever its name, and has its own readings.
     held_out : collection of str
         Patches that the fit is not shown, but tested with.
+    response : ResponseCurve or None
+        Shape of the response by a bracket, for a monochrome sensor; see `response_of_session`.
 
     Raises
     ------
@@ -47,12 +54,14 @@ def calibrate_session(
         input_sha256=_joined_sha256(sessions),
         measured_spectrum=observed.configuration.source.measured,
     )
-    calibration = _fit(sessions, setup, held_out)
+    calibration = _fit(sessions, setup, held_out, response)
     _require_all_used(calibration, sessions)
     return calibration
 
 
-def _fit(sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection[str]) -> AnyCalibration:
+def _fit(
+    sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection[str], response: ResponseCurve | None
+) -> AnyCalibration:
     readings = {patch: group for one in sessions for patch, group in one.readings.items()}
     corrections = {plane: seen.corrections for plane, seen in sessions[0].planes.items()}
     if None in corrections:
@@ -64,6 +73,12 @@ def _fit(sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection
             held_out=held_out,
             defects=corrections[None].defects,
             dark_library=corrections[None].dark_library,
+            response=response,
+        )
+    if response is not None:
+        raise CalibrationError(
+            "the session was recorded with colour filters: a response by a bracket is for monochrome frames; leave it "
+            "out, raw data of a camera are linear"
         )
     configuration = sessions[0].configuration
     sensitivity = configuration.camera.spectral_sensitivity

@@ -16,7 +16,7 @@ from ..errors import CalibrationError
 from ..frame import Frame
 from ..roi import Roi
 from ..session import FrameRecord, Session
-from .observe import by_patch
+from .recorded import by_patch
 
 #: Colour plane of a Bayer sensor that is characterised: of the planes the one with the most light from any source.
 COLOUR_PLANE = "Gr"

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from ..calibration import AnyCalibration, Calibration
 from ..calibration.dark_library import DarkLibrary
 from ..calibration.defects import DefectMap
-from ..session import SessionConfiguration
+from ..session import Session, SessionConfiguration
 from ..vignetting import AnyVignetting, Cos4Vignetting
+from .recorded import planes_of
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
@@ -50,3 +51,8 @@ def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]
     """Corrections of each plane of a calibration."""
     planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
     return {plane.state.plane: Corrections.of(plane) for plane in planes}
+
+
+def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
+    """Natural fall-off of the session's lens for each plane: what is known without a measurement."""
+    return {plane: Corrections.of_lens(session.configuration, plane) for plane in planes_of(session)}

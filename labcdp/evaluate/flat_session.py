@@ -12,7 +12,7 @@ from ..calibration.planes import split
 from ..errors import CalibrationError
 from ..session import Role, Session
 from .corrections import Corrections
-from .observe import by_exposure, lens_of, planes_of
+from .recorded import by_exposure, lens_of, planes_of
 
 _log = logging.getLogger(__name__)
 

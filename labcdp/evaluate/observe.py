@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from ..calibration import DarkObservation, LensIdentity, PatchObservation, observe_dark, observe_patches
+from ..calibration import DarkObservation, PatchObservation, observe_dark, observe_patches
 from ..calibration.planes import plane_region, split
 from ..errors import CalibrationError, InputError
-from ..frame import PLANES, Frame
+from ..frame import Frame
 from ..reading import Reading
 from ..roi import Roi
-from ..session import FrameRecord, Role, Session, SessionConfiguration
-from .corrections import Corrections, PlaneCorrections
-
-Report = Callable[[int, int], None]
+from ..session import FrameRecord, Session, SessionConfiguration
+from .corrections import Corrections, PlaneCorrections, corrections_of_lens
+from .dark_session import with_darkness
+from .recorded import Report, by_exposure, by_patch, planes_of
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,6 @@ class ObservedSession:
         return self.monochrome.darks
 
 
-def lens_of(configuration: SessionConfiguration) -> LensIdentity:
-    """Return the configured lens as a calibration keeps it."""
-    lens = configuration.lens
-    return LensIdentity(lens.model, lens.serial, lens.focal_length_m, lens.f_number)
-
-
 def observe_session(
     session: Session,
     without: Sequence[str] = (),
@@ -119,7 +113,8 @@ def observe_session(
         Called with the number of frames read, and of all frames; those of a sensor with colour filters are read once
         for each plane.
     corrections : mapping of (str or None) to Corrections, or None
-        What is taken off the frames of each plane; None for the natural fall-off of the configured lens.
+        What is taken off the frames of each plane; None for the natural fall-off of the configured lens, and for
+        what its dark frames show.
 
     Raises
     ------
@@ -140,7 +135,7 @@ def observe_session(
     regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
     planes = planes_of(session)
     if corrections is None:
-        corrections = {plane: Corrections.of_lens(configuration, plane) for plane in planes}
+        corrections = with_darkness(corrections_of_lens(session), [session])
     if set(corrections) != set(planes):
         has, wants = ("no" if None in group else "a" for group in (planes, corrections))
         raise CalibrationError(
@@ -158,12 +153,6 @@ def observe_session(
         readings,
         _input_sha256(session),
     )
-
-
-def planes_of(session: Session) -> tuple[str | None, ...]:
-    """Colour planes of a session's frames, or None for the one of a monochrome sensor."""
-    first = session.load(session.frames()[0])
-    return (None,) if first.colour_filter is None else PLANES
 
 
 class _Reader:
@@ -206,27 +195,6 @@ def _observe_plane(
                 ):
                     patches[observation.patch].append(observation)
     return ObservedPlane(patches, darks, corrections)
-
-
-def by_exposure(session: Session, role: Role) -> dict[float, list[FrameRecord]]:
-    """Frames of a role by exposure in seconds, shortest first."""
-    groups: dict[float, list[FrameRecord]] = {}
-    for record in session.frames(role):
-        groups.setdefault(record.exposure_s, []).append(record)
-    return dict(sorted(groups.items()))
-
-
-def by_patch(records: Sequence[FrameRecord]) -> dict[str | None, list[FrameRecord]]:
-    """Frames by the patch that was before the camera; None stands for the whole target."""
-    groups: dict[str | None, list[FrameRecord]] = {}
-    for record in records:
-        groups.setdefault(record.patch, []).append(record)
-    return groups
-
-
-def shows(record: FrameRecord, patch: str) -> bool:
-    """Whether a patch can be seen in a frame."""
-    return record.patch in (None, patch)
 
 
 def _input_sha256(session: Session) -> str:

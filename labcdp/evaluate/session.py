@@ -30,7 +30,8 @@ from ..session import ContrastConfiguration, Session, SessionConfiguration
 from ..spectral_mismatch import mismatch_warning
 from ..spectral_table import ONLY, SpectralTable
 from .guess import guessed_conversion
-from .observe import ObservedSession, by_exposure, lens_of, shows
+from .observe import ObservedSession
+from .recorded import by_exposure, lens_of, shows
 from .target_map import target_map
 
 #: Bars of the contrast histogram.

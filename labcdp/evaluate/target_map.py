@@ -12,7 +12,8 @@ from ..errors import CalibrationError
 from ..luminance import Invalid, LuminanceMap, chosen
 from ..roi import Roi
 from ..session import FrameRecord, Session
-from .observe import ObservedSession, by_exposure, by_patch
+from .observe import ObservedSession
+from .recorded import by_exposure, by_patch
 
 
 def target_map(session: Session, observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
-from math import hypot, sqrt
 from typing import Any
 
 from ..calibration import AnyCalibration, Calibration, PatchObservation
 from ..calibration.emva.result import Characterisation, Quantity
 from ..contrast.interval import AskedContrast
 from ..errors import CalibrationError
+from ..response import Response
 from ..session import Session
 from ..vignetting import FlatField
 from .observe import ObservedSession
 from .session import mismatch
-from .twin_compare import SeenRegion, compare_pair
-from .twin_diagnosis import Finding, TwinPatch, diagnose
+from .twin_compare import MendedPrediction, SeenRegion, compare_pair, with_mended
+from .twin_diagnosis import Finding, diagnose
 from .twin_pair import PairAsked, TwinPair
 from .twin_parameters import TwinParameters, require_monochrome, twin_parameters
-from .twin_prediction import PatchSignal, RegionPrediction, TwinRegion, predict_regions, predict_signal
+from .twin_prediction import RegionPrediction, TwinRegion, predict_mended, predict_regions
 from .twin_regions import regions_of, seen_regions
+from .twin_signal import TwinPatch, longest_exposures, twin_patch
 
 #: Parts of the noise that a dark library takes off.
 _DARK_PATTERN = ("dsnu_dn", "row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s")
+#: Fewest patches that can be compared.
+_PAIR = 2
+#: Why a pair of the configuration is not compared though nothing is wrong with it.
+_NOT_THERE = "one of the two was left out"
+#: Reasons that an error tells.
+_MOST_REASONS = 2
 #: Least Weber contrast, by the meter, of pairs that are compared without being asked for.
 LEAST_CONTRAST = 0.1
 
@@ -47,7 +53,9 @@ class TwinResult:
     pairs : tuple of TwinPair
         Pairs of patches, those asked for first.
     patches : tuple of TwinPatch
-        Each patch's signal.
+        Each patch's signal in the longest exposure that does not saturate it.
+    findings : tuple of Finding
+        Parameters that the signals contradict, the strongest first.
     left_out : tuple of str
         What could not be compared, and why.
     warnings : tuple of str
@@ -60,6 +68,7 @@ class TwinResult:
     regions: tuple[TwinRegion, ...]
     pairs: tuple[TwinPair, ...]
     patches: tuple[TwinPatch, ...]
+    findings: tuple[Finding, ...]
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -67,11 +76,6 @@ class TwinResult:
     def agreeing(self) -> int:
         """How many pairs agree."""
         return sum(pair.agrees for pair in self.pairs)
-
-    @cached_property
-    def findings(self) -> tuple[Finding, ...]:
-        """Parameters that the patches' signals contradict, the strongest first."""
-        return diagnose(self.parameters, self.patches)
 
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
@@ -140,10 +144,16 @@ def twin_session(
     if not isinstance(calibration, Calibration):
         raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
     warnings = mismatch(observed.configuration, calibration)
-    twin = twin_parameters(frame, observed, calibration, characterisation)
+    twin = twin_parameters(session, observed, calibration, characterisation)
     regions = regions_of(observed, calibration, twin, calibration.to_luminance(frame).slow_rel)
-    compared_twin, notes = _without_corrected(twin, calibration)
+    corrected, notes = _without_corrected(twin, calibration)
+    if len(regions) < _PAIR:
+        raise CalibrationError(
+            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
+        )
     asked, left_out = _asked(observed, regions, contrast, epsilon)
+    patches = _patches(observed, calibration, corrected, regions)
+    findings = diagnose(corrected, patches, observed.darks)
     at: dict[float, list[PairAsked]] = {}
     for pair in asked:
         exposure_s = _longest_unsaturated(observed, pair)
@@ -157,29 +167,47 @@ def twin_session(
         names = {name for pair in group for name in (pair.bright, pair.dark)}
         seen = seen_regions(session, observed, calibration, exposure_s, names)
         shown = [region for region in regions.values() if region.name in names]
-        predicted = predict_regions(compared_twin, shown, exposure_s, calibration.response)
-        for pair in group:
-            found = _compared(pair, seen, predicted)
-            if found is None:
-                left_out.append(f"{pair.bright} / {pair.dark}: no pixel is above 0 cd/m2")
-            else:
-                compared[pair] = found
+        predicted = predict_regions(corrected, shown, exposure_s, calibration.response)
+        pairs = [found for pair in group if (found := _compared(pair, seen, predicted)) is not None]
+        if any(not pair.agrees for pair in pairs):
+            mended = _mended(corrected, shown, exposure_s, calibration.response, findings)
+            pairs = [pair if pair.agrees else with_mended(pair, mended) for pair in pairs]
+        compared.update({pair.asked: pair for pair in pairs})
+        left_out += [
+            f"{pair.bright} / {pair.dark}: no pixel is above 0 cd/m2" for pair in group if pair not in compared
+        ]
     report(len(at), len(at))
     if not compared:
-        raise CalibrationError(
-            "no two patches can be compared: "
-            + ("; ".join(left_out[:2]) or f"all contrasts are below {LEAST_CONTRAST:.0%}")
-        )
+        own = [text for text in left_out if not text.endswith(_NOT_THERE)] or left_out
+        reasons = "; ".join(own[:_MOST_REASONS])
+        raise CalibrationError(f"no two patches can be compared: {reasons}; name other contrasts or other patches")
     return TwinResult(
         observed=observed,
         calibration=calibration,
         parameters=twin,
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
-        patches=tuple(_patches(observed, calibration, twin, regions)),
+        patches=tuple(longest_exposures(patches)),
+        findings=findings,
         left_out=tuple(left_out),
         warnings=tuple(dict.fromkeys([*warnings, *notes, *calibration.warnings])),
     )
+
+
+def _mended(
+    twin: TwinParameters,
+    regions: Sequence[TwinRegion],
+    exposure_s: float,
+    response: Response,
+    findings: Sequence[Finding],
+) -> list[MendedPrediction]:
+    """Luminance of the patches with each parameter as the signals ask, and with all of them."""
+    groups: list[tuple[Finding, ...]] = [(one,) for one in findings]
+    if len(findings) > 1:
+        groups.append(tuple(findings))
+    return [
+        (group, predict_mended(twin, regions, exposure_s, response, [one.mending for one in group])) for group in groups
+    ]
 
 
 def _without_corrected(twin: TwinParameters, calibration: Calibration) -> tuple[TwinParameters, list[str]]:
@@ -190,8 +218,14 @@ def _without_corrected(twin: TwinParameters, calibration: Calibration) -> tuple[
         twin = twin.with_noise(replace(twin.noise, **changes))
         notes.append("the calibration takes off the pattern of the darkness: the comparison is without DSNU")
     if isinstance(calibration.vignetting, FlatField):
-        twin = twin.with_noise(replace(twin.noise, prnu_rel=_none(twin.noise.prnu_rel)))
-        notes.append("the calibration has a flat field: the comparison is without PRNU")
+        left = replace(
+            twin.noise.prnu_rel,
+            value=calibration.vignetting.random_rel,
+            standard_uncertainty=0.0,
+            note="noise of the flat field",
+        )
+        twin = twin.with_noise(replace(twin.noise, prnu_rel=left))
+        notes.append("the calibration has a flat field: the comparison is without PRNU, with the noise of its pixels")
     return twin, notes
 
 
@@ -207,7 +241,7 @@ def _asked(
     asked, left_out = [], []
     for pair in observed.configuration.contrasts:
         if pair.bright not in regions or pair.dark not in regions:
-            left_out.append(f"{pair.bright} / {pair.dark}: one of the two was left out")
+            left_out.append(f"{pair.bright} / {pair.dark}: {_NOT_THERE}")
             continue
         own = _contrast(regions, pair.bright, pair.dark)
         if own <= 0:
@@ -246,29 +280,9 @@ def _compared(pair: PairAsked, seen: dict[str, SeenRegion], predicted: dict[str,
 def _patches(
     observed: ObservedSession, calibration: Calibration, twin: TwinParameters, regions: dict[str, TwinRegion]
 ) -> list[TwinPatch]:
-    rows = []
-    for name, region in regions.items():
-        fitting = [o for o in observed.patches[name] if o.saturated_share == 0]
-        if fitting:
-            o = max(fitting, key=lambda one: one.exposure_s)
-            predicted = predict_signal(twin, region, o.exposure_s, calibration.response)
-            measured = _measured_signal(o, twin)
-            rows.append(TwinPatch(name, region.luminance_cd_m2, o.exposure_s, predicted, measured))
-    return rows
-
-
-def _measured_signal(o: PatchObservation, twin: TwinParameters) -> PatchSignal:
-    """Mean, temporal noise and fixed pattern as the frames have them, each with its standard uncertainty."""
-    dark_dn = twin.dark_dn(o.exposure_s)
-    temporal = o.temporal_variance_dn2
-    pattern = o.fixed_pattern_variance_dn2(dark_dn) / o.mean_inverse_v**2
-    mean_u = sqrt(temporal / (o.n_pixels * o.n_frames) + pattern / o.n_pixels)
-    freedom = (o.n_pixels - 1) * (o.n_frames - 1)
-    by_noise = temporal / o.n_frames * sqrt(2 / freedom)
-    pattern_u = hypot((pattern + temporal / o.n_frames) * sqrt(2 / o.n_pixels), by_noise)
-    spatial = sqrt(pattern)
-    return PatchSignal(
-        (o.net_dn_at_pixel(0.0), mean_u),
-        (sqrt(temporal), sqrt(temporal / (2 * freedom))),
-        (spatial, min(pattern_u / (2 * spatial), sqrt(pattern_u)) if spatial > 0 else sqrt(pattern_u)),
-    )
+    return [
+        twin_patch(twin, region, o, calibration.response)
+        for name, region in regions.items()
+        for o in observed.patches[name]
+        if o.saturated_share == 0
+    ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import inf, sqrt
 
 import numpy as np
@@ -12,7 +13,8 @@ from ..contrast import Distribution
 from ..contrast.detection import result_of_tally
 from ..contrast.interval import AskedContrast
 from ..contrast.pairs import PairTally, tally_pairs
-from .twin_pair import SAMPLING, Influence, PairAsked, TwinPair
+from .twin_diagnosis import Finding
+from .twin_pair import SAMPLING, Influence, Mended, PairAsked, TwinPair
 from .twin_prediction import RegionPrediction, added, scaled
 
 FloatArray = NDArray[np.float64]
@@ -100,7 +102,7 @@ def compare_pair(
     asked = AskedContrast(pair.contrast, pair.epsilon, "weber")
 
     def tally(bright: Distribution, dark: Distribution) -> PairTally:
-        return tally_pairs(bright, dark, asked.low, asked.high)
+        return _tally(pair, bright, dark)
 
     bright, dark = (Distribution.from_array(region.luminance_cd_m2) for region in seen)
     measured = result_of_tally(tally(bright, dark), bright, dark, "a", asked)
@@ -133,6 +135,45 @@ def compare_pair(
         sampling_standard_uncertainty=sqrt(sampling),
         influences=tuple(sorted(influences, key=lambda one: -one.share)),
     )
+
+
+#: Findings, and the luminance of patches by a twin that is as they ask.
+MendedPrediction = tuple[Sequence[Finding], Mapping[str, Distribution]]
+
+
+def with_mended(pair: TwinPair, mended: Sequence[MendedPrediction]) -> TwinPair:
+    """Return a pair that differs with the change of the twin that explains it best.
+
+    Parameters
+    ----------
+    pair : TwinPair
+        The pair.
+    mended : sequence of (sequence of Finding, dict of str to Distribution)
+        Changes, the simplest ones first.
+    """
+    tried = [_mended(pair, findings, patches) for findings, patches in mended]
+    closing = next((one for one in tried if pair.is_closed_by(one)), None)
+    best = closing or min(tried, key=pair.left_by, default=None)
+    # Less than half closer is no explanation.
+    if best is None or pair.left_by(best) > abs(pair.difference) / pair.joint_standard_uncertainty / 2:
+        return pair
+    return replace(pair, mended=best)
+
+
+def _mended(pair: TwinPair, findings: Sequence[Finding], patches: Mapping[str, Distribution]) -> Mended:
+    predicted = _tally(pair.asked, patches[pair.asked.bright], patches[pair.asked.dark]).inside
+    return Mended(
+        name=" and the ".join(one.name for one in findings),
+        change=" and ".join(f"{one.needed:.4g} {one.unit} instead of {one.stated:.4g}" for one in findings),
+        predicted=predicted,
+        # The change is known as well as what is needed is: to one part in z.
+        standard_uncertainty=abs(predicted - pair.predicted) / min(abs(one.z) for one in findings),
+    )
+
+
+def _tally(pair: PairAsked, bright: Distribution, dark: Distribution) -> PairTally:
+    asked = AskedContrast(pair.contrast, pair.epsilon, "weber")
+    return tally_pairs(bright, dark, asked.low, asked.high)
 
 
 def _shifted(

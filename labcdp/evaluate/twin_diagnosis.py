@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..calibration import DarkObservation
 from ..calibration.emva.result import Quantity
 from .twin_noise import known
 from .twin_parameters import TwinParameters
 from .twin_prediction import Mending
-from .twin_signal import TwinPatch, pattern_parts, variance_uncertainty
+from .twin_rounding import DITHERED_DN2
+from .twin_signal import PatchSignal, TwinPatch, longest_exposures, pattern_parts, variance_uncertainty
 
 FloatArray = NDArray[np.float64]
 
@@ -71,7 +73,7 @@ class Suspect:
     finding : callable
         Makes a finding of the change that is needed, and of that in its standard uncertainties.
     only_more : bool
-        Whether it cannot be less than it is.
+        Whether it can only be more than it is.
     """
 
     direction: FloatArray
@@ -79,26 +81,40 @@ class Suspect:
     only_more: bool = False
 
 
-def diagnose(twin: TwinParameters, patches: Sequence[TwinPatch]) -> tuple[Finding, ...]:
+def diagnose(
+    twin: TwinParameters, patches: Sequence[TwinPatch], darks: Sequence[DarkObservation]
+) -> tuple[Finding, ...]:
     """Find the parameters that the patches' signals contradict, the strongest contradiction first.
 
     A CDP cannot tell a noisier camera from a brighter patch; the signals can. Means tell the responsivity (all off by
-    one factor), stray light (by one luminance), the darkness (by one DN) and single readings; the temporal variance,
-    which grows from the read noise with K times the signal, tells these two; the spatial one, which grows from the
-    DSNU with the squared PRNU times the squared signal, tells those (EMVA 1288). Noise is compared at the mean that
-    was measured, so that a wrong mean does not look like wrong noise.
+    one factor), stray light (by one luminance), the black level (by one DN, dark frames too) and single readings. The
+    temporal variance, which grows from the read noise with K times the signal, tells these two; the spatial one, which
+    grows from the DSNU with the squared PRNU times the squared signal, tells those (EMVA 1288). Noise is compared at
+    the mean that was measured, so that a wrong mean does not look like wrong noise. It takes all exposures, since only
+    short ones of dark patches show the noise of darkness; the mean takes one for each patch, as small departures from
+    linearity would stand out of the little noise that means have. Where noise is less than the converter's step, its
+    variance depends on where between two DN the mean lies; such signals tell nothing of the noise.
 
     Parameters
     ----------
     twin : TwinParameters
         The twin, without what the signals were corrected for.
     patches : sequence of TwinPatch
-        Its patches.
+        Its patches, each at all exposures that do not saturate it.
+    darks : sequence of DarkObservation
+        Dark frames of the same session.
     """
-    found = [*_of_means(twin, patches)]
-    if len(patches) >= _LEAST_PATCHES:
-        found += [*_of_temporal_noise(twin, patches), *_of_fixed_pattern(twin, patches)]
+    found = _of_means(twin, longest_exposures(patches), darks)
+    dithered = [patch for patch in patches if _is_dithered(patch.predicted) and _is_dithered(patch.measured)]
+    if len(dithered) >= _LEAST_PATCHES:
+        darkness_dn = sum(one.mending.darkness_dn for one in found)
+        net, shift = _net_dn(twin, dithered, darkness_dn)
+        found += [*_of_temporal_noise(twin, dithered, net, shift), *_of_fixed_pattern(twin, dithered, net, shift)]
     return tuple(sorted(found, key=lambda one: -abs(one.z)))
+
+
+def _is_dithered(signal: PatchSignal) -> bool:
+    return signal.temporal_dn[0] ** 2 >= DITHERED_DN2
 
 
 def pursue(values: FloatArray, covariance: FloatArray, suspects: Sequence[Suspect]) -> list[Finding]:
@@ -154,18 +170,30 @@ def _projected(vector: FloatArray, onto: Sequence[FloatArray]) -> FloatArray:
     return result
 
 
-def _of_means(twin: TwinParameters, patches: Sequence[TwinPatch]) -> list[Finding]:
-    slope = np.array([patch.dn_per_cd_m2 for patch in patches])
-    light = slope * [patch.luminance_cd_m2 for patch in patches]
-    both = np.array([(*patch.measured.mean_dn, *patch.predicted.mean_dn) for patch in patches])
+def _of_means(twin: TwinParameters, patches: Sequence[TwinPatch], darks: Sequence[DarkObservation]) -> list[Finding]:
+    """Compare the means of the patches, and below them those of the dark frames, which no light changes."""
+    none = np.zeros(len(darks))
+    slope = np.append([patch.dn_per_cd_m2 for patch in patches], none)
+    light = np.append([patch.dn_per_cd_m2 * patch.luminance_cd_m2 for patch in patches], none)
     by_r = known(twin.responsivity) / twin.responsivity.value * light
-    by_dark = np.array([twin.dark_standard_uncertainty_dn(patch.exposure_s) for patch in patches])
-    own = both[:, 1] ** 2 + np.maximum(both[:, 3] ** 2 - by_r**2 - by_dark**2, 0.0)
-    covariance = np.diag(own) + np.outer(by_r, by_r) + np.outer(by_dark, by_dark)
-    suspects = [_reading(patch, at) for patch, at in zip(patches, np.diag(light), strict=True)]
+    places = [(patch.exposure_s, twin.temperature_c) for patch in patches]
+    places += [
+        (dark.exposure_s, twin.temperature_c if dark.temperature_c is None else dark.temperature_c) for dark in darks
+    ]
+    sensitivity = np.array([twin.dark.sensitivities(*place) for place in places])
+    by_dark = sensitivity @ np.array(twin.dark.covariance) @ sensitivity.T
+    both = np.array([(*patch.measured.mean_dn, *patch.predicted.mean_dn) for patch in patches])
+    n = len(patches)
+    of_patches = both[:, 1] ** 2 + np.maximum(both[:, 3] ** 2 - by_r[:n] ** 2 - np.diag(by_dark)[:n], 0.0)
+    # A darkness that is not even is not known better than that.
+    of_darks = [dark.mean_variance_dn2 + twin.dark.nonuniformity_dn**2 for dark in darks]
+    covariance = np.diag([*of_patches, *of_darks]) + np.outer(by_r, by_r) + by_dark
+    dark_dn = [twin.dark.mean_dn(*place) for place in places[n:]]
+    values = np.append(both[:, 0] - both[:, 2], [dark.mean_dn for dark in darks] - np.array(dark_dn))
+    suspects = [_reading(patch, at) for patch, at in zip(patches, np.diag(light), strict=False)]
     if len(patches) >= _LEAST_PATCHES:
-        suspects += [_responsivity(twin, light), _stray_light(slope), _darkness(twin, slope)]
-    return pursue(both[:, 0] - both[:, 2], covariance, suspects)
+        suspects += [_responsivity(twin, light), _stray_light(slope), _black_level(twin, slope)]
+    return pursue(values, covariance, suspects)
 
 
 def _reading(patch: TwinPatch, direction: FloatArray) -> Suspect:
@@ -193,7 +221,7 @@ def _stray_light(slope: FloatArray) -> Suspect:
     return Suspect(slope, finding, only_more=True)
 
 
-def _darkness(twin: TwinParameters, slope: FloatArray) -> Suspect:
+def _black_level(twin: TwinParameters, slope: FloatArray) -> Suspect:
     stated = twin.dark.offset_dn
 
     def finding(change: float, z: float) -> Finding:
@@ -202,9 +230,10 @@ def _darkness(twin: TwinParameters, slope: FloatArray) -> Suspect:
     return Suspect(np.ones_like(slope), finding)
 
 
-def _of_temporal_noise(twin: TwinParameters, patches: Sequence[TwinPatch]) -> list[Finding]:
+def _of_temporal_noise(
+    twin: TwinParameters, patches: Sequence[TwinPatch], net: FloatArray, shift: FloatArray
+) -> list[Finding]:
     noise, k = twin.noise, twin.noise.k_dn_per_e
-    net, shift = _net_dn(twin, patches)
     dark_dn_s = twin.dark_current_e_s.value * k.value
     signal = net + dark_dn_s * np.array([patch.exposure_s for patch in patches])
     values, own = _variances("temporal_dn", patches)
@@ -225,9 +254,10 @@ def _of_temporal_noise(twin: TwinParameters, patches: Sequence[TwinPatch]) -> li
     return pursue(values - k.value * shift, covariance, suspects)
 
 
-def _of_fixed_pattern(twin: TwinParameters, patches: Sequence[TwinPatch]) -> list[Finding]:
+def _of_fixed_pattern(
+    twin: TwinParameters, patches: Sequence[TwinPatch], net: FloatArray, shift: FloatArray
+) -> list[Finding]:
     noise = twin.noise
-    net, shift = _net_dn(twin, patches)
     values, own = _variances("spatial_dn", patches)
     parts = [pattern_parts(noise, n, patch.exposure_s) for n, patch in zip(net, patches, strict=True)]
     covariance = np.diag(own**2)
@@ -253,11 +283,11 @@ def _of_square(name: str, field: str, stated: Quantity, direction: FloatArray, s
     return Suspect(direction, finding)
 
 
-def _net_dn(twin: TwinParameters, patches: Sequence[TwinPatch]) -> tuple[FloatArray, FloatArray]:
-    """Mean DN above dark that were measured, and their difference to the predicted ones."""
+def _net_dn(twin: TwinParameters, patches: Sequence[TwinPatch], darkness_dn: float) -> tuple[FloatArray, FloatArray]:
+    """Mean DN above dark that were measured, and their difference to those predicted; by a darkness that is other."""
     means = np.array([(patch.measured.mean_dn[0], patch.predicted.mean_dn[0]) for patch in patches])
     dark_dn = np.array([twin.dark_dn(patch.exposure_s) for patch in patches])
-    return means[:, 0] - dark_dn, means[:, 0] - means[:, 1]
+    return means[:, 0] - dark_dn - darkness_dn, means[:, 0] - means[:, 1] - darkness_dn
 
 
 def _variances(name: str, patches: Sequence[TwinPatch]) -> tuple[FloatArray, FloatArray]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, sqrt
 
-from ..calibration import DarkObservation
 from ..calibration.emva.result import Characterisation, Quantity
+from ..calibration.pixel_statistics import pixel_statistics
+from ..errors import CalibrationError
+from ..session import Session
 from .twin_rounding import DITHERED_DN2, DarkSpread, largest_unseen_spread, unrounded
 
 
@@ -38,12 +39,44 @@ class CameraNoise:
     dsnu_dn_s: Quantity
 
 
+@dataclass(frozen=True)
+class Darkness:
+    """Dark frames of one exposure.
+
+    Parameters
+    ----------
+    mean_dn : float
+        Mean over pixels and frames.
+    spread : DarkSpread
+        Spread of the values, as rounded by the converter.
+    n_pixels, n_frames : int
+        How many they are.
+    """
+
+    mean_dn: float
+    spread: DarkSpread
+    n_pixels: int
+    n_frames: int
+
+
+def shortest_darkness(session: Session) -> Darkness:
+    """Measure the dark frames of a session at its shortest exposure; raises CalibrationError without any."""
+    records = session.frames("dark")
+    if not records:
+        raise CalibrationError("the session has no dark frames: cover the lens and go on with the acquisition")
+    shortest_s = min(record.exposure_s for record in records)
+    seen = pixel_statistics(session.load(record) for record in records if record.exposure_s == shortest_s)
+    temporal_dn2 = float(seen.variance_dn2.mean())
+    spatial_dn2 = max(float(seen.mean_dn.var()) - temporal_dn2 / seen.n_frames, 0.0)
+    return Darkness(float(seen.mean_dn.mean()), DarkSpread(temporal_dn2, spatial_dn2), seen.mean_dn.size, seen.n_frames)
+
+
 def known(quantity: Quantity) -> float:
     """Return the standard uncertainty, 0 where it is not known."""
     return quantity.standard_uncertainty if isfinite(quantity.standard_uncertainty) else 0.0
 
 
-def noise_of_characterisation(found: Characterisation, darks: Sequence[DarkObservation]) -> CameraNoise:
+def noise_of_characterisation(found: Characterisation, darkness: Darkness) -> CameraNoise:
     """Return the noise that a characterisation after EMVA 1288 states; what it lacks is 0 and not known.
 
     Where darkness has less noise than rounding hides, the standard states a least value; the dark frames then give
@@ -53,7 +86,7 @@ def noise_of_characterisation(found: Characterisation, darks: Sequence[DarkObser
     ----------
     found : Characterisation
         Of the camera.
-    darks : sequence of DarkObservation
+    darkness : Darkness
         Its dark frames.
     """
     k = found.k_dn_per_e
@@ -68,25 +101,24 @@ def noise_of_characterisation(found: Characterisation, darks: Sequence[DarkObser
 
     read_noise_dn = in_dn(found.dark_noise_e, "DN")
     dsnu_dn = in_dn(found.dsnu_pixel_e or found.dsnu_e, "DN")
-    shortest = min(darks, key=lambda dark: dark.exposure_s)
-    rounded = DarkSpread(shortest.temporal_variance_dn2, dsnu_dn.value**2)
-    if rounded.total_dn2 < DITHERED_DN2:
-        read_noise_dn, dsnu_dn = _coarse(shortest, rounded)
+    row_dn, column_dn = in_dn(found.dsnu_row_e, "DN"), in_dn(found.dsnu_column_e, "DN")
+    if darkness.spread.total_dn2 < DITHERED_DN2:
+        read_noise_dn, dsnu_dn = _coarse(darkness, row_dn.value**2 + column_dn.value**2)
     return CameraNoise(
         k_dn_per_e=k,
         read_noise_dn=read_noise_dn,
         prnu_rel=found.prnu_pixel_rel or found.prnu_rel or Quantity(0.0, 0.0, "1", "not known"),
         dsnu_dn=dsnu_dn,
-        row_dsnu_dn=in_dn(found.dsnu_row_e, "DN"),
-        column_dsnu_dn=in_dn(found.dsnu_column_e, "DN"),
+        row_dsnu_dn=row_dn,
+        column_dsnu_dn=column_dn,
         dsnu_dn_s=in_dn(found.dsnu_e_s, "DN/s"),
     )
 
 
-def _coarse(dark: DarkObservation, rounded: DarkSpread) -> tuple[Quantity, Quantity]:
+def _coarse(dark: Darkness, of_lines_dn2: float) -> tuple[Quantity, Quantity]:
     """Read noise and DSNU below the converter's step, with what the dark frames leave open."""
-    n_values = dark.n_pixels * dark.n_frames
-    largest = largest_unseen_spread(dark.mean_dn, rounded.total_dn2, n_values)
+    rounded = dark.spread
+    largest = largest_unseen_spread(dark.mean_dn, rounded.total_dn2, dark.n_pixels * dark.n_frames)
     if largest is not None:
         note = "darkness has two DN only, which tells an upper limit of its noise"
         # Evenly distributed from 0 to the limit.
@@ -102,4 +134,6 @@ def _coarse(dark: DarkObservation, rounded: DarkSpread) -> tuple[Quantity, Quant
     def root(value: float, elsewhere: float) -> Quantity:
         return Quantity(sqrt(value), abs(sqrt(elsewhere) - sqrt(value)), "DN", note)
 
-    return root(best.temporal_dn2, other.temporal_dn2), root(best.spatial_dn2, other.spatial_dn2)
+    # Rows and columns have their own parameters.
+    pixels, elsewhere = (max(one.spatial_dn2 - of_lines_dn2, 0.0) for one in (best, other))
+    return root(best.temporal_dn2, other.temporal_dn2), root(pixels, elsewhere)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import hypot, isfinite, sqrt
 from typing import Any
 
 from ..contrast import CdpResult
@@ -74,6 +74,37 @@ class Influence:
 
 
 @dataclass(frozen=True)
+class Mended:
+    """What the twin predicts once what the patches' signals contradict is as they ask.
+
+    Parameters
+    ----------
+    name : str
+        What was changed, in plain words.
+    change : str
+        From which value to which.
+    predicted : float
+        The CDP.
+    standard_uncertainty : float
+        Of it, by what the signals leave open of the change.
+    """
+
+    name: str
+    change: str
+    predicted: float
+    standard_uncertainty: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values JSON can hold."""
+        return {
+            "parameter": self.name,
+            "change": self.change,
+            "predicted": self.predicted,
+            "predicted_standard_uncertainty": self.standard_uncertainty,
+        }
+
+
+@dataclass(frozen=True)
 class TwinPair:
     """CDP of a pair of patches, measured and predicted.
 
@@ -95,6 +126,9 @@ class TwinPair:
         Scatter of the CDP of so many pixels around its expectation, by the twin.
     influences : tuple of Influence
         Parameters, the largest share first.
+    mended : Mended or None
+        Of a pair that differs, the change of the twin that explains it best; None if the patches' signals contradict
+        nothing that brings the prediction closer.
     """
 
     asked: PairAsked
@@ -106,6 +140,7 @@ class TwinPair:
     predicted_standard_uncertainty: float
     sampling_standard_uncertainty: float
     influences: tuple[Influence, ...]
+    mended: Mended | None = None
 
     @property
     def difference(self) -> float:
@@ -135,6 +170,15 @@ class TwinPair:
         low, high = self.joint_interval
         return low <= 0 <= high
 
+    def left_by(self, mended: Mended) -> float:
+        """Difference that a mended twin leaves, in joint standard uncertainties, without sign."""
+        uncertainty = hypot(self.joint_standard_uncertainty, mended.standard_uncertainty)
+        return abs(self.measured.cdp - mended.predicted) / uncertainty
+
+    def is_closed_by(self, mended: Mended) -> bool:
+        """Whether pair and mended twin agree."""
+        return self.left_by(mended) <= _Z_95
+
     @property
     def explanation(self) -> Influence | None:
         """The parameter that closes the difference if it is off by the fewest of its standard uncertainties."""
@@ -147,6 +191,12 @@ class TwinPair:
         explanation, first = self.explanation, self.influences[0]
         if self.agrees:
             return f"agree; the largest part of the uncertainty is the {first.name} ({first.share:.0%})"
+        if self.mended is not None:
+            how_far = "explains it" if self.is_closed_by(self.mended) else "explains part of it"
+            return (
+                f"differ; the {self.mended.name} {how_far}: with {self.mended.change}, as the signals of the patches "
+                f"ask, the twin predicts {self.mended.predicted:.4f}"
+            )
         if explanation is None:
             return "differ; no parameter of the twin changes this CDP, so something is at work that it does not hold"
         shift, chance = abs(explanation.shift_to_close), abs(self.difference) / self.sampling_standard_uncertainty
@@ -155,11 +205,15 @@ class TwinPair:
             return f"differ; {by} to explain it"
         if chance <= _INCREDIBLE:
             return f"differ; chance in these pixels would have to be {chance:.1f} standard errors, and {by}"
+        joint = abs(self.difference) / self.joint_standard_uncertainty
+        if joint <= _INCREDIBLE:
+            return f"differ by {joint:.1f} joint standard uncertainties, to which no parameter leads alone: {by}"
         return f"differ; no parameter explains it: {by}, so something is at work that the twin does not hold"
 
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
-        explanation = self.explanation
+        mended = self.mended
+        explanation = mended or self.explanation
         return {
             "bright": self.asked.bright,
             "dark": self.asked.dark,
@@ -180,5 +234,6 @@ class TwinPair:
             "agree": self.agrees,
             "verdict": self.verdict,
             "explained_by": None if explanation is None else explanation.name,
+            "mended": None if mended is None else mended.to_dict(),
             "influences": [one.to_dict() for one in self.influences],
         }

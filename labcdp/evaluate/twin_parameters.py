@@ -15,7 +15,7 @@ from ..frame import Frame
 from ..photometry import photon_radiance_per_cd_m2
 from ..session import Session
 from .observe import ObservedSession
-from .twin_noise import CameraNoise, known, noise_of_characterisation
+from .twin_noise import CameraNoise, known, noise_of_characterisation, shortest_darkness
 from .twin_rounding import mean_before_rounding
 
 #: How far beyond the converter's end a full well that no frame shows is put, so that it clips nothing.
@@ -172,14 +172,14 @@ def require_monochrome(session: Session) -> Frame:
 
 
 def twin_parameters(
-    frame: Frame, observed: ObservedSession, calibration: Calibration, found: Characterisation
+    session: Session, observed: ObservedSession, calibration: Calibration, found: Characterisation
 ) -> TwinParameters:
     """Turn calibration and noise into the parameters of an imaging chain.
 
     Parameters
     ----------
-    frame : Frame
-        One of the session, for its temperature and saturation.
+    session : Session
+        To read frames from.
     observed : ObservedSession
         What `observe_session` returned.
     calibration : Calibration
@@ -190,11 +190,13 @@ def twin_parameters(
     Raises
     ------
     CalibrationError
-        If no quantum efficiency up to 1 gives the calibrated responsivity, or the gain was not calibrated.
+        If the camera has colour filters, no quantum efficiency up to 1 gives the calibrated responsivity, or the gain
+        was not calibrated.
     """
+    frame = require_monochrome(session)
     configuration = observed.configuration
     setting = calibration.settings[index_of_gain(calibration.settings, frame.gain_db)]
-    noise = noise_of_characterisation(found, observed.darks)
+    noise = noise_of_characterisation(found, shortest_darkness(session))
     notes = [f"characterisation: {flag}" for flag in found.flags]
     temperature_c = frame.temperature_c
     if temperature_c is None:
@@ -300,5 +302,7 @@ def _full_well(
         return Quantity((room_dn + 4 * spread_dn) / k, nan, "e-", "from the saturation the frames state")
     if found.saturation_limit == "full well" and isfinite(found.full_well_e.value):
         return found.full_well_e
-    notes.append("the converter ends before the full well is seen: the twin's full well is a lower limit")
+    if found.saturation_limit != "converter":
+        # Otherwise the characterisation says so.
+        notes.append("the converter ends before the full well is seen: the twin's full well is a lower limit")
     return Quantity(_BEYOND * room_dn / k, nan, "e-", "a lower limit: the converter ends first")

@@ -13,7 +13,8 @@ from ..errors import CalibrationError
 from ..luminance import Invalid, LuminanceMap
 from ..roi import Roi
 from ..session import Session
-from .observe import ObservedSession, by_exposure, shows
+from .observe import ObservedSession
+from .recorded import by_exposure, shows
 from .twin_compare import RegionError, SeenRegion
 from .twin_parameters import TwinParameters
 from .twin_prediction import TwinRegion

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 from typing import Any
@@ -34,7 +35,7 @@ class PatchSignal:
 
 @dataclass(frozen=True)
 class TwinPatch:
-    """Signal of a patch in the longest exposure that does not saturate it, predicted and measured.
+    """Signal of a patch in an exposure that does not saturate it, predicted and measured.
 
     Parameters
     ----------
@@ -85,6 +86,15 @@ class TwinPatch:
                 "standardised_deviation": deviation,
             }
         return values
+
+
+def longest_exposures(patches: Sequence[TwinPatch]) -> list[TwinPatch]:
+    """Return each patch at its longest exposure."""
+    longest: dict[str, TwinPatch] = {}
+    for patch in patches:
+        if patch.name not in longest or patch.exposure_s > longest[patch.name].exposure_s:
+            longest[patch.name] = patch
+    return list(longest.values())
 
 
 def variance_uncertainty(value: float, uncertainty: float) -> float:

@@ -129,7 +129,13 @@ def plain_words(result: Characterisation) -> list[str]:
     current = result.dark_current_e_s
     if current is not None:
         at = "" if result.temperature_c is None else f" at {result.temperature_c:.1f} °C"
-        sentences.append(f"Darkness grows by {short(current)} electrons per second{at}.")
+        seen = current.value > 2 * current.standard_uncertainty
+        half_width = significant(current.standard_uncertainty, 2)
+        sentences.append(
+            f"Darkness grows by {short(current)} electrons per second{at}."
+            if seen
+            else f"Darkness does not grow measurably{at}: by {short(current)} ± {half_width} electrons per second."
+        )
     if result.prnu_rel is not None and result.dsnu_e is not None:
         sentences.append(
             f"Pixels differ by {short(result.prnu_rel, 100)} % in the light (PRNU) and by {short(result.dsnu_e)} "

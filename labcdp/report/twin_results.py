@@ -17,8 +17,16 @@ from .folder import write_files
 from .page import document_page
 from .twin_figure import twin_figure
 from .twin_sheets import twin_sheets
-from .twin_tables import difference_table, influence_table, pair_table, parameter_table, signal_comparison_table
-from .twin_wording import simulated, twin_results, twin_warnings
+from .twin_tables import (
+    difference_table,
+    finding_table,
+    influence_table,
+    mean_table,
+    noise_table,
+    pair_table,
+    parameter_table,
+)
+from .twin_wording import simulated, twin_notes, twin_results, twin_warnings
 from .workbook import workbook
 
 if TYPE_CHECKING:
@@ -47,19 +55,7 @@ def write_twin(result: TwinResult, folder: str | PathLike[str]) -> list[Path]:
     """
     chain, figure, facts = twin_chain_text(result), twin_figure(result), _provenance(result)
     sections = [
-        Section("", tuple(twin_results(result))),
-        Section(
-            "Contrast detection probability",
-            (
-                "The twin sees the luminances the meter read, never those of the camera. Its CDP is computed without "
-                "random numbers from the distributions of DN it predicts for the very regions and exposures. The joint "
-                "interval holds the finite number of pixels with the fixed pattern of one specimen, the uncertainties "
-                "of all parameters and readings, and the calibration's darkness; the meter's scale error is in "
-                "both and cancels. Intervals end at 0 and 1.",
-            ),
-            (("Pairs of patches", pair_table(result)),),
-            (figure,),
-        ),
+        Section("", tuple(twin_results(result)), figures=(figure,)),
         *_differences(result),
         Section(
             "Which parameter matters",
@@ -72,12 +68,26 @@ def write_twin(result: TwinResult, folder: str | PathLike[str]) -> list[Path]:
                 "Signal of each patch in the longest exposure that does not saturate it, with 95 % half widths; z is "
                 "the difference in joint standard uncertainties.",
             ),
-            (("Mean, temporal noise and fixed pattern of each patch", signal_comparison_table(result)),),
+            (
+                ("Mean of each patch", mean_table(result)),
+                ("Temporal noise and fixed pattern of each patch", noise_table(result)),
+            ),
         ),
         Section(
             "The twin",
-            ("Parameters with 95 % half widths. The file chain.toml holds them for labcdp simulate.",),
+            ("Parameters with 95 % half widths. The file chain.toml holds them for labcdp simulate.", *_notes(result)),
             (("Parameters of the twin", parameter_table(result)),),
+        ),
+        Section(
+            "All pairs",
+            (
+                "The twin sees the luminances the meter read, never those of the camera. Its CDP is computed without "
+                "random numbers from the distributions of DN it predicts for the very regions and exposures. The joint "
+                "interval holds the finite number of pixels with the fixed pattern of one specimen, the uncertainties "
+                "of all parameters and readings, and the calibration's darkness; the meter's scale error is in "
+                "both and cancels. Intervals end at 0 and 1.",
+            ),
+            (("Contrast detection probability of pairs of patches", pair_table(result)),),
         ),
         Section("Provenance", facts=facts, text="\n".join(printable(line) for line in chain.splitlines())),
     ]
@@ -93,15 +103,30 @@ def write_twin(result: TwinResult, folder: str | PathLike[str]) -> list[Path]:
     return write_files(Path(folder), files)
 
 
+def _notes(result: TwinResult) -> list[str]:
+    notes = twin_notes(result)
+    return [f"To mind when it is simulated: {'; '.join(notes)}."] if notes else []
+
+
 def _differences(result: TwinResult) -> list[Section]:
-    if result.agreeing == len(result.pairs):
-        return []
-    text = (
-        "For each pair the parameter that would have to be off by the fewest of its standard uncertainties. Beyond "
-        "about 3 it is no likely explanation. The last column is the chance of the pixels alone: 5 of 100 pairs are "
-        "beyond 2."
-    )
-    return [Section("Pairs that differ", (text,), (("What would explain the difference", difference_table(result)),))]
+    sections = []
+    if result.findings:
+        text = (
+            "The mean of each patch tells the responsivity, stray light, the black level and single readings; temporal "
+            "noise over the signal tells the read noise and K, the fixed pattern DSNU and PRNU."
+        )
+        table = ("Parameters that mean, noise and fixed pattern contradict", finding_table(result))
+        sections.append(Section("What the patches' signals contradict", (text,), (table,)))
+    if result.agreeing < len(result.pairs):
+        text = (
+            "First, for each pair, the parameter that the patches' signals contradict and what it leaves of the "
+            "difference. Then the parameter that would have to be off by the fewest of its standard uncertainties; "
+            "beyond about 3 it is no likely explanation. The last column is the chance of the pixels alone: 5 of 100 "
+            "pairs are beyond 2."
+        )
+        table = ("What would explain the difference", difference_table(result))
+        sections.append(Section("Pairs that differ", (text,), (table,)))
+    return sections
 
 
 def _provenance(result: TwinResult) -> list[Fact]:

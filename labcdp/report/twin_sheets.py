@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from .digits import Z_95, decimals
 from .facts import Fact
-from .twin_tables import cdp_decimals_of
-from .twin_wording import simulated, twin_results, twin_warnings
+from .twin_tables import cdp_decimals_of, parameter_name
+from .twin_wording import simulated, twin_notes, twin_results, twin_warnings
 from .workbook import Cell, Number, Sheet
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def _summary(result: TwinResult) -> Sheet:
         ("Pairs that agree", Number(result.agreeing, 0)),
         *(("Result", sentence) for sentence in twin_results(result)),
         *(("Mind", warning) for warning in twin_warnings(result)),
+        *(("The twin", note) for note in twin_notes(result)),
     ]
     return Sheet("Summary", ("Quantity", "Value"), rows)
 
@@ -132,7 +133,7 @@ def _patches(result: TwinResult) -> Sheet:
 def _parameters(result: TwinResult) -> Sheet:
     rows = [
         (
-            name,
+            parameter_name(name),
             Number(
                 one.value, decimals(one.standard_uncertainty or one.value, 2 if one.standard_uncertainty > 0 else 5)
             ),

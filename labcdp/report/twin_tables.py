@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +14,26 @@ if TYPE_CHECKING:
     from ..calibration.emva.result import Quantity
     from ..evaluate.twin import TwinResult
     from ..evaluate.twin_pair import TwinPair
-    from ..evaluate.twin_prediction import PatchSignal
+    from ..evaluate.twin_signal import PatchSignal
 
 #: Shown decimals of a CDP at the most.
 _MOST_DECIMALS = 5
+
+
+#: Parameters in plain words, by their names in a chain file.
+_NAMES = {
+    "k_dn_per_e": "system gain K",
+    "read_noise_e": "read noise",
+    "black_level_dn": "black level",
+    "dark_current_e_s": "dark current",
+    "doubling_temperature_c": "doubling temperature",
+    "prnu_rel": "PRNU",
+    "dsnu_e": "DSNU",
+    "column_dsnu_e": "DSNU of columns",
+    "row_dsnu_e": "DSNU of rows",
+    "dsnu_e_s": "DSNU of the dark current",
+    "full_well_e": "full well",
+}
 
 
 def pair_table(result: TwinResult) -> Table:
@@ -30,7 +47,6 @@ def pair_table(result: TwinResult) -> Table:
             "predicted CDP (95 %)",
             "difference ± joint 95 %",
             "exposure",
-            "largest part of the uncertainty",
         ),
         tuple(_pair_row(pair) for pair in result.pairs),
     )
@@ -39,7 +55,6 @@ def pair_table(result: TwinResult) -> Table:
 def _pair_row(pair: TwinPair) -> tuple[str, ...]:
     half_width = Z_95 * pair.joint_standard_uncertainty
     n = cdp_decimals_of(pair)
-    first = pair.influences[0]
     return (
         pair_name_of(pair),
         "agree" if pair.agrees else "differ",
@@ -48,7 +63,6 @@ def _pair_row(pair: TwinPair) -> tuple[str, ...]:
         _with_interval(pair.predicted, pair.predicted_interval, n),
         f"{fixed(pair.difference, n, sign=True)} ± {fixed(half_width, n)}",
         exposure(pair.exposure_s),
-        f"{printable(first.name)} ({100 * first.share:.0f} %)",
     )
 
 
@@ -67,20 +81,22 @@ def _with_interval(value: float, interval: tuple[float, float], n: int) -> str:
 
 
 def difference_table(result: TwinResult) -> Table:
-    """Pairs that differ: which parameter would explain it, and how far off it would have to be."""
+    """Pairs that differ: what the patches' signals say about it, and how far off a parameter would have to be."""
     rows = []
     for pair in result.pairs:
         if pair.agrees:
             continue
-        one = pair.explanation
+        one, mended = pair.explanation, pair.mended
         chance = pair.difference / pair.sampling_standard_uncertainty
+        n = cdp_decimals_of(pair)
         rows.append(
             (
                 f"{pair_name_of(pair)}, {percent(pair.asked.contrast)}",
-                fixed(pair.difference, cdp_decimals_of(pair), sign=True),
+                fixed(pair.difference, n, sign=True),
+                "nothing" if mended is None else printable(mended.name),
+                "-" if mended is None else fixed(pair.measured.cdp - mended.predicted, n, sign=True),
                 "none" if one is None else printable(one.name),
                 "-" if one is None else fixed(one.shift_to_close, 1, sign=True),
-                "-" if one is None else f"{one.change:+.2g}",
                 fixed(chance, 1, sign=True),
             )
         )
@@ -88,12 +104,24 @@ def difference_table(result: TwinResult) -> Table:
         (
             "bright / dark patch, contrast",
             "difference",
-            "parameter that explains it best",
+            "explained by the patches' signals",
+            "difference left with it as they ask",
+            "otherwise the likeliest parameter",
             "off by, in standard uncertainties",
-            "change of the CDP by one of them",
-            "by chance of the pixels: standard errors",
+            "or chance of the pixels: standard errors",
         ),
         tuple(rows),
+    )
+
+
+def finding_table(result: TwinResult) -> Table:
+    """Parameters that the patches' signals contradict."""
+    return Table(
+        ("parameter", "in the twin", "by the camera", "unit", "standard uncertainties apart"),
+        tuple(
+            (printable(one.name), significant(one.stated), significant(one.needed), one.unit, fixed(abs(one.z), 1))
+            for one in result.findings
+        ),
     )
 
 
@@ -135,9 +163,17 @@ def _joined(name: str, pair: TwinPair) -> str:
     return name
 
 
-def signal_comparison_table(result: TwinResult) -> Table:
-    """Patches: mean, temporal noise and fixed pattern in DN, predicted and measured."""
-    names = {"mean_dn": "mean", "temporal_dn": "temporal noise", "spatial_dn": "fixed pattern"}
+def mean_table(result: TwinResult) -> Table:
+    """Patches: mean in DN, predicted and measured."""
+    return _signal_table(result, {"mean_dn": "mean"})
+
+
+def noise_table(result: TwinResult) -> Table:
+    """Patches: temporal noise and fixed pattern in DN, predicted and measured."""
+    return _signal_table(result, {"temporal_dn": "temporal noise", "spatial_dn": "fixed pattern"})
+
+
+def _signal_table(result: TwinResult, names: Mapping[str, str]) -> Table:
     heads = [text for name in names.values() for text in (f"{name}: measured (DN)", f"{name}: predicted (DN)", "z")]
     rows = []
     for patch in result.patches:
@@ -163,10 +199,15 @@ def parameter_table(result: TwinResult) -> Table:
     return Table(
         ("parameter", "value", "unit", "found by"),
         tuple(
-            (name.replace("_", " "), _quantity(one), one.unit, one.note)
+            (parameter_name(name), _quantity(one), one.unit, one.note)
             for name, one in result.parameters.quantities.items()
         ),
     )
+
+
+def parameter_name(name: str) -> str:
+    """Return a parameter in plain words."""
+    return _NAMES.get(name, name)
 
 
 def _quantity(one: Quantity) -> str:

@@ -22,8 +22,8 @@ def twin_results(result: TwinResult) -> list[str]:
     n, differing = len(result.pairs), len(result.pairs) - result.agreeing
     text = (
         f"The twin predicts the contrast detection probability (CDP) of {n} {'pair' if n == 1 else 'pairs'} of "
-        f"patches; {result.agreeing} agree with the measurement within the joint 95 % interval and {differing} "
-        f"{'differs' if differing == 1 else 'differ'}."
+        f"patches; {result.agreeing} {'agrees' if result.agreeing == 1 else 'agree'} with the measurement within the "
+        f"joint 95 % interval{f', {differing} ' + ('differs' if differing == 1 else 'differ') if differing else ''}."
     )
     return [text, _judged(n, differing), *_explained(result), _mattering(result)]
 
@@ -35,7 +35,9 @@ def _judged(n: int, differing: int) -> str:
             f"By chance about {max(round(_EXPECTED * n), 1)} would: the twin does not describe this camera in full. "
             "Pairs with a patch in common often differ together, so look which patches the differing ones share."
         )
-    return "That is what chance leaves of 95 % intervals: the twin describes this camera."
+    if differing:
+        return "That is what chance leaves of 95 % intervals: the twin describes this camera."
+    return "The twin describes this camera within what its parameters, the readings and the pixels leave open."
 
 
 def _explained(result: TwinResult) -> list[str]:
@@ -50,7 +52,9 @@ def _explained(result: TwinResult) -> list[str]:
         f"twin, {significant(one.needed)} {one.unit} by the camera ({abs(one.z):.0f} standard uncertainties)"
     )
     others = [printable(other.name) for other in result.findings[1:]]
-    return [f"{sentence}{'; also ' + ', '.join(others) if others else ''}."]
+    explained = sum(pair.mended is not None for pair in result.pairs)
+    closing = f" This explains {explained} of the pairs that differ, in whole or in part." if explained else ""
+    return [f"{sentence}{'; also ' + ', '.join(others) if others else ''}.{closing}"]
 
 
 def _mattering(result: TwinResult) -> str:
@@ -63,9 +67,13 @@ def _mattering(result: TwinResult) -> str:
 
 
 def twin_warnings(result: TwinResult) -> list[str]:
-    """Tell what to mind: what the twin cannot hold, what was left out, and what the calibration warns of."""
-    notes = [*result.parameters.notes, *(f"left out: {text}" for text in result.left_out), *result.warnings]
-    return [printable(note) for note in notes]
+    """Tell what to mind of the comparison: what was left out, and what the calibration warns of."""
+    return [printable(note) for note in (*(f"left out: {text}" for text in result.left_out), *result.warnings)]
+
+
+def twin_notes(result: TwinResult) -> list[str]:
+    """Tell what the twin cannot hold, or had to assume."""
+    return [printable(note) for note in result.parameters.notes]
 
 
 def simulated(result: TwinResult) -> str:

@@ -184,7 +184,7 @@ class _Pattern:
     def __init__(self, pattern_dn):
         self.values = pattern_dn
 
-    def pattern_dn(self, shape, exposure_s, temperature_c=None):
+    def correction_dn(self, shape, exposure_s, temperature_c=None):
         assert (shape, exposure_s, temperature_c) == (SHAPE, 0.01, 30.0)
         return self.values
 

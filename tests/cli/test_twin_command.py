@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -26,19 +27,15 @@ def test_the_twin_is_written_and_its_chain_simulated(labcdp, tmp_path):
     assert {stage["name"] for stage in json.loads(simulated.stdout)["stages"]} >= {"scene", "optics", "sensor"}
 
 
-def test_a_person_is_told_the_result_and_what_to_do_next(labcdp):
-    done = labcdp("twin", example_session(), "-o", "out", "--contrast", "200%", "--epsilon", "30%", *FEW)
+def test_a_person_is_told_the_result_and_a_calibration_from_a_file_is_used(labcdp, tmp_path):
+    assert labcdp("calibrate", example_session(), "-o", "results").returncode == 0
+    asked = ("--contrast", "200%", "--epsilon", "30%", "--calibration", "results/calibration.json")
+    done = labcdp("twin", example_session(), "-o", "out", *asked, *FEW)
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stderr.split())
     assert "agree with the measurement within the joint 95 % interval" in text
     assert "Next: labcdp simulate out/chain.toml" in text
-
-
-def test_a_calibration_from_a_file_is_used(labcdp):
-    assert labcdp("calibrate", example_session(), "-o", "results").returncode == 0
-    done = labcdp("twin", example_session(), "--calibration", "results/calibration.json", "-o", "out", "--json", *FEW)
-    assert done.returncode == 0, done.stderr
-    values = json.loads(done.stdout)
+    values = json.loads((tmp_path / "out" / "results.json").read_text())
     assert values["calibration_input_sha256"] == values["input_sha256"]
 
 
@@ -60,8 +57,29 @@ def test_a_session_without_readings_is_refused(fails, session):
     assert "reading" in fails("twin", "s")
 
 
+def test_one_dark_frame_is_too_few(fails, session):
+    session.supersede(session.frames("dark")[1:], "test")
+    assert "was given 1 frames of one exposure: give at least 2" in fails("twin", "s")
+
+
+def test_one_patch_is_too_few(fails):
+    names = [patch.name for patch in Session.open(example_session()).configuration.target.patches]
+    left_out = [text for name in names[1:] for text in ("--without", name)]
+    assert "1 of 1 patches are usable, a calibration needs at least 3" in fails(
+        "twin", example_session(), "-o", "out", *left_out
+    )
+
+
+def test_a_session_with_colour_filters_is_refused(fails, session, tmp_path):
+    frame = session.load(session.frames("light")[0])
+    with Session.create(tmp_path / "colour", session.configuration) as colour:
+        colour.add_frame(replace(frame, colour_filter="RG", pixel_format="BayerRG12"), "light")
+    assert "twins of colour cameras are not supported" in fails("twin", "colour")
+
+
 def test_what_cannot_be_read_is_named(fails, tmp_path):
     assert "nowhere" in fails("twin", "nowhere")
     assert "--contrast" in fails("twin", example_session(), "--contrast", "much")
     (tmp_path / "file").write_text("")
+    assert "file is not valid JSON" in fails("twin", example_session(), "--calibration", "file")
     assert "file cannot be made" in fails("twin", example_session(), "-o", "file")

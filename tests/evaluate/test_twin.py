@@ -1,4 +1,3 @@
-import logging
 import sys
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
@@ -19,10 +18,11 @@ from labcdp.evaluate import calibrate_session, characterise_session, observe_ses
 from labcdp.evaluate.twin import twin_session
 from labcdp.evaluate.twin_chain import twin_chain_text
 from labcdp.evaluate.twin_compare import sampling_variance
-from labcdp.evaluate.twin_noise import noise_of_characterisation
-from labcdp.evaluate.twin_pair import SAMPLING
+from labcdp.evaluate.twin_diagnosis import Finding, Suspect, pursue
+from labcdp.evaluate.twin_noise import noise_of_characterisation, shortest_darkness
+from labcdp.evaluate.twin_pair import SAMPLING, Influence
 from labcdp.evaluate.twin_parameters import require_monochrome, twin_parameters
-from labcdp.evaluate.twin_prediction import TwinRegion, predict_regions
+from labcdp.evaluate.twin_prediction import Mending, TwinRegion, predict_regions
 from labcdp.evaluate.twin_rounding import DarkSpread, largest_unseen_spread, mean_before_rounding, unrounded
 from labcdp.response import Response
 from labcdp.session import Session, example_session
@@ -150,18 +150,127 @@ def test_the_scatter_of_a_small_region_is_that_of_the_u_statistic():
     assert np.mean(drawn) == pytest.approx(tally.inside, abs=4 * sqrt(expected / 3000))
 
 
-def test_a_wrong_read_noise_is_found(recorded, observed, calibration, characterisation):
-    """Told twice the read noise, with the uncertainty as it was, the twin differs, and the read noise explains it."""
-    noise = characterisation.dark_noise_e
-    wrong = replace(characterisation, dark_noise_e=replace(noise, value=2 * noise.value))
-    result = twin_session(recorded, observed, calibration, wrong)
+@pytest.fixture(scope="module")
+def few(observed):
+    """Fewer patches than the session has, which are quicker."""
+    kept = ("P01", "P02", "P04", "P06", "P09", "P12", "upper left")
+    patches = {name: observed.patches[name] for name in kept}
+    return replace(observed, planes={None: replace(observed.monochrome, patches=patches)})
+
+
+def times(quantity, factor):
+    return None if quantity is None else replace(quantity, value=factor * quantity.value)
+
+
+def wrong_responsivity(calibration, found):
+    fit = calibration.responsivity
+    wrong = replace(fit, responsivity_dn_s_cd_m2=1.1 * fit.responsivity_dn_s_cd_m2)
+    return replace(calibration, responsivity=wrong), found
+
+
+def wrong_black_level(calibration, found):
+    dark = replace(calibration.dark, offset_dn=calibration.dark.offset_dn + 2)
+    return replace(calibration, dark=dark), found
+
+
+def wrong_read_noise(calibration, found):
+    return calibration, replace(found, dark_noise_e=times(found.dark_noise_e, 2))
+
+
+def wrong_prnu(calibration, found):
+    prnu, pixel = times(found.prnu_rel, 2), times(found.prnu_pixel_rel, 2)
+    return calibration, replace(found, prnu_rel=prnu, prnu_pixel_rel=pixel)
+
+
+def wrong_dsnu(calibration, found):
+    return calibration, replace(found, dsnu_e=times(found.dsnu_e, 4), dsnu_pixel_e=times(found.dsnu_pixel_e, 4))
+
+
+def wrong_gain(calibration, found):
+    """K 10 % too large, and what was measured in DN as it was."""
+    names = ("dark_noise_e", "dsnu_e", "dsnu_pixel_e", "dsnu_row_e", "dsnu_column_e", "dsnu_e_s")
+    in_dn = {name: times(getattr(found, name), 1 / 1.1) for name in names}
+    return calibration, replace(found, k_dn_per_e=times(found.k_dn_per_e, 1.1), **in_dn)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "least_differing"),
+    [
+        ("responsivity", wrong_responsivity, 2),
+        ("black level", wrong_black_level, 2),
+        ("read noise", wrong_read_noise, 4),
+        ("PRNU", wrong_prnu, 2),
+        ("DSNU", wrong_dsnu, 2),
+        ("system gain K", wrong_gain, 1),
+    ],
+)
+def test_a_wrong_parameter_is_named(recorded, few, calibration, characterisation, twin, name, wrong, least_differing):
+    """The only finding, with the true value within 4 standard uncertainties; the pairs that differ by it are told.
+
+    The tolerance of 10 % makes the CDP depend on all parameters.
+    """
+    result = twin_session(recorded, few, *wrong(calibration, characterisation), epsilon=0.1)
+    (finding,) = result.findings
+    assert finding.name == name
+    in_twin = {
+        "responsivity": "responsivity",
+        "black level": "black_level_dn",
+        "read noise": "read_noise_e",
+        "PRNU": "prnu_rel",
+        "DSNU": "dsnu_e",
+        "system gain K": "k_dn_per_e",
+    }[name]
+    right = twin.parameters.quantities[in_twin]
+    uncertainty = abs(finding.needed - finding.stated) / abs(finding.z) + right.standard_uncertainty
+    if name == "DSNU":
+        # In electrons of a K that is not wrong; of a quantity near 0 the square is normal.
+        assert finding.needed**2 == pytest.approx(right.value**2, abs=4 * finding.stated**2 / abs(finding.z))
+    else:
+        assert finding.needed == pytest.approx(right.value, abs=4 * uncertainty)
+    explained = [pair for pair in result.pairs if pair.verdict.startswith(f"differ; the {name} explains it: with ")]
+    assert len(explained) >= least_differing
+    by_chance = 0.05 * len(result.pairs)
+    assert len(result.pairs) - result.agreeing - len(explained) <= by_chance + 4 * sqrt(by_chance)
+
+
+def test_stray_light_is_named(recorded, few, calibration, characterisation):
+    """The camera sees 0.2 cd/m^2 more than the meter at each patch."""
+    readings = {patch: [replace(one, value=one.value - 0.2) for one in group] for patch, group in few.readings.items()}
+    result = twin_session(recorded, replace(few, readings=readings), calibration, characterisation)
+    (finding,) = result.findings
+    assert (finding.name, finding.stated, finding.unit) == ("stray light", 0.0, "cd/m2")
+    assert finding.needed == pytest.approx(0.2, abs=4 * finding.needed / finding.z)
     differing = [pair for pair in result.pairs if not pair.agrees]
-    assert len(differing) > 0.1 * len(result.pairs)
-    assert result.findings[0].name == "read noise"
-    assert result.findings[0].stated == pytest.approx(2 * noise.value, rel=1e-6)
-    assert result.findings[0].needed == pytest.approx(noise.value, rel=0.05)
-    worst = max(differing, key=lambda pair: abs(pair.difference))
-    assert worst.verdict.startswith("differ; no parameter explains it: the ")
+    assert len(differing) >= 2
+    assert all(pair.verdict.startswith("differ; the stray light explains it: with ") for pair in differing)
+
+
+def suspect(name, direction, only_more=False):
+    return Suspect(np.array(direction), lambda change, z: Finding(name, 0.0, change, "1", z, Mending()), only_more)
+
+
+def test_one_suspect_is_estimated_by_generalised_least_squares():
+    """By the formula a = v' C^-1 y / v' C^-1 v, of variance 1 / v' C^-1 v."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(5, 5))
+    covariance, direction = root @ root.T, rng.normal(size=5)
+    values = 40 * direction + 0.1 * rng.normal(size=5)
+    weight = np.linalg.inv(covariance) @ direction
+    (found,) = pursue(values, covariance, [suspect("a", direction)])
+    assert found.needed == pytest.approx(weight @ values / (weight @ direction), rel=1e-9)
+    assert found.z == pytest.approx(weight @ values / sqrt(weight @ direction), rel=1e-9)
+
+
+def test_two_suspects_are_told_apart_and_the_innocent_left_alone():
+    x = np.linspace(0, 1, 12)
+    suspects = [suspect("offset", np.ones(12)), suspect("slope", x), suspect("last", np.eye(12)[11])]
+    found = pursue(1.0 + 3 * x, 0.01 * np.eye(12), suspects)
+    assert {one.name: one.needed for one in found} == pytest.approx({"offset": 1.0, "slope": 3.0})
+
+
+def test_what_can_only_be_more_is_not_found_as_less():
+    assert pursue(np.full(4, -9.0), np.eye(4), [suspect("a", np.ones(4), only_more=True)]) == []
+    assert pursue(np.full(4, 1.0), np.eye(4), [suspect("a", np.ones(4))]) == []
 
 
 def test_a_wrong_reading_is_named(recorded, observed, calibration, characterisation):
@@ -176,6 +285,30 @@ def test_a_wrong_reading_is_named(recorded, observed, calibration, characterisat
     assert [one.name for one in result.findings] == ["meter reading of P05"]
     true_cd_m2 = np.mean([one.luminance_cd_m2 for one in observed.readings["P05"]])
     assert result.findings[0].needed == pytest.approx(true_cd_m2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("difference", "shift", "verdict"),
+    [
+        (1.9, 2.0, "agree; the largest part of the uncertainty is the PRNU (25%)"),
+        (2.5, 4.9, "differ; the PRNU would have to be off by 4.9 of its standard uncertainties to explain it"),
+        (2.5, 6.0, "differ by 2.5 joint standard uncertainties, to which no parameter leads alone: the PRNU would"),
+        (9.0, 12.0, "differ; no parameter explains it: the PRNU would have to be off by 12.0"),
+        (9.0, np.inf, "differ; no parameter of the twin changes this CDP, so something is at work"),
+    ],
+)
+def test_a_verdict_says_no_more_than_is_known(twin, difference, shift, verdict):
+    """Difference in joint standard uncertainties of 0.01, of which the pixels are a tenth."""
+    influence = Influence("PRNU", 0.005, 0.005, 0.25, shift)
+    pair = replace(
+        twin.pairs[0],
+        measured=replace(twin.pairs[0].measured, cdp=0.5 + 0.01 * difference),
+        predicted=0.5,
+        predicted_standard_uncertainty=0.01 * sqrt(0.99),
+        sampling_standard_uncertainty=0.001,
+        influences=(influence,),
+    )
+    assert pair.verdict.startswith(verdict)
 
 
 def test_the_patches_signals_agree(twin):
@@ -220,23 +353,22 @@ def test_noise_of_more_than_a_dn_loses_a_twelfth():
 
 
 def test_the_intervals_hold_on_benches_with_random_cameras(tmp_path, monkeypatch):
-    """Three benches of the benchmark, where 98 % of the pairs agree, with a scatter of 3.8 % from bench to bench."""
+    """Three benches of the benchmark, where 98.2 % of the pairs agree, with a scatter of 3.4 % from bench to bench."""
     spec = spec_from_file_location("twin_coverage", BENCHMARK)
     benchmark = module_from_spec(spec)
     # Its dataclasses look their module up there.
     monkeypatch.setitem(sys.modules, spec.name, benchmark)
     spec.loader.exec_module(benchmark)
-    logging.getLogger("labcdp.calibration").setLevel(logging.CRITICAL)
     results = [benchmark.compare(seed, tmp_path) for seed in (0, 2, 3)]
     share = sum(result.agreeing for result in results) / sum(len(result.pairs) for result in results)
-    assert share > 0.98 - 2 * 0.038 / sqrt(3)
+    assert share > 0.982 - 2 * 0.034 / sqrt(3)
     decided = [pair.influences[0].name == SAMPLING for result in results for pair in result.pairs]
     assert 0.5 < np.mean(decided) <= 1
 
 
 def test_one_dark_exposure_leaves_the_dark_current_open(observed, calibration, characterisation, recorded):
     one = replace(calibration, dark=replace(calibration.dark, exposures_s=(0.002,)))
-    parameters = twin_parameters(require_monochrome(recorded), observed, one, characterisation)
+    parameters = twin_parameters(recorded, observed, one, characterisation)
     assert parameters.dark_current_e_s.value == 0
     assert any("one exposure do not tell the dark current" in note for note in parameters.notes)
 
@@ -247,32 +379,32 @@ def test_an_efficiency_above_one_is_refused(observed, calibration, characterisat
     with pytest.raises(
         CalibrationError, match=r"would be 4\.\d+, more than 1: check the f-number \(f/2\.6\), the pixel"
     ):
-        twin_parameters(
-            require_monochrome(recorded), replace(observed, configuration=configuration), calibration, characterisation
-        )
+        twin_parameters(recorded, replace(observed, configuration=configuration), calibration, characterisation)
 
 
 def test_a_response_that_bends_is_predicted_and_told(observed, calibration, characterisation, recorded):
     """The chain cannot hold it; the prediction follows it, so that the mean luminance is that of the meter."""
     bent = Response("quadratic", (0.0, 4000.0), (0.0, 4400.0))
-    parameters = twin_parameters(
-        require_monochrome(recorded), observed, replace(calibration, response=bent), characterisation
-    )
+    parameters = twin_parameters(recorded, observed, replace(calibration, response=bent), characterisation)
     assert any("quadratic, which the chain file cannot hold" in note for note in parameters.notes)
     region = TwinRegion("P", 80.0, 0.0, 0.0, np.ones(9), 0.0, 0.0)
     found = predict_regions(parameters, [region], 0.008, bent)["P"].best
     assert found.mean == pytest.approx(80.0, rel=2e-4)
 
 
-def test_what_the_characterisation_lacks_is_none(characterisation, observed):
+def test_what_the_characterisation_lacks_is_none(characterisation, recorded):
     lacking = replace(characterisation, dsnu_e_s=None, prnu_rel=None, prnu_pixel_rel=None, dsnu_row_e=None)
-    noise = noise_of_characterisation(lacking, observed.darks)
+    noise = noise_of_characterisation(lacking, shortest_darkness(recorded))
     assert (noise.prnu_rel.value, noise.dsnu_dn_s.value, noise.row_dsnu_dn.value) == (0, 0, 0)
     assert noise.prnu_rel.note == "not known"
 
 
 def test_bright_and_dark_the_wrong_way_round_are_left_out(recorded, observed, calibration, characterisation):
     pair = observed.configuration.contrasts[0]
+    observed = replace(
+        observed,
+        planes={None: replace(observed.monochrome, patches={n: observed.patches[n] for n in (pair.bright, pair.dark)})},
+    )
     turned = pair.model_copy(update={"bright": pair.dark, "dark": pair.bright})
     configuration = observed.configuration.model_copy(update={"contrasts": (turned,)})
     result = twin_session(recorded, replace(observed, configuration=configuration), calibration, characterisation)
@@ -294,6 +426,21 @@ def test_patches_saturated_at_every_exposure_are_left_out(recorded, observed, ca
     planes = {None: replace(observed.monochrome, patches=saturated)}
     with pytest.raises(CalibrationError, match=r"no two patches can be compared: .*saturated at every exposure"):
         twin_session(recorded, replace(observed, planes=planes), calibration, characterisation)
+
+
+def test_two_patches_are_needed_to_compare(recorded, observed, calibration, characterisation):
+    one = replace(observed, planes={None: replace(observed.monochrome, patches={"P01": observed.patches["P01"]})})
+    with pytest.raises(CalibrationError, match=r"compared by pairs of patches, and 1 of them is left: leave fewer out"):
+        twin_session(recorded, one, calibration, characterisation)
+
+
+def test_two_patches_that_are_alike_are_refused(recorded, observed, calibration, characterisation):
+    patches = {name: observed.patches[name] for name in ("P10", "upper right")}
+    two = replace(observed, planes={None: replace(observed.monochrome, patches=patches)})
+    with pytest.raises(
+        CalibrationError, match=r"no two .* compared: P10 / upper right: the contrast of 9\.\d% is below 10%"
+    ):
+        twin_session(recorded, two, calibration, characterisation)
 
 
 def test_patches_without_a_reading_are_refused(recorded, observed, calibration, characterisation):
@@ -318,18 +465,28 @@ def test_a_session_without_light_frames_is_refused(recorded, tmp_path):
         require_monochrome(session)
 
 
+def test_a_calibration_of_another_camera_or_lens_is_refused(recorded, observed, calibration, characterisation):
+    camera = replace(calibration.state.camera, serial="other")
+    other = replace(calibration, state=replace(calibration.state, camera=camera))
+    with pytest.raises(
+        CalibrationError, match=r"camera of the calibration is .*other.*: use the same, or calibrate this"
+    ):
+        twin_session(recorded, observed, other, characterisation)
+    lens = replace(calibration.lens, f_number=4.0)
+    with pytest.raises(CalibrationError, match=r"f/4\).* calibrate with this lens and f-number"):
+        twin_session(recorded, observed, replace(calibration, lens=lens), characterisation)
+
+
 def test_another_meter_adds_its_scale(recorded, observed, calibration, characterisation):
     """The scale of one meter is in R and in the readings and cancels; that of two does not: 2 % / sqrt 3 each."""
     readings = {
         name: [replace(one, meter=replace(one.meter, serial="another")) for one in group]
         for name, group in observed.readings.items()
     }
-    parameters = twin_parameters(
-        require_monochrome(recorded), replace(observed, readings=readings), calibration, characterisation
-    )
+    parameters = twin_parameters(recorded, replace(observed, readings=readings), calibration, characterisation)
     rel = parameters.responsivity.standard_uncertainty / parameters.responsivity.value
     assert rel == pytest.approx(sqrt(2 / 3) * 0.02, rel=0.01)
-    same = twin_parameters(require_monochrome(recorded), observed, calibration, characterisation).responsivity
+    same = twin_parameters(recorded, observed, calibration, characterisation).responsivity
     assert same.standard_uncertainty / same.value == calibration.responsivity.random_rel
 
 
@@ -341,9 +498,9 @@ def test_the_sensor_takes_the_dark_mean_of_the_calibration(twin):
         assert CameraModel(sensor, settings).dark_dn == pytest.approx(twin.parameters.dark_dn(exposure_s), abs=1e-9)
 
 
-def test_the_uncertainty_of_k_goes_out_again_in_dn(characterisation, observed):
+def test_the_uncertainty_of_k_goes_out_again_in_dn(characterisation, recorded):
     k, noise_e = characterisation.k_dn_per_e, characterisation.dark_noise_e
-    noise = noise_of_characterisation(characterisation, observed.darks).read_noise_dn
+    noise = noise_of_characterisation(characterisation, shortest_darkness(recorded)).read_noise_dn
     own_rel, k_rel = noise.standard_uncertainty / noise.value, k.standard_uncertainty / k.value
     assert own_rel**2 + k_rel**2 == pytest.approx((noise_e.standard_uncertainty / noise_e.value) ** 2, rel=1e-9)
     assert isinstance(noise, Quantity)

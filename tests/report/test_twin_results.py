@@ -9,8 +9,18 @@ from labcdp.chain import chain_from_toml
 from labcdp.errors import InputError
 from labcdp.evaluate import calibrate_session, characterise_session, observe_session
 from labcdp.evaluate.twin import twin_session
+from labcdp.evaluate.twin_diagnosis import Finding
+from labcdp.evaluate.twin_pair import Mended
+from labcdp.evaluate.twin_prediction import Mending
 from labcdp.report.twin_results import write_twin
-from labcdp.report.twin_tables import difference_table, influence_table, pair_table, signal_comparison_table
+from labcdp.report.twin_tables import (
+    difference_table,
+    finding_table,
+    influence_table,
+    mean_table,
+    noise_table,
+    pair_table,
+)
 from labcdp.report.twin_wording import simulated, twin_results
 from labcdp.session import Session, example_session
 
@@ -87,9 +97,31 @@ def test_pairs_that_differ_are_told_and_hostile_names_stay_text(twin, tmp_path):
     assert "&lt;img src=x" in page
 
 
+def test_what_the_signals_contradict_is_told_before_the_pairs(twin, tmp_path):
+    """On the page, in the sentences at its top, and in the verdict of a pair that it explains."""
+    finding = Finding("read noise", 20.0, 10.0, "e-", -50.0, Mending())
+    pair = with_difference(twin, "P12", 1).pairs[0]
+    pair = replace(pair, mended=Mended("read noise", "10 e- instead of 20", 0.0, 0.0))
+    wrong = replace(twin, findings=(finding,), pairs=(pair, *twin.pairs[1:]))
+    assert finding_table(wrong).rows == (("read noise", "20.00", "10.00", "e-", "50.0"),)
+    assert difference_table(wrong).rows[0][2] == "read noise"
+    assert "the read noise is off: 20.00 e- in the twin, 10.00 e- by the camera" in " ".join(twin_results(wrong))
+    assert pair.verdict == (
+        "differ; the read noise explains it: with 10 e- instead of 20, as the signals of the patches ask, the twin "
+        "predicts 0.0000"
+    )
+    page = next(path for path in write_twin(wrong, tmp_path) if path.suffix == ".html").read_text(encoding="utf-8")
+    assert (
+        page.index("What the patches&#39; signals contradict")
+        < page.index("Pairs that differ")
+        < page.index("All pairs")
+    )
+
+
 def test_the_tables_have_one_row_each(twin):
     assert len(pair_table(twin).rows) == len(twin.pairs)
-    assert len(signal_comparison_table(twin).rows) == 16
+    assert len(mean_table(twin).rows) == len(noise_table(twin).rows) == 16
+    assert {len(row) for row in noise_table(twin).rows} == {9}
     table = influence_table(twin)
     assert table.rows[0][0] == "number of pixels"
     assert sum(float(row[1]) for row in table.rows) == pytest.approx(100, abs=2)

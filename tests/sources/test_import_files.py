@@ -19,7 +19,7 @@ from labcdp.calibration.colour_conversion import colour_patch_luminance
 from labcdp.calibration.colour_fit import fit_colour
 from labcdp.errors import InputError, SessionError
 from labcdp.evaluate import observe_session
-from labcdp.evaluate.observe import lens_of
+from labcdp.evaluate.recorded import lens_of
 from labcdp.frame import CameraIdentity
 from labcdp.session import EventRecord, Session, SessionConfiguration
 

@@ -102,7 +102,7 @@ def test_robertson_needs_uneven_exposures(bracket):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"exposures": (0.001, 0.002)}, "there are 2 frames at 2 exposures: give one frame at each of 3 or more"),
+        ({"exposures": (0.001, 0.002)}, "there are 2 frames at 2 exposures: give frames at 3 or more exposures"),
         ({"exposures": (0.001, 0.001, 0.002)}, "there are 3 frames at 2 exposures"),
         ({"exposures": (1e-6, 0.01, 100.0)}, "neighbouring exposures share no pixel"),
         ({"exposures": (1e-5, 1.1e-5, 1.2e-5)}, "of the DN between dark and saturation at two exposures"),

@@ -13,6 +13,7 @@ from .findings import LeftOut
 from .gains import GainSetting
 from .noise import fit_noise
 from .observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation
+from .plateau import require_no_plateau
 from .readings import PatchReading, combine_readings
 from .signal import usable
 
@@ -156,7 +157,7 @@ def take_usable(
     Raises
     ------
     CalibrationError
-        If fewer than `MIN_PATCHES` patches are left.
+        If fewer than `MIN_PATCHES` patches are left, or as `require_no_plateau`.
     """
     kept_groups: dict[str, Sequence[PatchObservation]] = {}
     kept_readings: dict[str, PatchReading] = {}
@@ -182,6 +183,7 @@ def take_usable(
             "for the slope, one to test the intercept, one to judge the fit) and is good from "
             f"{ADVISED_PATCHES} on: add patches or exposures" + (f" ({reasons})" if reasons else "")
         )
+    require_no_plateau(kept_groups, kept_readings, settings)
     return Usable(kept_groups, kept_readings, left_out, warnings)
 
 

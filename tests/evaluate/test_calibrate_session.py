@@ -63,7 +63,7 @@ class Camera:
 
     serial: str = "1"
     gain_db: float = 0.0
-    dsnu_e: float = 2.0
+    full_well_e: float = 30000.0
 
     @property
     def chain(self) -> ImagingChain:
@@ -72,14 +72,14 @@ class Camera:
             width=WIDTH,
             height=HEIGHT,
             quantum_efficiency=0.5,
-            full_well_e=30000.0,
+            full_well_e=self.full_well_e,
             k_dn_per_e=0.2,
             read_noise_e=6.0,
             dark_current_e_s=20.0,
             bits=BITS,
             black_level_dn=float(BLACK_DN),
             prnu_rel=0.005,
-            dsnu_e=self.dsnu_e,
+            dsnu_e=2.0,
             dsnu_e_s=0.0,
             device_seed=5,
         )
@@ -245,3 +245,14 @@ def test_a_held_out_patch_is_predicted_and_not_fitted(bench, flat):
     assert row.luminance_cd_m2 == pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01)
     with pytest.raises(InputError, match="there is no patch 'P77' to hold out: choose from P0, P1"):
         calibrate_session(observed, held_out=["P77"])
+
+
+def test_a_camera_that_is_full_before_its_converter_ends_is_refused(tmp_path):
+    """20 000 e- are 4064 DN, of 4095."""
+    observed = observe(record(tmp_path / "s", Camera(full_well_e=20000.0)))
+    with pytest.raises(
+        CalibrationError,
+        match=r"the signal stays at 4064 DN with more light \(patches 'P7' at 0\.032 s, .*\): the camera saturates "
+        r"there, below the 4095 DN that count as saturated; record with exposures at which no patch comes near that",
+    ):
+        calibrate_session(observed)

@@ -91,6 +91,7 @@ class RegionAccumulator:
         self._pair_variances: list[float] = []
         self._saturated = 0
         self._black = 0
+        self._at = ""
 
     def add(self, frame: Frame) -> None:
         """Take one frame's values."""
@@ -101,6 +102,7 @@ class RegionAccumulator:
             )
         if self._sum is None or self._last is None:
             self._sum, self._shape = np.zeros(values.size), frame.shape
+            self._at = f" at {frame.exposure_s:g} s"
         else:
             # EMVA 1288 Release 4.0 Linear: half the variance of a pair's difference. Lamp flicker drops out.
             self._pair_variances.append(float(np.var(values - self._last, ddof=1)) / 2)
@@ -114,9 +116,10 @@ class RegionAccumulator:
         """Return the statistics of what was added; raises CalibrationError below `MIN_FRAMES` frames."""
         n_frames = len(self._frame_means)
         if self._sum is None or n_frames < MIN_FRAMES:
+            found = f"{n_frames} frame{'s' if n_frames != 1 else ''}{self._at}"
             raise CalibrationError(
-                f"region {self._region.name!r} was given {n_frames} frames of one exposure: give at least "
-                f"{MIN_FRAMES}, the noise comes from their difference"
+                f"region {self._region.name!r} was given {found}: take at least {MIN_FRAMES} of each exposure, the noise "
+                "comes from their difference"
             )
         factor = self._factor
         mean_frame = (self._sum / n_frames - self._pattern_dn) * factor

@@ -59,7 +59,7 @@ def test_a_session_without_readings_is_refused(fails, session):
 
 def test_one_dark_frame_is_too_few(fails, session):
     session.supersede(session.frames("dark")[1:], "test")
-    assert "was given 1 frames of one exposure: give at least 2" in fails("twin", "s")
+    assert " s: take at least 2 of each exposure, the noise comes from their difference" in fails("twin", "s")
 
 
 def test_one_patch_is_too_few(fails):

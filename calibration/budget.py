@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 
@@ -13,7 +13,7 @@ from ..luminance import CommonError
 from .budget_gaps import rows_not_included
 from .common_errors import common_errors
 from .findings import BudgetRow
-from .model import Calibration
+from .model import Calibration, PatchResidual
 from .uncertainty import expanded_half_width
 
 #: Order of the rows; a source that is not among them comes last.
@@ -91,9 +91,7 @@ def budget(
     InputError
         If luminance, exposure or a number is not positive.
     """
-    for name, value in (("luminance_cd_m2", luminance_cd_m2), ("n_pixels", n_pixels), ("n_frames", n_frames)):
-        if not (isfinite(value) and value > 0):
-            raise InputError(f"{name} is {value}: give a positive number")
+    require_positive(luminance_cd_m2=luminance_cd_m2, n_pixels=n_pixels, n_frames=n_frames)
     t = budget_exposure_s(calibration, luminance_cd_m2) if exposure_s is None else exposure_s
     if not (isfinite(t) and t > 0):
         raise InputError(f"exposure_s is {exposure_s}: give a positive number of seconds")
@@ -105,9 +103,14 @@ def budget(
         *_of_pixels(calibration, net_dn, n_pixels, n_frames, t),
     )
     rows |= {row.source: row for row in known}
-    rows |= {row.source: row for row in _split_fit(calibration, rows["fit"])}
+    rows |= {row.source: row for row in split_fit(calibration.residuals, rows["fit"])}
+    return in_order(rows.values())
+
+
+def in_order(rows: Iterable[BudgetRow]) -> tuple[BudgetRow, ...]:
+    """Sort rows as `SOURCES` are."""
     order = {source: place for place, source in enumerate(SOURCES)}
-    return tuple(sorted(rows.values(), key=lambda row: order.get(row.source, len(order))))
+    return tuple(sorted(rows, key=lambda row: order.get(row.source, len(order))))
 
 
 def combined(rows: Sequence[BudgetRow], n_patches: int) -> CombinedUncertainty:
@@ -130,6 +133,13 @@ def combined(rows: Sequence[BudgetRow], n_patches: int) -> CombinedUncertainty:
     freedom = (n_patches - 1) * (u**2 / scatter) ** 2 if scatter > 0 else inf
     rest = sqrt(max(u**2 - largest**2, 0.0))
     return CombinedUncertainty(u, freedom, expanded_half_width(largest * sqrt(3), rest))
+
+
+def require_positive(**values: float) -> None:
+    """Refuse what is not a positive number, by name."""
+    for name, value in values.items():
+        if not (isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: give a positive number")
 
 
 def budget_exposure_s(calibration: Calibration, luminance_cd_m2: float) -> float:
@@ -186,7 +196,7 @@ _BASIS = {
     "dark and temperature": "covariance of the darkness fitted to the dark frames",
     "exposure time": "steps of the exposure time that cameras apply",
     "gain": "scatter of the gains around each other",
-    "linearity": "covariance of the response fitted over the patches",
+    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
     "drift": "readings before and after the frames",
     "flat field": "noise and repeatability of the flat field",
     "glare": "free intercept of the fit",
@@ -194,9 +204,8 @@ _BASIS = {
 }
 
 
-def _split_fit(calibration: Calibration, fit: BudgetRow) -> list[BudgetRow]:
+def split_fit(rows: Sequence[PatchResidual], fit: BudgetRow) -> list[BudgetRow]:
     """Take the meter's random part out of the fit: its share of the variance of a weighted mean over the patches."""
-    rows = calibration.residuals
     meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
     total = np.array(
         [_total_rel(row.residual_rel, row.standardised_residual, u) for row, u in zip(rows, meter, strict=True)]

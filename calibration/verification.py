@@ -74,6 +74,8 @@ class VerifiedDark:
 
     Parameters
     ----------
+    plane : str or None
+        The colour plane; None for a monochrome sensor.
     exposure_s : float
         Exposure time.
     mean_dn, expected_dn : float
@@ -81,9 +83,10 @@ class VerifiedDark:
     standard_uncertainty_dn : float
         Of the difference: both statistics, and the wander of a sound camera's black level (`WANDER_DN`).
     effect_rel : float
-        Relative error that the difference makes at the lowest calibrated luminance.
+        Relative error that the difference makes at the lowest calibrated luminance; of a plane, in the combination.
     """
 
+    plane: str | None
     exposure_s: float
     mean_dn: float
     expected_dn: float
@@ -99,6 +102,71 @@ class VerifiedDark:
     def z(self) -> float:
         """Difference over its standard uncertainty."""
         return self.difference_dn / self.standard_uncertainty_dn
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How the responsivity of a plane has changed.
+
+    Parameters
+    ----------
+    relative, half_width_95_rel : float
+        Change since the calibration, and the half width of its 95 % interval.
+    responsivity_dn_s_cd_m2 : float
+        The calibration's responsivity with this change.
+    responsivity_half_width_95_rel : float
+        Relative half width of its 95 % interval, the meter's scale included.
+    """
+
+    relative: float
+    half_width_95_rel: float
+    responsivity_dn_s_cd_m2: float
+    responsivity_half_width_95_rel: float
+
+
+@dataclass(frozen=True)
+class VerifiedPlane:
+    """A colour plane anew, or all of a monochrome sensor.
+
+    Parameters
+    ----------
+    plane : str or None
+        The plane; None for a monochrome sensor.
+    dark : DarkModel
+        Of the new dark frames.
+    drift : Drift or None
+        By the grey patches of the calibration; None if there is none among those that were measured again.
+    """
+
+    plane: str | None
+    dark: DarkModel
+    drift: Drift | None
+
+
+@dataclass(frozen=True)
+class ColourBalance:
+    """Whether the colours have changed alike.
+
+    Parameters
+    ----------
+    odd : {'red', 'green', 'blue'}
+        The colour that deviates most from the others.
+    against : str
+        The others that it is compared with.
+    change_rel, half_width_95_rel : float
+        Change of its responsivity against theirs since the calibration, and the half width of its 95 % interval.
+    chance : float
+        Probability that colours differ at least so much if nothing has changed: chi^2 with two degrees of freedom.
+    effect_rel : float
+        Sum of what the planes' deviations from each other make of the luminance, without their signs.
+    """
+
+    odd: Literal["red", "green", "blue"]
+    against: str
+    change_rel: float
+    half_width_95_rel: float
+    chance: float
+    effect_rel: float
 
 
 @dataclass(frozen=True)
@@ -126,19 +194,19 @@ class Verification:
     patches : tuple of VerifiedPatch
         In the order of the observations.
     darks : tuple of VerifiedDark
-        By exposure, the shortest first.
-    dark : DarkModel
-        Of the new dark frames.
+        By plane, then by exposure, the shortest first.
+    planes : tuple of VerifiedPlane
+        The four of a sensor with colour filters, or one.
+    balance : ColourBalance or None
+        Of a sensor with colour filters; None for a monochrome one, or if no grey patch of the calibration is among
+        those that were measured again.
     chi_squared : float
         Of the differences, what they share respected; the degrees of freedom are the number of patches.
     chance : float
         Probability of a chi^2 at least this large if nothing has changed.
     drift_rel, drift_half_width_95_rel : float
-        Change of the responsivity since the calibration: weighted mean of the differences, and its 95 % interval.
-    responsivity_dn_s_cd_m2 : float
-        The calibration's responsivity with the drift.
-    responsivity_half_width_95_rel : float
-        Relative half width of its 95 % interval, the meter's scale included.
+        Change of the luminance of one light since the calibration: weighted mean of the differences, and its 95 %
+        interval.
     """
 
     verdict: Verdict
@@ -152,13 +220,12 @@ class Verification:
     same_meter: bool
     patches: tuple[VerifiedPatch, ...]
     darks: tuple[VerifiedDark, ...]
-    dark: DarkModel
+    planes: tuple[VerifiedPlane, ...]
+    balance: ColourBalance | None
     chi_squared: float
     chance: float
     drift_rel: float
     drift_half_width_95_rel: float
-    responsivity_dn_s_cd_m2: float
-    responsivity_half_width_95_rel: float
 
 
 def z_limits(n: int) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from .verification import Verification
 #: Value of the key ``format`` of every file.
 FORMAT = "labcdp-verification"
 #: Version this program writes, and the only one it reads.
-VERSION = 1
+VERSION = 2
 
 
 def save_verification(verification: Verification, path: str | Path) -> None:

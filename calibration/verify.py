@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import hypot, sqrt
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import CalibrationError
 from ..reading import Reading
+from .comparison import (
+    Comparison,
+    chance_of,
+    compare,
+    dark_row,
+    drift_of,
+    half_width,
+    join_readings,
+    unevenness_rel,
+)
 from .dark import DarkModel, fit_dark
 from .model import Calibration
 from .observations import DarkObservation, PatchObservation
-from .patch import PatchLuminance, patch_luminance
-from .readings import PatchReading, combine_readings, meter_scale
-from .signal import net_signal, usable
+from .patch import patch_luminance
+from .store import AnyCalibration
 from .uncertainty import expanded_half_width
-from .verification import WANDER_DN, Verdict, Verification, VerifiedDark, VerifiedPatch, chance_limits, z_limits
+from .verification import (
+    ColourBalance,
+    Verdict,
+    Verification,
+    VerifiedDark,
+    VerifiedPatch,
+    VerifiedPlane,
+    chance_limits,
+    z_limits,
+)
 from .verify_wording import findings_of
 
 
@@ -62,92 +75,89 @@ def verify(
     dark, _ = fit_dark(darks)
     for d in darks:
         calibration.require(d.state, f"the set of dark frames at {d.exposure_s:g} s")
-    scale = meter_scale({patch: readings.get(patch, ()) for patch in groups})
-    same_meter = scale.meter == calibration.meter_scale.meter
-    seen = [patch_luminance(calibration, group) for group in groups.values()]
-    read, reading_warnings = _readings(groups, readings)
-    uneven_rel = [_unevenness_rel(group, calibration) for group in groups.values()]
-    scales = () if same_meter else (scale.half_width_rel, calibration.meter_scale.half_width_rel)
-    covariance = _covariance(seen, read, uneven_rel, scales)
-    difference = np.array([s.luminance_cd_m2 / r.luminance_cd_m2 - 1 for s, r in zip(seen, read, strict=True)])
-    new_dark = [_with_dark(calibration, dark, group) for group in groups.values()]
-    patches = tuple(
-        _row(s, r, float(d), float(u), n)
-        for s, r, d, u, n in zip(seen, read, difference, np.sqrt(np.diag(covariance)), new_dark, strict=True)
+    comparison = compare(
+        [patch_luminance(calibration, group) for group in groups.values()],
+        join_readings(groups, readings, calibration.meter_scale),
+        [unevenness_rel(group, calibration) for group in groups.values()],
     )
-    drift_rel, drift_variance = _common_mean(difference, covariance)
-    chi_squared, chance = _chi_squared(difference, covariance)
+    return judged(
+        calibration,
+        comparison,
+        comparison.rows([_with_dark(calibration, dark, group) for group in groups.values()]),
+        [dark_row(d, calibration, calibration.range_cd_m2[0]) for d in sorted(darks, key=lambda d: d.exposure_s)],
+        [VerifiedPlane(calibration.state.plane, dark, drift_of(calibration, *comparison.mean(), comparison.readings))],
+        None,
+        calibration.responsivity.random_rel,
+    )
+
+
+def judged(
+    calibration: AnyCalibration,
+    comparison: Comparison,
+    patches: tuple[VerifiedPatch, ...],
+    darks: Sequence[VerifiedDark],
+    planes: Sequence[VerifiedPlane],
+    balance: ColourBalance | None,
+    fit_rel: float,
+) -> Verification:
+    """Put a verification together, with its verdict.
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        That was verified.
+    comparison : Comparison
+        Patches by camera and meter.
+    patches, darks, planes, balance
+        As in `Verification`.
+    fit_rel : float
+        Relative standard uncertainty of the calibration without the meter's scale.
+    """
+    readings = comparison.readings
+    drift, variance = comparison.mean()
     result = Verification(
         verdict="valid",
         findings=(),
         state=calibration.state,
         lens=calibration.lens,
-        measured=max(r.timestamp for patch in groups for r in readings[patch]),
+        measured=readings.measured,
         calibration_measured=calibration.provenance.measured,
         calibration_sha256=calibration.provenance.input_sha256,
-        meter=scale.meter,
-        same_meter=same_meter,
+        meter=readings.scale.meter,
+        same_meter=not readings.scales,
         patches=patches,
-        darks=tuple(_dark_row(d, calibration) for d in sorted(darks, key=lambda d: d.exposure_s)),
-        dark=dark,
-        chi_squared=chi_squared,
-        chance=chance,
-        drift_rel=drift_rel,
-        drift_half_width_95_rel=_half_width(drift_variance, scales),
-        responsivity_dn_s_cd_m2=calibration.responsivity.responsivity_dn_s_cd_m2 * (1 + drift_rel),
-        responsivity_half_width_95_rel=expanded_half_width(
-            scale.half_width_rel, sqrt(max(drift_variance - sum(h**2 / 3 for h in scales), 0.0))
-        ),
+        darks=tuple(darks),
+        planes=tuple(planes),
+        balance=balance,
+        chi_squared=comparison.chi_squared,
+        chance=chance_of(comparison.chi_squared, len(patches)),
+        drift_rel=drift,
+        drift_half_width_95_rel=half_width(variance, readings.scales),
     )
-    verdict = _verdict(result, calibration)
-    warnings = dict.fromkeys([*reading_warnings, *(w for s in seen for w in s.warnings)])
-    return replace(result, verdict=verdict, findings=(*findings_of(replace(result, verdict=verdict)), *warnings))
+    stated_rel = expanded_half_width(calibration.meter_scale.half_width_rel, fit_rel)
+    result = replace(result, verdict=_verdict(result, stated_rel))
+    warnings = dict.fromkeys([*readings.warnings, *(w for s in comparison.seen for w in s.warnings)])
+    return replace(result, findings=(*findings_of(result), *warnings))
 
 
-def _readings(
-    patches: Iterable[str], readings: Mapping[str, Sequence[Reading]]
-) -> tuple[list[PatchReading], list[str]]:
-    joined, warnings = [], []
-    for patch in patches:
-        reading, of_patch = combine_readings(patch, readings.get(patch, ()))
-        if reading.luminance_cd_m2 == 0:
-            raise CalibrationError(
-                f"patch {patch!r} reads 0 cd/m^2, below the meter's range: verify with a brighter patch"
-            )
-        joined.append(reading)
-        warnings += of_patch
-    return joined, warnings
-
-
-def _unevenness_rel(group: Sequence[PatchObservation], calibration: Calibration) -> float:
-    """Unevenness of the patch itself: meter and camera see it at slightly different places, as in the fit."""
-    kept, _, _ = usable(group, calibration.settings)
-    return float(np.median([net_signal(o, calibration.settings).slow_rel for o in kept]))
-
-
-def _covariance(
-    seen: Sequence[PatchLuminance],
-    read: Sequence[PatchReading],
-    uneven_rel: Sequence[float],
-    scales: tuple[float, ...],
-) -> NDArray[np.float64]:
-    """Covariance of the differences: what each patch has alone, and what the patches share."""
-    own_rel = [
-        hypot(s.random_rel, r.random_cd_m2 / r.luminance_cd_m2, u)
-        for s, r, u in zip(seen, read, uneven_rel, strict=True)
-    ]
-    covariance: NDArray[np.float64] = np.diag(np.square(own_rel))
-    shared: dict[tuple[str, int], NDArray[np.float64]] = {}
-    for place, patch in enumerate(seen):
-        counted: Counter[str] = Counter()
-        # The scale of the calibration's meter is in `scales`, if it counts.
-        for error in (e for e in patch.common if e.source != "meter scale"):
-            counted[error.source] += 1
-            pattern = shared.setdefault((error.source, counted[error.source]), np.zeros(len(seen)))
-            pattern[place] = float(error.relative)
-    for pattern in (*shared.values(), *(np.full(len(seen), half_width / sqrt(3)) for half_width in scales)):
-        covariance = covariance + np.outer(pattern, pattern)
-    return covariance
+def _verdict(result: Verification, stated_rel: float) -> Verdict:
+    """Judge patches, darkness and colours together; `stated_rel` is the calibration's 95 % half width."""
+    warn, fail = z_limits(len(result.patches))
+    doubt, failure = chance_limits()
+    largest = max(abs(row.z) for row in result.patches)
+    dark_warn, dark_fail = z_limits(len(result.darks))
+    # What the planes' darkness makes of one exposure adds up.
+    effects = {row.exposure_s: 0.0 for row in result.darks}
+    for row in result.darks:
+        effects[row.exposure_s] += row.effect_rel if abs(row.z) > dark_fail else 0.0
+    of_dark = any(abs(effect) > stated_rel for effect in effects.values())
+    balance = result.balance
+    of_colour = balance is not None and balance.chance < failure and balance.effect_rel > stated_rel
+    if largest > fail or result.chance < failure or of_dark or of_colour:
+        return "not valid"
+    colours_differ = balance is not None and balance.chance < doubt
+    in_doubt = largest > warn or result.chance < doubt or colours_differ
+    return "doubtful" if in_doubt or any(abs(row.z) > dark_warn for row in result.darks) else "valid"
 
 
 def _with_dark(calibration: Calibration, dark: DarkModel, group: Sequence[PatchObservation]) -> float | None:
@@ -155,62 +165,3 @@ def _with_dark(calibration: Calibration, dark: DarkModel, group: Sequence[PatchO
         return patch_luminance(replace(calibration, dark=dark), group).luminance_cd_m2
     except CalibrationError:
         return None
-
-
-def _row(
-    seen: PatchLuminance, read: PatchReading, difference_rel: float, uncertainty_rel: float, new_dark: float | None
-) -> VerifiedPatch:
-    return VerifiedPatch(
-        patch=seen.patch,
-        reading_cd_m2=read.luminance_cd_m2,
-        reading_random_cd_m2=read.random_cd_m2,
-        n_readings=read.n_readings,
-        luminance_cd_m2=seen.luminance_cd_m2,
-        difference_rel=difference_rel,
-        standard_uncertainty_rel=uncertainty_rel,
-        with_new_dark_rel=None if new_dark is None else new_dark / read.luminance_cd_m2 - 1,
-        exposures_s=seen.exposures_s,
-    )
-
-
-def _dark_row(dark: DarkObservation, calibration: Calibration) -> VerifiedDark:
-    model = calibration.setting(dark.state.gain_db).dark
-    expected_dn = model.mean_dn(dark.exposure_s, dark.temperature_c)
-    own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
-    light_dn_s = calibration.responsivity.responsivity_dn_s_cd_m2 * calibration.range_cd_m2[0]
-    # The lowest luminance is measured with the longest exposures.
-    effect_rel = (dark.mean_dn - expected_dn) / (light_dn_s * calibration.exposures_s[-1])
-    return VerifiedDark(dark.exposure_s, dark.mean_dn, expected_dn, hypot(sqrt(own), WANDER_DN / sqrt(3)), effect_rel)
-
-
-def _common_mean(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[float, float]:
-    """Mean by generalised least squares, and its variance."""
-    weight = np.linalg.solve(covariance, np.ones_like(difference))
-    return float(weight @ difference / weight.sum()), float(1 / weight.sum())
-
-
-def _chi_squared(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[float, float]:
-    from scipy.special import chdtrc
-
-    chi_squared = float(difference @ np.linalg.solve(covariance, difference))
-    return chi_squared, float(chdtrc(difference.size, chi_squared))
-
-
-def _half_width(variance: float, scales: tuple[float, ...]) -> float:
-    """95 % half width; the largest of the rectangular parts is taken as such, the others as normal."""
-    largest = max(scales, default=0.0)
-    return expanded_half_width(largest, sqrt(max(variance - largest**2 / 3, 0.0)))
-
-
-def _verdict(result: Verification, calibration: Calibration) -> Verdict:
-    warn, fail = z_limits(len(result.patches))
-    doubt, failure = chance_limits()
-    largest = max(abs(row.z) for row in result.patches)
-    dark_warn, dark_fail = z_limits(len(result.darks))
-    moved = [row for row in result.darks if abs(row.z) > dark_fail]
-    stated = expanded_half_width(calibration.meter_scale.half_width_rel, calibration.responsivity.random_rel)
-    if largest > fail or result.chance < failure or any(abs(row.effect_rel) > stated for row in moved):
-        return "not valid"
-    if largest > warn or result.chance < doubt or any(abs(row.z) > dark_warn for row in result.darks):
-        return "doubtful"
-    return "valid"

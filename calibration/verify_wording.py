@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .verification import Verification, VerifiedDark, VerifiedPatch, z_limits
+from .verification import ColourBalance, Verification, VerifiedDark, VerifiedPatch, chance_limits, z_limits
 
 
 def findings_of(result: Verification) -> tuple[str, ...]:
-    """Tell the verdict, the drift, the darkness, and which meter's scale counts."""
-    return (_verdict(result), _drift(result), *_dark(result), _meter(result))
+    """Tell the verdict, the drift, the colours, the darkness, and which meter's scale counts."""
+    return (_verdict(result), _drift(result), *_colours(result), *_dark(result), _meter(result))
 
 
 def _verdict(result: Verification) -> str:
@@ -22,6 +22,12 @@ def _verdict(result: Verification) -> str:
             f"the calibration of {since} is still valid: camera and meter agree on {patches} within their uncertainty "
             f"(largest difference {_patch(worst)})"
         )
+    changed = _changed(result)
+    if result.verdict == "doubtful" and changed is not None:
+        return (
+            f"the calibration of {since} is doubtful: the colour balance has changed, so luminances of coloured "
+            "patches may be wrong: verify again, or calibrate again"
+        )
     if result.verdict == "doubtful":
         return (
             f"the calibration of {since} is doubtful: a difference like {_patch(worst)} is rarely chance; verify again "
@@ -31,6 +37,11 @@ def _verdict(result: Verification) -> str:
         return (
             f"the calibration of {since} is no longer valid, because the dark level has moved; with the new dark "
             "frames camera and meter agree: calibrate again at the camera's present temperature and settings"
+        )
+    if changed is not None and changed.effect_rel > abs(result.drift_rel):
+        return (
+            f"the calibration of {since} is no longer valid, because the colour balance has changed, and with it the "
+            "luminance of coloured patches: calibrate again"
         )
     if abs(result.drift_rel) > result.drift_half_width_95_rel:
         return (
@@ -50,13 +61,43 @@ def _drift(result: Verification) -> str:
     )
 
 
+def _colours(result: Verification) -> list[str]:
+    if len(result.planes) == 1:
+        return []
+    balance = result.balance
+    if balance is None:
+        return [
+            "whether the colours have changed alike is not known: verify with a grey patch that the calibration was "
+            "made with"
+        ]
+    if balance.chance >= chance_limits()[0]:
+        return ["the colour balance is where it was"]
+    chance = "" if _changed(result) else " (which may still be chance)"
+    return [f"the colour balance has changed: {_balance(balance)}{chance}: the light, a filter or the sensor changed"]
+
+
+def _changed(result: Verification) -> ColourBalance | None:
+    """Colours that have changed differently by more than chance."""
+    balance = result.balance
+    return None if balance is None or balance.chance >= chance_limits()[1] else balance
+
+
+def _balance(balance: ColourBalance) -> str:
+    verb = "lost" if balance.change_rel < 0 else "gained"
+    return (
+        f"{balance.odd} has {verb} {_percent(abs(balance.change_rel), sign=False)} ± "
+        f"{_percent(balance.half_width_95_rel, sign=False)} against {balance.against}"
+    )
+
+
 def _dark(result: Verification) -> list[str]:
     moved = _moved(result)
     if not moved:
         return ["the dark level is where it was"]
     worst = max(moved, key=lambda row: abs(row.z))
+    plane = f" in plane {worst.plane}" if len(result.planes) > 1 else ""
     return [
-        f"the dark level has moved by {worst.difference_dn:+.2g} DN at {worst.exposure_s:g} s, which makes "
+        f"the dark level has moved by {worst.difference_dn:+.2g} DN at {worst.exposure_s:g} s{plane}, which makes "
         f"{_percent(worst.effect_rel)} at the lowest calibrated luminance: compare the camera's temperature and black "
         "level with those of the calibration"
     ]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import log, sqrt
 
-from ..calibration import Calibration
+from ..calibration import AnyCalibration, Calibration
 from ..calibration.budget import net_dn_at
+from ..calibration.colour_balance import grey_patches
+from ..calibration.planes import plane_region
 from ..calibration.signal_limits import MIN_NET_SIGNAL
 from ..errors import InputError
 from ..session import Patch, SessionConfiguration
@@ -18,21 +20,23 @@ _RANGE_REL = 0.05
 
 
 def verification_configuration(
-    configuration: SessionConfiguration, calibration: Calibration, patches: Sequence[str] = ()
+    configuration: SessionConfiguration, calibration: AnyCalibration, patches: Sequence[str] = ()
 ) -> SessionConfiguration:
     """Derive the plan of a verification: the same devices and target, a few patches, calibrated exposures.
 
-    Each patch gets the longest calibrated exposure at which it stays below 90 % of saturation.
+    Each patch gets the longest calibrated exposure at which it stays below 90 % of saturation; with colour filters that
+    of each plane, and a patch whose colour the calibration does not know as grey gets all exposures.
 
     Parameters
     ----------
     configuration : SessionConfiguration
         Bench, target and plan.
-    calibration : Calibration
+    calibration : Calibration or ColourCalibration
         To verify.
     patches : sequence of str
-        Names of the patches; empty for the darkest, a middle and the brightest of those that have such an exposure.
-        How bright they are is known from the calibration, or else from the configuration.
+        Names of the patches; empty for the darkest, a middle and the brightest of those that have such an exposure,
+        with colour filters of the grey ones among them. How bright they are is known from the calibration, or else
+        from the configuration.
 
     Returns
     -------
@@ -51,21 +55,21 @@ def verification_configuration(
         if name in patches[:index]:
             raise InputError(f"patch {name!r} is given twice: name each patch once")
     luminance = _luminances(configuration, calibration)
-    exposure = {name: _exposure_s(calibration, known[name], value) for name, value in luminance.items()}
-    chosen = list(patches) or _choice(luminance, exposure, calibration)
+    fitting = {name: _exposures_s(calibration, known[name], value) for name, value in luminance.items()}
+    chosen = list(patches) or _choice(luminance, fitting, calibration)
+    coloured = () if isinstance(calibration, Calibration) else set(luminance) - grey_patches(calibration)
     exposures_s: set[float] = set()
     for name in chosen:
-        if name not in luminance:
+        if name not in luminance or name in coloured:
             # How bright it is will be seen: one of the calibrated exposures should fit.
             exposures_s |= set(calibration.exposures_s)
-            continue
-        exposure_s = exposure[name]
-        if exposure_s is None:
+        elif not fitting[name]:
             raise InputError(
                 f"patch {name!r} has about {luminance[name]:.3g} cd/m^2, for which no calibrated exposure gives a good "
                 "signal: choose another patch"
             )
-        exposures_s.add(exposure_s)
+        else:
+            exposures_s |= fitting[name]
     target = configuration.target.model_copy(update={"patches": tuple(known[name] for name in known if name in chosen)})
     plan = configuration.plan.model_copy(
         update={
@@ -78,7 +82,7 @@ def verification_configuration(
     return configuration.model_copy(update={"name": name, "target": target, "plan": plan, "contrasts": ()})
 
 
-def _luminances(configuration: SessionConfiguration, calibration: Calibration) -> dict[str, float]:
+def _luminances(configuration: SessionConfiguration, calibration: AnyCalibration) -> dict[str, float]:
     """Luminance of the patches as far as it is known, in the target's order."""
     read = {row.patch: row.reading_cd_m2 for row in (*calibration.residuals, *calibration.held_out)}
     nominal = {patch.name: patch.nominal_luminance_cd_m2 for patch in configuration.target.patches}
@@ -86,8 +90,15 @@ def _luminances(configuration: SessionConfiguration, calibration: Calibration) -
     return {name: value for name, value in both.items() if value is not None}
 
 
+def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: float) -> set[float]:
+    """Longest calibrated exposure that leaves headroom, for each plane; empty if a plane has no good signal at any."""
+    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
+    longest = [_exposure_s(plane, patch, luminance_cd_m2) for plane in planes]
+    fitting = {exposure_s for exposure_s in longest if exposure_s is not None}
+    return set() if None in longest else fitting
+
+
 def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) -> float | None:
-    """Longest calibrated exposure that leaves headroom; None if the signal is too low or too high at all."""
     seen_cd_m2 = luminance_cd_m2 * _fall_off(calibration, patch)
     fitting = []
     for exposure_s in calibration.exposures_s:
@@ -102,20 +113,24 @@ def _fall_off(calibration: Calibration, patch: Patch) -> float:
     if calibration.vignetting is None:
         return 1.0
     height, width = calibration.state.image_shape
-    x0, y0, x1, y1 = patch.region().bounds
+    region = patch.region() if calibration.state.plane is None else plane_region(patch.region())
+    x0, y0, x1, y1 = region.bounds
     x, y = min(int((x0 + x1) / 2), width - 1), min(int((y0 + y1) / 2), height - 1)
     return float(calibration.vignetting.relative_illuminance((height, width))[y, x])
 
 
 def _choice(
-    luminance: Mapping[str, float], exposure: Mapping[str, float | None], calibration: Calibration
+    luminance: Mapping[str, float], fitting: Mapping[str, set[float]], calibration: AnyCalibration
 ) -> list[str]:
     low, high = calibration.range_cd_m2
     usable = [
         name
         for name, value in sorted(luminance.items(), key=lambda item: item[1])
-        if exposure[name] is not None and low * (1 - _RANGE_REL) <= value <= high * (1 + _RANGE_REL)
+        if fitting[name] and low * (1 - _RANGE_REL) <= value <= high * (1 + _RANGE_REL)
     ]
+    if not isinstance(calibration, Calibration):
+        grey = grey_patches(calibration)
+        usable = [name for name in usable if name in grey] or usable
     if not usable:
         raise InputError(
             "no patch of the configuration is known to lie within the calibrated range: name two or three with --patch"

@@ -50,7 +50,7 @@ def _run(
     from ..calibration import save
     from ..drivers.simulated.bench import BenchDevices, SimulatedBench
     from ..evaluate import calibrate_session, evaluate_session, observe_session
-    from ..report import write_results
+    from ..report import write_calibration_report, write_results
     from ..session import Session
     from .devices_of_session import simulated_devices
 
@@ -69,7 +69,10 @@ def _run(
             bars.update("evaluating", 1, 3)
             result = evaluate_session(session, observed, calibration)
             bars.update("evaluating", 2, 3)
-            written = write_results(result, folder)
+            written = [
+                *write_calibration_report(calibration, folder, configuration.name),
+                *write_results(result, folder),
+            ]
             bars.update("evaluating", 3, 3)
     errors = [row.calibrated.luminance_cd_m2 / bench.luminance_cd_m2[row.region.name] - 1 for row in result.patches]
     details = {

@@ -13,7 +13,7 @@ from ..errors import InputError
 from .terminal import JSON_OPTION, print_json, print_table, say
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration
     from ..calibration.verification import Verification
 
 
@@ -32,7 +32,7 @@ def history(
     Cameras, lenses, f-numbers and gains are kept apart: each has its own table and plot.
     """
     from ..calibration.history import histories
-    from ..report.history import history_table, history_title, history_values, write_history
+    from ..report.history import by_camera, history_table, history_title, history_values, write_history
 
     if output is not None and output.suffix not in (".html", ".png", ".xlsx"):
         raise InputError(f"--output is {output}: give a file that ends in .html, .png or .xlsx")
@@ -43,28 +43,23 @@ def history(
     if as_json:
         print_json({"cameras": history_values(found), "output": None if output is None else str(output)})
         return
-    for one in found:
+    for one in by_camera(found):
         print_table(history_title(one), *history_table(one))
     if output is not None:
         say(f"Written: {output}")
 
 
-def _read(paths: list[Path]) -> tuple[dict[str, Calibration], dict[str, Verification]]:
-    from ..calibration import Calibration
-    from ..calibration.store import load_any
+def _read(paths: list[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verification]]:
+    from ..calibration import load_any
     from ..calibration.verification_file import FORMAT, load_verification
 
-    calibrations: dict[str, Calibration] = {}
+    calibrations: dict[str, AnyCalibration] = {}
     verifications: dict[str, Verification] = {}
     for path in _files(paths):
         if _format(path) == FORMAT:
             verifications[str(path)] = load_verification(path)
-            continue
-        loaded = load_any(path)
-        if isinstance(loaded, Calibration):
-            calibrations[str(path)] = loaded
         else:
-            calibrations |= {f"{path}, plane {plane.state.plane}": plane for plane in loaded.planes}
+            calibrations[str(path)] = load_any(path)
     return calibrations, verifications
 
 

@@ -15,7 +15,7 @@ from .devices_of_session import DeviceChoice
 from .terminal import JSON_OPTION, print_json, print_table, progress_bars, say
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration
     from ..calibration.verification import Verification
 
 #: Exit status for a calibration that no longer holds.
@@ -26,10 +26,14 @@ def verify(
     calibration: Path = typer.Argument(help="Calibration file, as labcdp calibrate saved it."),
     paths: list[Path] = typer.Argument(
         metavar="[CONFIGURATION] SESSION",
-        help="TOML file of the bench and a new folder, to measure now; or the folder of a recorded session.",
+        help="TOML file of the bench and a new folder, to measure now; or the folder of a recorded session, as of one "
+        "by labcdp import.",
     ),
     patch: list[str] = typer.Option(
-        [], "--patch", help="Patch to measure again; may be given several times. Default: darkest, middle, brightest."
+        [],
+        "--patch",
+        help="Patch to measure again; may be given several times. Default: darkest, middle, brightest (grey ones, with "
+        "colour filters); of a recorded session all.",
     ),
     output: Path | None = typer.Option(
         None, "--output", "-o", help="Folder for verification.json.", show_default="SESSION-results"
@@ -49,12 +53,12 @@ def verify(
 
     The result is kept in verification.json, for labcdp history.
     """
-    from ..calibration import load
+    from ..calibration import load_any
     from ..calibration.verification_file import save_verification
 
     choice = DeviceChoice(camera, meter, simulated, simulated_time, faults, None, None, patience, transcript)
     configuration, session = _paths(paths)
-    loaded = load(calibration)
+    loaded = load_any(calibration)
     if configuration is not None:
         _acquire(configuration, session, loaded, patch, choice)
         patch = []
@@ -92,14 +96,20 @@ def _paths(paths: list[Path]) -> tuple[Path | None, Path]:
 
 
 def _acquire(
-    configuration: Path, session: Path, calibration: Calibration, patch: list[str], choice: DeviceChoice
+    configuration: Path, session: Path, calibration: AnyCalibration, patch: list[str], choice: DeviceChoice
 ) -> None:
     from ..acquire.verify_plan import verification_configuration
+    from ..calibration import Calibration
     from ..evaluate.session import mismatch
     from ..session import SessionConfiguration
 
     bench = SessionConfiguration.load(configuration)
     choice.check(bench.meter)
+    if choice.simulated and not isinstance(calibration, Calibration):
+        raise InputError(
+            "the camera of the simulated bench has no colour filters, the calibration's has: measure with that camera, "
+            "or import its pictures and give the folder of that session alone"
+        )
     # Refused before anything is measured; a warning is among the findings.
     mismatch(bench, calibration)
     wanted = verification_configuration(bench, calibration, patch)
@@ -107,7 +117,7 @@ def _acquire(
     record(session, configuration, wanted, choice)
 
 
-def _verified(path: Path, calibration: Calibration, patches: list[str]) -> Verification:
+def _verified(path: Path, calibration: AnyCalibration, patches: list[str]) -> Verification:
     from ..evaluate.verify import verify_session
     from ..session import Session
 
@@ -137,13 +147,20 @@ def _values(result: Verification) -> dict[str, Any]:
         "chance": result.chance,
         "patches": [asdict(row) | {"z": row.z} for row in result.patches],
         "darks": [asdict(row) | {"z": row.z} for row in result.darks],
+        "planes": [
+            {"plane": plane.plane, "drift": None if plane.drift is None else asdict(plane.drift)}
+            for plane in result.planes
+        ],
+        "balance": None if result.balance is None else asdict(result.balance),
     }
 
 
 def _show(result: Verification) -> None:
-    from ..report.verification_tables import verified_darks_table, verified_patches_table
+    from ..report.verification_tables import verified_darks_table, verified_patches_table, verified_planes_table
 
     print_table("Patches measured again", *verified_patches_table(result))
+    if len(result.planes) > 1:
+        print_table("Colour planes", *verified_planes_table(result))
     print_table("Darkness measured again", *verified_darks_table(result))
     for finding in result.findings:
         say(f"{finding[0].upper()}{finding[1:]}")

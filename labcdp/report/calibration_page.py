@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from .calibration_budget import budget_conditions, budget_facts, budget_table, budgets
 from .calibration_combination import combination_facts, combination_ladder, plane_table
 from .calibration_figures import calibration_figures
 from .calibration_tables import (
-    budget_conditions,
-    budget_facts,
-    budget_table,
     ladder_facts,
     ladder_table,
     left_out_facts,
@@ -26,7 +24,7 @@ from .facts import Fact, calibration_facts
 from .wording import minute
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
+    from ..calibration import AnyCalibration, Calibration
     from ..calibration.colour import ColourCalibration
 
 _KIND = "labcdp report: calibration of a camera as a luminance meter"
@@ -71,6 +69,7 @@ def combination_document(colour: ColourCalibration, title: str = "") -> Document
         ),
         facts=combination_facts(colour),
     )
+    uncertainty = _uncertainty(colour, "grey patch")
     left_out = Section("Left out", facts=left_out_facts(colour.left_out))
     planes = []
     for plane in colour.planes:
@@ -84,7 +83,7 @@ def combination_document(colour: ColourCalibration, title: str = "") -> Document
         title or str(first.state.camera),
         simulated(first),
         [printable(warning) for warning in colour.warnings],
-        (short, combination, *([left_out] if colour.left_out else []), *planes, _provenance(first)),
+        (short, combination, uncertainty, *([left_out] if colour.left_out else []), *planes, _provenance(first)),
     )
 
 
@@ -109,16 +108,21 @@ def _sections(calibration: Calibration) -> Sequence[Section]:
             _left_out(calibration),
             _models(calibration),
             _tests(calibration),
-            Section(
-                "Uncertainty",
-                (budget_conditions(calibration),),
-                (("Budget at the lowest, a middle and the highest luminance", budget_table(calibration)),),
-                facts=budget_facts(calibration),
-            ),
+            _uncertainty(calibration, "patch"),
             Section("Valid for", facts=_validity(calibration)),
         )
         if section is not None
     ]
+
+
+def _uncertainty(calibration: AnyCalibration, patch: str) -> Section:
+    found = budgets(calibration)
+    return Section(
+        "Uncertainty",
+        (budget_conditions(found, patch),),
+        (("Budget at the lowest, a middle and the highest luminance", budget_table(found)),),
+        facts=budget_facts(found),
+    )
 
 
 def _held_out(calibration: Calibration) -> Section | None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from ..calibration import expanded_half_width
-from ..calibration.budget import budget, budget_exposure_s, combined
+from .calibration_budget import budget_sheet, budgets
 from .calibration_combination import combination_numbers, plane_numbers
-from .calibration_tables import RESPONSES, included, left_out_facts, tested
-from .calibration_wording import PATCH_PIXELS, budget_luminances, cautions, purpose, quality, simulated
+from .calibration_tables import RESPONSES, left_out_facts, tested
+from .calibration_wording import cautions, purpose, quality, simulated
 from .digits import Z_95, decimals, exposures
 from .facts import calibration_facts
 from .wording import minute
@@ -28,7 +27,7 @@ def calibration_sheets(calibration: Calibration) -> list[Sheet]:
         _patches([("fit", row) for row in calibration.residuals] + [("held out", row) for row in calibration.held_out]),
         _models(calibration),
         _tests(calibration),
-        _budget(calibration),
+        budget_sheet(budgets(calibration)),
         Sheet("Left out", ("What", "Why"), [tuple(fact) for fact in left_out_facts(calibration.left_out)]),
         Sheet("Facts", ("What", "Value"), [tuple(fact) for fact in calibration_facts(calibration)]),
         _provenance(calibration),
@@ -46,6 +45,7 @@ def combination_sheets(colour: ColourCalibration) -> list[Sheet]:
     return [
         Sheet("Planes", *plane_numbers(colour)),
         Sheet("Combination", *combination_numbers(colour)),
+        budget_sheet(budgets(colour)),
         *planes,
         _provenance(colour.planes[0]),
     ]
@@ -145,45 +145,6 @@ def _tests(calibration: Calibration) -> Sheet:
         verdict = ("yes" if test.significant else "no") if tested(test) else "not tested"
         rows.append((test.name, *numbers, test.unit if test.unit != "1" else "", verdict, test.meaning))
     return Sheet("Tests", header, rows)
-
-
-def _budget(calibration: Calibration) -> Sheet:
-    header = (
-        "luminance in cd/m²",
-        "exposure in ms",
-        "source",
-        "relative standard uncertainty in %",
-        "distribution",
-        "type",
-        "shared by all patches",
-        "included",
-        "basis",
-    )
-    cells: list[tuple[Cell, ...]] = []
-    for luminance in budget_luminances(calibration):
-        rows = budget(calibration, luminance, n_pixels=PATCH_PIXELS)
-        milliseconds = 1e3 * budget_exposure_s(calibration, luminance)
-        at = (Number(luminance, decimals(luminance, 3)), Number(milliseconds, decimals(milliseconds, 4)))
-        for row in rows:
-            cells.append(
-                (
-                    *at,
-                    row.source,
-                    Number(100 * row.standard_uncertainty_rel, 4),
-                    row.distribution,
-                    row.evaluation,
-                    "yes" if row.common else "no",
-                    included(row),
-                    row.basis,
-                )
-            )
-        whole = combined(rows, len(calibration.residuals))
-        freedom = whole.effective_degrees_of_freedom
-        freedom_text = f"{freedom:.0f} effective degrees of freedom" if isfinite(freedom) else ""
-        combination = Number(100 * whole.standard_uncertainty_rel, 4)
-        cells.append((*at, "combined standard uncertainty", combination, *[None] * 4, freedom_text))
-        cells.append((*at, "95 % half width", Number(100 * whole.expanded_95_rel, 4), *[None] * 5))
-    return Sheet("Budget", header, cells)
 
 
 def _provenance(calibration: Calibration) -> Sheet:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import TYPE_CHECKING
 
 from ..calibration import Calibration
-from ..calibration.budget import budget, combined
+from .calibration_budget import PATCH_PIXELS, budgets
 from .digits import exposure, fixed, printable, significant
 from .wording import day, listed
 
 if TYPE_CHECKING:
     from ..calibration import AnyCalibration, ColourCalibration
-
-#: Pixels a patch is taken to have where the report states how well it is known.
-PATCH_PIXELS = 1000
-
-
-def budget_luminances(calibration: Calibration) -> tuple[float, float, float]:
-    """Lowest, middle (geometric mean) and highest calibrated luminance."""
-    low, high = calibration.range_cd_m2
-    return low, sqrt(low * high), high
 
 
 def purpose(calibration: AnyCalibration) -> str:
@@ -50,7 +40,10 @@ def quality_of_combination(colour: ColourCalibration) -> str:
         if colour.spectral_rel > 0
         else "The colours of the patches make no difference that can be seen"
     )
+    widths = [f"± {significant(100 * one.whole.expanded_95_rel, 2)} %" for one in budgets(colour)]
     return printable(
+        f"The mean over a grey patch of {PATCH_PIXELS} pixels is known to {widths[0]} at the lowest, {widths[1]} at a "
+        f"middle and {widths[2]} at the highest of these luminances (95 %). "
         f"Camera and meter differ by up to {fixed(100 * abs(worst.residual_rel), 2)} % on the {n} patches (patch "
         f"{worst.patch}, by a fit without it){_held_out(colour)}. {of_colour}. The scale of the meter, which may be "
         f"wrong by up to ± {100 * colour.meter_scale.half_width_rel:g} %, is part of each luminance, but contrasts do "
@@ -61,8 +54,7 @@ def quality_of_combination(colour: ColourCalibration) -> str:
 def quality(calibration: Calibration) -> str:
     """Tell how well luminances and contrasts are known."""
     n = len(calibration.residuals)
-    whole = [combined(budget(calibration, value, n_pixels=PATCH_PIXELS), n) for value in budget_luminances(calibration)]
-    widths = [100 * one.expanded_95_rel for one in whole]
+    widths = [100 * one.whole.expanded_95_rel for one in budgets(calibration)]
     scale = 100 * calibration.meter_scale.half_width_rel
     worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
     return printable(

@@ -3,44 +3,72 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .digits import printable
-from .drawing import BLUE, LABEL_SIZE, SMALL_SIZE, TITLE_SIZE, new_figure, png
+from .drawing import BLUE, GREEN, LABEL_SIZE, SMALL_SIZE, TITLE_SIZE, VERMILLION, new_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..calibration.history import CameraHistory, HistoryPoint
 
+#: A camera with a lens and a setting: its planes, or the one history of a monochrome sensor.
+Camera: TypeAlias = "tuple[CameraHistory, ...]"
+
 #: A value with its half widths of 95 %, without and with what points share; None where it is not known.
 _Value = tuple[float, float, float] | None
+#: Colour of a plane, and shape of its marks.
+_STYLES = {"R": (VERMILLION, "^"), "Gr": (GREEN, "o"), "Gb": (GREEN, "s"), "B": (BLUE, "v")}
+#: Planes measured at one time stand side by side, so far apart, as a share of the time that is shown.
+_APART = 0.012
 
 
-def history_figure(one: CameraHistory) -> bytes:
-    """Draw responsivity, dark offset, dark rate and K over time, as PNG."""
-    panels: list[tuple[str, list[_Value]]] = [
-        ("responsivity in\nDN s⁻¹ / (cd m⁻²)", [_responsivity(p) for p in one.points]),
-        ("dark offset in DN", [_offset(p) for p in one.points]),
-        ("dark rate in DN/s", [_rate(p) for p in one.points]),
-        ("K in DN/e⁻", [None if p.k_dn_per_e is None else (p.k_dn_per_e, 0.0, 0.0) for p in one.points]),
+def history_figure(planes: Camera) -> bytes:
+    """Draw responsivity, weights, dark offset, dark rate and K over time, as PNG; planes in their colours."""
+    first = planes[0]
+    responsivity = "responsivity in\nDN s⁻¹ / (cd m⁻²)" if len(planes) == 1 else "change of the\nresponsivity in %"
+    panels: list[tuple[str, list[list[_Value]]]] = [
+        (responsivity, [_responsivities(one, relative=len(planes) > 1) for one in planes]),
+        ("weight in the\nluminance", [[_plain(p.weight) for p in one.points] for one in planes]),
+        ("dark offset in DN", [[_offset(p) for p in one.points] for one in planes]),
+        ("dark rate in DN/s", [[_rate(p) for p in one.points] for one in planes]),
+        ("K in DN/e⁻", [[_plain(p.k_dn_per_e) for p in one.points] for one in planes]),
     ]
-    shown = [(label, values) for label, values in panels if any(value is not None for value in values)]
-    figure = new_figure(8.0, 0.9 + 1.9 * len(shown), one.camera.simulated)
+    shown = [(label, values) for label, values in panels if any(v is not None for of_plane in values for v in of_plane)]
+    figure = new_figure(8.0, 0.9 + 1.9 * len(shown), first.camera.simulated)
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for panel, (label, values) in zip(axes, shown, strict=True):
-        _draw(panel, one.points, values)
-        panel.set_ylabel(label, fontsize=LABEL_SIZE)
-    lens = f"{one.lens.model} at f/{one.lens.f_number:g}, {one.gain_db:g} dB"
-    axes[0].set_title(f"{printable(str(one.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
+        for number, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
+            _draw(panel, one, of_plane, number - (len(planes) - 1) / 2)
+        _finish(panel, label)
+    lens = f"{first.lens.model} at f/{first.lens.f_number:g}, {first.gain_db:g} dB"
+    axes[0].set_title(f"{printable(str(first.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
     axes[-1].set_xlabel("time of measurement (UTC)", fontsize=LABEL_SIZE)
+    if len(planes) > 1:
+        axes[0].legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=SMALL_SIZE)
     _time_axis(axes[-1])
     return png(figure)
 
 
-def _responsivity(point: HistoryPoint) -> _Value:
-    r = point.responsivity_dn_s_cd_m2
-    return r, r * point.random_half_width_rel, r * point.half_width_95_rel
+def _responsivities(one: CameraHistory, relative: bool) -> list[_Value]:
+    """Responsivities, or what they are above the first one in percent, with which planes can be compared."""
+    known = [p.responsivity_dn_s_cd_m2 for p in one.points if p.responsivity_dn_s_cd_m2 is not None]
+    values: list[_Value] = []
+    for p in one.points:
+        r, own, whole = p.responsivity_dn_s_cd_m2, p.random_half_width_rel, p.half_width_95_rel
+        if r is None or own is None or whole is None:
+            values.append(None)
+        elif relative:
+            percent = 100 * r / known[0]
+            values.append((percent - 100, percent * own, percent * whole))
+        else:
+            values.append((r, r * own, r * whole))
+    return values
+
+
+def _plain(value: float | None) -> _Value:
+    return None if value is None else (value, 0.0, 0.0)
 
 
 def _offset(point: HistoryPoint) -> _Value:
@@ -53,16 +81,29 @@ def _rate(point: HistoryPoint) -> _Value:
     return point.dark_rate_dn_s, point.dark_rate_half_width_dn_s, point.dark_rate_half_width_dn_s
 
 
-def _draw(axes: Axes, points: Sequence[HistoryPoint], values: Sequence[_Value]) -> None:
-    known = [(p, v) for p, v in zip(points, values, strict=True) if v is not None]
+def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float) -> None:
+    known = [(p, v) for p, v in zip(one.points, values, strict=True) if v is not None]
+    if not known:
+        return
     # Days since 1970, as matplotlib counts them.
-    times = [p.measured.timestamp() / 86400 for p, _ in known]
-    axes.plot(times, [v[0] for _, v in known], color="0.75", linewidth=1.0, zorder=1)
-    for (point, (value, own, whole)), time in zip(known, times, strict=True):
-        filled = "black" if point.kind == "calibration" else "white"
-        axes.errorbar(time, value, yerr=whole, fmt="none", ecolor=BLUE, elinewidth=1.0, capsize=3.0, zorder=2)
-        axes.errorbar(time, value, yerr=own, fmt="none", ecolor=BLUE, elinewidth=3.0, zorder=3)
-        axes.plot([time], [value], "o", markersize=6, color="black", markerfacecolor=filled, zorder=4)
+    days = [p.measured.timestamp() / 86400 for p in one.points]
+    aside = place * _APART * (days[-1] - days[0])
+    times = [p.measured.timestamp() / 86400 + aside for p, _ in known]
+    colour, mark = _STYLES[one.plane] if one.plane else (BLUE, "o")
+    line = "0.75" if one.plane is None else colour
+    label = None if one.plane is None else f"plane {one.plane}"
+    axes.plot(times, [v[0] for _, v in known], color=line, linewidth=1.0, zorder=1)
+    for number, ((point, (value, own, whole)), time) in enumerate(zip(known, times, strict=True)):
+        edge = "black" if one.plane is None else colour
+        filled = edge if point.kind == "calibration" else "white"
+        axes.errorbar(time, value, yerr=whole, fmt="none", ecolor=colour, elinewidth=1.0, capsize=3.0, zorder=2)
+        axes.errorbar(time, value, yerr=own, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
+        named = label if number == 0 else None
+        axes.plot([time], [value], mark, markersize=6, color=edge, markerfacecolor=filled, zorder=4, label=named)
+
+
+def _finish(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label, fontsize=LABEL_SIZE)
     axes.grid(color="0.9")
     axes.set_axisbelow(True)
     axes.margins(x=0.06, y=0.15)

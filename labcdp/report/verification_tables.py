@@ -42,13 +42,39 @@ def verified_patches_table(result: Verification) -> Table:
     )
 
 
+def verified_planes_table(result: Verification) -> Table:
+    """Show how the planes' responsivities have changed, by the grey patches; uncertainties as 95 % half widths."""
+    rows = []
+    for plane in result.planes:
+        drift = plane.drift
+        cells = (UNKNOWN, UNKNOWN)
+        if drift is not None:
+            r = drift.responsivity_dn_s_cd_m2
+            cells = (
+                with_half_width(100 * drift.relative, 100 * drift.half_width_95_rel),
+                with_half_width(r, r * drift.responsivity_half_width_95_rel),
+            )
+        rows.append((f"{plane.plane}", *cells))
+    return Table(("plane", "change (%)", "responsivity now (DN s⁻¹ / (cd m⁻²))"), tuple(rows))
+
+
 def verified_darks_table(result: Verification) -> Table:
     """Show the darkness anew, against that of the calibration."""
+    planes = len(result.planes) > 1
     return Table(
-        ("exposure", "now (DN)", "by the calibration (DN)", "difference (DN)", "z", "at the lowest luminance (%)"),
+        (
+            "exposure",
+            *(["plane"] if planes else []),
+            "now (DN)",
+            "by the calibration (DN)",
+            "difference (DN)",
+            "z",
+            "at the lowest luminance (%)",
+        ),
         tuple(
             (
                 exposure(row.exposure_s),
+                *([f"{row.plane}"] if planes else []),
                 fixed(row.mean_dn, 2),
                 fixed(row.expected_dn, 2),
                 with_half_width(row.difference_dn, Z_95 * row.standard_uncertainty_dn),

@@ -1,8 +1,11 @@
 """The plan of a verification: few patches, calibrated exposures, nothing saturated."""
 
+from dataclasses import replace
+
 import pytest
 
 from labcdp.acquire.verify_plan import verification_configuration
+from labcdp.calibration import ColourCalibration
 from labcdp.errors import InputError
 from labcdp.evaluate import calibrate_session, observe_session
 from labcdp.session import Session, SessionConfiguration, example_session
@@ -51,6 +54,62 @@ def test_a_patch_of_unknown_luminance_is_seen_at_all_exposures(recorded, calibra
     assert plan.plan.exposures_s == calibration.exposures_s
     with pytest.raises(InputError, match="no patch of the configuration is known to lie within the calibrated range"):
         verification_configuration(changed, calibration)
+
+
+@pytest.fixture(scope="module")
+def colour(calibration):
+    """Planes of which blue sees a fifth of the light; the darkest and the brightest patch are no grey ones for them."""
+    darkest, *greys, brightest = sorted(calibration.residuals, key=lambda row: row.reading_cd_m2)
+    r = calibration.responsivity.responsivity_dn_s_cd_m2
+    planes = tuple(
+        replace(
+            calibration,
+            state=replace(
+                calibration.state, plane=plane, image_shape=tuple(n // 2 for n in calibration.state.image_shape)
+            ),
+            residuals=tuple(greys),
+            vignetting=None,
+            responsivity=replace(calibration.responsivity, responsivity_dn_s_cd_m2=r * (0.2 if plane == "B" else 1.0)),
+        )
+        for plane in ("R", "Gr", "Gb", "B")
+    )
+    rows = tuple(tuple(1e-6 * (i == j) for j in range(4)) for i in range(4))
+    return ColourCalibration(
+        planes=planes,
+        weights=(0.25, 0.4, 0.4, -0.05),
+        weight_covariance=rows,
+        spectral_rel=0.0,
+        scatter_rel=0.0,
+        range_cd_m2=calibration.range_cd_m2,
+        residuals=(darkest, *greys, brightest),
+        held_out=(),
+        left_out=(),
+        ladder=(),
+        sensitivity=None,
+        f1_prime=None,
+        warnings=(),
+    )
+
+
+def test_grey_patches_come_first_and_every_plane_has_its_exposure(recorded, colour):
+    greys = {row.patch: row.reading_cd_m2 for row in colour.planes[0].residuals}
+    plan = verification_configuration(recorded.configuration, colour)
+    names = {patch.name for patch in plan.target.patches}
+    assert len(names) == 3
+    assert {min(greys, key=greys.get), max(greys, key=greys.get)} <= names <= set(greys)
+    assert set(plan.plan.exposures_s) <= set(colour.exposures_s)
+    name = max(greys, key=greys.get)
+    plan = verification_configuration(recorded.configuration, colour, [name])
+    for plane in colour.planes:
+        full_dn = plane.responsivity.responsivity_dn_s_cd_m2 * greys[name]
+        fitting = [t for t in colour.exposures_s if full_dn * t + plane.dark.mean_dn(t) <= 0.9 * 4095]
+        assert max(fitting) in plan.plan.exposures_s
+
+
+def test_a_coloured_patch_is_seen_at_all_exposures(recorded, colour):
+    brightest = max(colour.residuals, key=lambda row: row.reading_cd_m2).patch
+    plan = verification_configuration(recorded.configuration, colour, [brightest])
+    assert plan.plan.exposures_s == colour.exposures_s
 
 
 def test_refusals(recorded, calibration):

@@ -92,7 +92,10 @@ def test_a_camera_that_has_drifted(calibration, measured, camera):
     assert result.drift_rel == pytest.approx(0.05, abs=2 * result.drift_half_width_95_rel)
     assert "the camera has drifted by +5" in result.findings[0]
     assert result.findings[0].endswith("calibrate again")
-    assert result.responsivity_dn_s_cd_m2 == pytest.approx(1.05 * 1200 / 1.008, rel=0.01)
+    (plane,) = result.planes
+    assert (plane.plane, result.balance) == (None, None)
+    assert plane.drift.relative == result.drift_rel
+    assert plane.drift.responsivity_dn_s_cd_m2 == pytest.approx(1.05 * 1200 / 1.008, rel=0.01)
 
 
 def test_a_dark_level_that_has_moved(calibration, measured, camera):
@@ -165,7 +168,7 @@ def test_files(calibration, measured, tmp_path):
     document = json.loads(path.read_text())
     for changed, words in (
         ({"format": "x"}, "is not a verification: its key format"),
-        ({"version": 2}, "has version 2, this labcdp reads version 1"),
+        ({"version": 1}, "has version 1, this labcdp reads version 2"),
         ({"verification": {}}, "key verdict: Field required"),
     ):
         path.write_text(json.dumps(document | changed))

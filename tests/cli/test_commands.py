@@ -35,6 +35,8 @@ def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
     assert {path.name for path in folder.iterdir()} == {
         "session",
         "calibration.json",
+        "calibration.html",
+        "calibration.xlsx",
         "report.html",
         "results.xlsx",
         "results.json",

@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from labcdp.acquire import acquire
-from labcdp.calibration import load, save
+from labcdp.calibration import ColourCalibration, load, save
 from labcdp.clock import SimulatedClock
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate import calibrate_session, observe_session
+from labcdp.frame import PLANES
 from labcdp.session import Session, SessionConfiguration, example_session
 
 SIMULATED = ("--simulated", "--simulated-time")
@@ -153,6 +154,20 @@ def test_refusals_of_verify(fails, saved, recorded, bench, arguments, words):
     bench()
     given = [text.format(saved=saved, session=recorded) for text in arguments]
     assert words in fails("verify", *given)
+
+
+def test_the_simulated_bench_has_no_colour_filters(fails, saved, bench, tmp_path):
+    mono = load(saved)
+    planes = tuple(replace(mono, state=replace(mono.state, plane=plane)) for plane in PLANES)
+    nothing = ((0.0,) * 4,) * 4
+    residuals, low_high = mono.residuals, mono.range_cd_m2
+    save(
+        ColourCalibration(planes, (0.25,) * 4, nothing, 0.0, 0.0, low_high, residuals, (), (), (), None, None, ()),
+        tmp_path / "colour.json",
+    )
+    line = fails("verify", "colour.json", bench(), "own", *SIMULATED)
+    assert "the camera of the simulated bench has no colour filters, the calibration's has: measure with that" in line
+    assert not (tmp_path / "own").exists()
 
 
 def test_another_lens_is_refused(fails, saved, bench):

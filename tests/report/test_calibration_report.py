@@ -9,12 +9,13 @@ from openpyxl import load_workbook
 
 from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.colour import ColourCalibration, CombinationStep
+from labcdp.calibration.colour_budget import colour_budget
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
 from labcdp.calibration.verify import verify
+from labcdp.report.calibration_budget import PATCH_PIXELS
 from labcdp.report.calibration_page import calibration_document, combination_document
 from labcdp.report.calibration_results import write_calibration_report
 from labcdp.report.calibration_sheets import combination_sheets
-from labcdp.report.calibration_wording import PATCH_PIXELS
 from labcdp.report.page import document_page
 from labcdp.report.workbook import workbook
 from labcdp.response import Response
@@ -193,9 +194,10 @@ def test_a_measured_fall_off_and_a_plain_calibration(calibration):
     assert "no patch was held out to test it" in page.text
 
 
-def test_colour_planes(calibration):
+@pytest.fixture(scope="module")
+def colour(calibration):
     planes = tuple(replace(calibration, state=replace(calibration.state, plane=p)) for p in ("R", "Gr", "Gb", "B"))
-    colour = ColourCalibration(
+    return ColourCalibration(
         planes=planes,
         weights=(0.2, 0.3, 0.3, 0.2),
         weight_covariance=((1e-4, 0.0, 0.0, 0.0), (0.0, 1e-4, 0.0, 0.0), (0.0, 0.0, 1e-4, 0.0), (0.0, 0.0, 0.0, 1e-4)),
@@ -213,6 +215,9 @@ def test_colour_planes(calibration):
         f1_prime=0.12,
         warnings=("R: a warning",),
     )
+
+
+def test_colour_planes(colour, calibration):
     page = Page(document_page(combination_document(colour)))
     assert [row[:2] for row in table(page, ("plane", "weight"))[1:]] == [
         ["R", "+0.200"],
@@ -224,8 +229,32 @@ def test_colour_planes(calibration):
     assert "12.0 %" in page.text
     assert "R: a warning" in page.text
     book = load_workbook(BytesIO(workbook(combination_sheets(colour), "t", calibration.provenance.measured)))
-    assert book.sheetnames[:3] == ["Planes", "Combination", "R Summary"]
+    assert book.sheetnames[:4] == ["Planes", "Combination", "Budget", "R Summary"]
     assert [cell.value for cell in book["Planes"]["B"]][1:] == [0.2, 0.3, 0.3, 0.2]
+
+
+def test_budget_of_the_combination_says_what_the_calibration_says(colour, calibration):
+    page = Page(document_page(combination_document(colour)))
+    rows = {row[0]: row for row in next(rows for rows in page.tables if rows[0][0] == "source")}
+    low, high = colour.range_cd_m2
+    for column, luminance in ((1, low), (2, (low * high) ** 0.5), (3, high)):
+        at = colour_budget(colour, luminance, n_groups=PATCH_PIXELS // 4)
+        whole = combined(at, len(calibration.residuals))
+        assert_percent(rows["combined standard uncertainty"][column], whole.standard_uncertainty_rel)
+        assert_percent(rows["95 % half width"][column], whole.expanded_95_rel)
+        for row in at:
+            if row.included and 100 * row.standard_uncertainty_rel > 0.001:
+                assert_percent(rows[row.source][column], row.standard_uncertainty_rel)
+    assert rows["fit"][6] == rows["meter scale"][6] == "yes"
+    assert rows["shot and read noise"][6] == "no"
+    assert "The mean over a grey patch of 1000 pixels is known to ±" in page.text
+    assert "0.01 times the standard deviation of its red, green and blue" in page.text
+    book = load_workbook(BytesIO(workbook(combination_sheets(colour), "t", calibration.provenance.measured)))
+    cells = list(book["Budget"].iter_rows(min_row=2, values_only=True))
+    for row, expected in zip(cells, colour_budget(colour, low, n_groups=PATCH_PIXELS // 4), strict=False):
+        assert row[2] == expected.source
+        assert row[3] == pytest.approx(100 * expected.standard_uncertainty_rel)
+        assert row[6] == ("yes" if expected.common else "no")
 
 
 def test_a_verification_of_the_very_same_measurement(evaluation):

@@ -116,18 +116,25 @@ def colourfulness(luminances: Array) -> Array:
 def combine(data: ColourData, prior: Prior) -> Combination:
     """Fit the weights, with what colour alone makes the patches scatter.
 
-    The scatter is the smallest with which chi^2 is at most the degrees of freedom (R. C. Paule and J. Mandel, J. Res.
-    Natl. Bur. Stand. 87 (1982) 377).
+    The scatter is the smallest with which chi^2 of the coloured patches is at most their degrees of freedom (R. C.
+    Paule and J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). Grey ones, which no colour makes scatter, determine
+    the sum of the weights.
     """
-    freedom = max(len(data.relative) - _parameters(data, prior), 1)
+    coloured = data.colourfulness >= _COLOURED
+    of_colour = _parameters(data, prior) - int(not coloured.all())
+    freedom = max(int(coloured.sum()) - of_colour, 1)
+
+    def chi_squared(found: Combination) -> float:
+        return float(np.sum((found.deviation / found.uncertainty)[coloured] ** 2))
+
     found = _solve(data, prior, 0.0)
-    if found.chi_squared <= freedom or data.colourfulness.max() < _COLOURED:
+    if chi_squared(found) <= freedom:
         return found
     low, high = 0.0, 1.0
     for _ in range(_ROUNDS):
         middle = (low + high) / 2
         found = _solve(data, prior, middle)
-        low, high = (middle, high) if found.chi_squared > freedom else (low, middle)
+        low, high = (middle, high) if chi_squared(found) > freedom else (low, middle)
     return found
 
 

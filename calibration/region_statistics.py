@@ -118,8 +118,8 @@ class RegionAccumulator:
         if self._sum is None or n_frames < MIN_FRAMES:
             found = f"{n_frames} frame{'s' if n_frames != 1 else ''}{self._at}"
             raise CalibrationError(
-                f"region {self._region.name!r} was given {found}: take at least {MIN_FRAMES} of each exposure, the noise "
-                "comes from their difference"
+                f"region {self._region.name!r} was given {found}: take at least {MIN_FRAMES} of each exposure, the "
+                "noise comes from their difference"
             )
         factor = self._factor
         mean_frame = (self._sum / n_frames - self._pattern_dn) * factor

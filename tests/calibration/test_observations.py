@@ -223,7 +223,7 @@ def test_no_frame():
 
 def test_a_single_frame(new_frame):
     with pytest.raises(
-        CalibrationError, match="region 'grey' was given 1 frame at .* s: take at least 2 of each exposure"
+        CalibrationError, match=r"region 'grey' was given 1 frame at .* s: take at least 2 of each exposure"
     ):
         observe_patches([new_frame(np.full(SHAPE, 9.0))], [PATCH])
 

@@ -28,6 +28,7 @@ from .intake import gain_settings, group_by_patch, require_one_camera, take_usab
 from .ladder import climb
 from .model import Calibration, PatchResidual, ResponsivityFit
 from .observations import DarkObservation, PatchObservation
+from .patch import patch_luminance
 from .readings import MeterScale, meter_scale
 from .residuals import fitted_rows, held_out_rows
 from .response_curve import ResponseCurve
@@ -118,7 +119,9 @@ def fit(
         max(reading.timestamp for group in readings.values() for reading in group),
     )
     rows, held_out_warnings = held_out_rows(
-        calibration, {name: groups[name] for name in groups if name in held_out}, readings
+        lambda name: patch_luminance(calibration, groups[name]),
+        {name: group[0].centre_px for name, group in groups.items() if name in held_out},
+        readings,
     )
     warnings += [
         *data.warnings,

@@ -26,7 +26,8 @@ from .colour_combination import (
     single,
     single_leave_one_out,
 )
-from .colour_patches import ColourPatches, by_patch, colour_patches, colour_row, held_out_rows
+from .colour_conversion import colour_patch_luminance
+from .colour_patches import ColourPatches, by_patch, centre_px, colour_patches, colour_row
 from .colour_planes import COLOURS, colours_of_planes, one_spectrum
 from .colour_prior import ColourPrior, choose_prior
 from .dark_library import DarkLibrary
@@ -34,6 +35,7 @@ from .defects import DefectMap
 from .intake import group_by_patch
 from .model import Calibration
 from .observations import DarkObservation, PatchObservation
+from .residuals import held_out_rows
 from .setup import Setup
 
 _log = logging.getLogger(__name__)
@@ -103,7 +105,11 @@ def fit_colour(
     patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings, scatter_rel)
     chosen, ladder = _choose(patches.data, prior.prior)
     calibration = _assemble(planes, chosen, patches, ladder, prior)
-    rows, of_held_out = held_out_rows(calibration, {n: groups[n] for n in groups if n in held_out}, readings)
+    rows, of_held_out = held_out_rows(
+        lambda name: colour_patch_luminance(calibration, groups[name]),
+        {name: centre_px(group) for name, group in groups.items() if name in held_out},
+        readings,
+    )
     warnings += [
         *_plane_warnings(planes),
         *patches.warnings,

@@ -11,9 +11,8 @@ import numpy as np
 from ..errors import CalibrationError
 from ..frame import PLANES
 from ..reading import Reading
-from .colour import ColourCalibration
 from .colour_combination import ColourData
-from .colour_conversion import colour_patch_luminance, own_rel
+from .colour_conversion import own_rel
 from .colour_planes import colours_of_planes
 from .findings import LeftOut
 from .model import Calibration, PatchResidual
@@ -174,27 +173,3 @@ def colour_row(
         centre_px=centre,
         leave_one_out_rel=deviation,
     )
-
-
-def held_out_rows(
-    calibration: ColourCalibration,
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
-    readings: Mapping[str, Sequence[Reading]],
-) -> tuple[tuple[PatchResidual, ...], list[str]]:
-    """One row for each held-out patch, and warnings about those that cannot be used."""
-    rows, warnings = [], []
-    for name, group in groups.items():
-        reading, of_reading = combine_readings(name, readings[name])
-        warnings += of_reading
-        try:
-            seen = colour_patch_luminance(calibration, group)
-        except CalibrationError as error:
-            warnings.append(f"held-out patch {name!r} tells nothing: {error}")
-            continue
-        if reading.luminance_cd_m2 == 0:
-            warnings.append(f"held-out patch {name!r} reads 0 cd/m^2, below the meter's range: it tells nothing")
-            continue
-        deviation = seen.luminance_cd_m2 / reading.luminance_cd_m2 - 1
-        stated = hypot(reading.random_cd_m2 / reading.luminance_cd_m2, seen.random_rel, seen.fit_rel)
-        rows.append(colour_row(reading, [seen], centre_px(group), deviation, deviation / stated))
-    return tuple(rows), warnings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import sqrt
 
 import numpy as np
@@ -11,9 +11,9 @@ from ..errors import CalibrationError
 from ..reading import Reading
 from .gls import Solution
 from .ladder import leave_one_out, patch_weights
-from .model import Calibration, PatchResidual
+from .model import PatchResidual
 from .observations import PatchObservation
-from .patch import patch_luminance
+from .patch import PatchLuminance
 from .readings import PatchReading, combine_readings
 
 
@@ -60,27 +60,27 @@ def fitted_rows(
 
 
 def held_out_rows(
-    calibration: Calibration,
-    groups: Mapping[str, Sequence[PatchObservation]],
+    measure: Callable[[str], PatchLuminance],
+    centres_px: Mapping[str, tuple[float, float]],
     readings: Mapping[str, Sequence[Reading]],
 ) -> tuple[tuple[PatchResidual, ...], list[str]]:
     """One row for each held-out patch, and warnings about those that cannot be used.
 
     Parameters
     ----------
-    calibration : Calibration
-        That was not shown them.
-    groups : mapping of str to sequence of PatchObservation
-        Observations of the held-out patches.
+    measure : callable
+        Returns the luminance of a patch by a calibration that was not shown it; may raise CalibrationError.
+    centres_px : dict of str to (float, float)
+        Middle (x, y) of the held-out patches.
     readings : mapping of str to sequence of Reading
         The meter's readings.
     """
     rows, warnings = [], []
-    for name, observations in groups.items():
+    for name, centre_px in centres_px.items():
         reading, reading_warnings = combine_readings(name, readings[name])
         warnings += reading_warnings
         try:
-            seen = patch_luminance(calibration, observations)
+            seen = measure(name)
         except CalibrationError as error:
             warnings.append(f"held-out patch {name!r} tells nothing: {error}")
             continue
@@ -101,7 +101,7 @@ def held_out_rows(
                 residual_rel=deviation / reading.luminance_cd_m2,
                 standardised_residual=deviation / stated,
                 exposures_s=seen.exposures_s,
-                centre_px=observations[0].centre_px,
+                centre_px=centre_px,
                 leave_one_out_rel=deviation / reading.luminance_cd_m2,
             )
         )

@@ -5,9 +5,14 @@ import os
 import shutil
 import subprocess
 
+import hypothesis
 import pytest
 
 _CLONE_NEWNET = 0x40000000
+
+# Tests do not depend on how busy the computer is.
+hypothesis.settings.register_profile("labcdp", deadline=None)
+hypothesis.settings.load_profile("labcdp")
 
 
 def _may_have_a_network_of_its_own() -> bool:

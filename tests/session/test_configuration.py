@@ -4,7 +4,7 @@ import tomllib
 from datetime import date
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.errors import ConfigurationError
@@ -286,13 +286,11 @@ TABLES = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(TABLES)
 def test_toml_text_is_read_back_by_the_standard_library(document):
     assert tomllib.loads(toml_text(document)) == document
 
 
-@settings(deadline=None)
 @given(st.data(), TABLES | SCALARS | st.lists(SCALARS))
 def test_any_value_anywhere_is_taken_or_refused_in_one_line(data, value):
     document = tomllib.loads(BASE)

@@ -38,7 +38,7 @@ def open_and_verify(path):
     Session.open(path).verify()
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(st.data())
 def test_a_changed_byte_is_noticed(sound, data):
     file = sound / data.draw(st.sampled_from(FILES))
@@ -56,7 +56,7 @@ def test_a_changed_byte_is_noticed(sound, data):
         file.write_bytes(text)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(st.data())
 def test_a_lost_or_added_end_is_noticed(sound, data):
     file = sound / data.draw(st.sampled_from(FILES))

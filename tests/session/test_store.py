@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -78,7 +78,6 @@ FRAMES = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(FRAMES, st.booleans())
 def test_any_frame_survives_its_file(frame, compress):
     assert_same(frame_from_tiff(frame_to_tiff(frame, compress), "file"), frame)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal
 from enum import Enum
+from math import floor, log10
 from typing import Final, Literal
 
 from ..reading import LuminanceUnit, MeterIdentity, Reading
@@ -81,6 +82,11 @@ class LSDataSheet:
     def digit_error(self, value: float, unit: LuminanceUnit) -> int:
         """Half width of the digit error in digits; for a ratio, which hides the luminance, the larger one."""
         return 2 if unit == "%" or value < self.two_digits_below else 1
+
+    def shown_resolution(self, value: float) -> float:
+        """Value of the last digit the meter shows for a luminance of at least 0."""
+        fourth = floor(log10(value)) - 3 if value > 0 else -self.decimals
+        return float(Decimal(1).scaleb(max(fourth, -self.decimals)))
 
 
 #: Acceptance angle 1 degree; +-2 digits from 0.001 to 0.999.

@@ -53,8 +53,10 @@ def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
 
 
 def _with_digits(reading: Reading, described: MeterConfiguration) -> Reading:
-    """Digit error by the data sheet, where it goes with the value."""
+    """Digits by the data sheet, where it goes with the value; spreadsheets drop zeros at the end of a number."""
     sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
     if sheet is None:
         return reading
-    return replace(reading, digits_half_width=sheet.digit_error(reading.value, reading.unit) * reading.resolution)
+    resolution = min(reading.resolution, sheet.shown_resolution(reading.value))
+    digits = sheet.digit_error(reading.value, reading.unit)
+    return replace(reading, resolution=resolution, digits_half_width=digits * resolution)

@@ -278,13 +278,15 @@ def show_calibration(calibration: AnyCalibration) -> None:
 
 
 def _fitted(calibration: AnyCalibration) -> str:
-    from ..calibration import Calibration
+    from ..calibration import Calibration, expanded_half_width
 
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
+        half_width = expanded_half_width(calibration.meter_scale.half_width_rel, fit.random_rel)
+        alone = expanded_half_width(0.0, fit.random_rel)
         return (
-            f"Responsivity {fit.responsivity_dn_s_cd_m2:.5g} DN s^-1 / (cd m^-2) +- "
-            f"{calibration.responsivity_common_rel:.2%} (fit alone {fit.random_rel:.2%})"
+            f"Responsivity {fit.responsivity_dn_s_cd_m2:.5g} DN s^-1 / (cd m^-2) +- {half_width:.2%} (95 %; fit alone "
+            f"{alone:.2%})"
         )
     weights = zip(calibration.planes, calibration.weights, strict=True)
     return "Luminance = " + " ".join(f"{weight:+.3f} L({plane.state.plane})" for plane, weight in weights)

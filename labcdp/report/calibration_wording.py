@@ -42,8 +42,9 @@ def quality_of_combination(colour: ColourCalibration) -> str:
     )
     widths = [f"± {significant(100 * one.whole.expanded_95_rel, 2)} %" for one in budgets(colour)]
     return printable(
-        f"The mean over a grey patch of {PATCH_PIXELS} pixels is known to {widths[0]} at the lowest, {widths[1]} at a "
-        f"middle and {widths[2]} at the highest of these luminances (95 %). "
+        f"The mean over a grey patch of {PATCH_PIXELS} pixels in the middle of the image, without light from beside it "
+        f"(glare), is known to {widths[0]} at the lowest, {widths[1]} at a middle and {widths[2]} at the highest of "
+        "these luminances (95 %). "
         f"Camera and meter differ by up to {fixed(100 * abs(worst.residual_rel), 2)} % on the {n} patches (patch "
         f"{worst.patch}, by a fit without it){_held_out(colour)}. {of_colour}. The scale of the meter, which may be "
         f"wrong by up to ± {100 * colour.meter_scale.half_width_rel:g} %, is part of each luminance, but contrasts do "
@@ -58,7 +59,8 @@ def quality(calibration: Calibration) -> str:
     scale = 100 * calibration.meter_scale.half_width_rel
     worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
     return printable(
-        f"The mean over a patch of {PATCH_PIXELS} pixels is known to ± {significant(widths[0], 2)} % at the lowest, "
+        f"The mean over a patch of {PATCH_PIXELS} pixels in the middle of the image, without light from beside it "
+        f"(glare), is known to ± {significant(widths[0], 2)} % at the lowest, "
         f"± {significant(widths[1], 2)} % at a middle and ± {significant(widths[2], 2)} % at the highest of these "
         f"luminances (95 %). The scale of the meter, which may be wrong by up to ± {scale:g} %, is part of that, but "
         f"contrasts do not depend on it. Camera and meter differ by up to {fixed(100 * abs(worst.residual_rel), 2)} % "

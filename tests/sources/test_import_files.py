@@ -326,3 +326,16 @@ def test_a_truncated_picture_costs_nothing_recorded(labcdp, still_camera):
     assert "labcdp: light/25_3.dng is truncated: its pixels reach to byte" in done.stderr
     after = {p: p.read_bytes() for p in sorted((still_camera.folder / "session").rglob("*")) if p.is_file()}
     assert after == before
+
+
+def test_zeros_that_a_spreadsheet_drops_make_no_reading_coarser(imported, still_camera):
+    """An LS-110 shows 10.00 and 225.0, whatever a list makes of it."""
+    lines = ["patch,luminance_cd_m2"]
+    lines += [f"{name},{value:.0f}" for name, value in still_camera.luminance_cd_m2.items()]
+    path = still_camera.folder / "dropped.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    imported(readings=path)
+    with Session.open(still_camera.folder / "session") as session:
+        seen = {record.patch: record.reading for record in session.readings()}
+    assert (seen["black"].resolution, seen["black"].digits_half_width) == (0.01, 0.01)
+    assert (seen["white"].resolution, seen["white"].digits_half_width) == (0.1, 0.1)

@@ -17,7 +17,7 @@ _ALIKE_REL = 0.01
 #: Part of what a shorter exposure of the same patch promises, below which a signal is short of it.
 _SHORT = 0.9
 #: Ratio of the light of signals on a plateau, at least: more than one bad reading in a bent response would make.
-_LIGHT_RATIO = 1.5
+_LIGHT_RATIO = 1.2
 
 
 def require_no_plateau(

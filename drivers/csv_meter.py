@@ -148,6 +148,7 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[
     readings: dict[str, list[Reading]] = {}
     columns: _Columns | None = None
     width = 0
+    marks: set[str] = set()
     try:
         for row in rows:
             if columns is None:
@@ -156,6 +157,12 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[
                 if len(row) != width:
                     raise InputError(_wrong_width(row, width, separator))
                 patch = row[columns.patch].strip()
+                marks |= {",", "."} & set(row[columns.luminance])
+                if len(marks) > 1:
+                    raise InputError(
+                        f"{row[columns.luminance].strip()!r} has another decimal mark than the numbers above: write "
+                        "all with a point or all with a comma, and no mark of thousands"
+                    )
                 reading = _reading(row, columns, identity, accuracy, changed, lines[rows.line_num - 1])
                 readings.setdefault(patch, []).append(reading)
     except (InputError, csv.Error) as error:
@@ -183,7 +190,7 @@ def _columns(header: Sequence[str], separator: str) -> _Columns:
         luminance_unit=_LUMINANCE[luminance[0]],
         unit=names.index("unit") if "unit" in names else None,
         time=names.index("time") if "time" in names else None,
-        comma_is_decimal=separator == ";",
+        comma_is_decimal=separator != ",",
     )
 
 

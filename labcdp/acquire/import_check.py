@@ -60,6 +60,7 @@ def check_files(
     seen: dict[str, ImportFile] = {}
     warnings: list[str] = []
     counts: dict[tuple[Role, str | None, float], int] = {}
+    levels: dict[float, dict[Role, list[float]]] = {}
     for done, file in enumerate(files, start=1):
         read = read_picture(file, configuration)
         if first is None:
@@ -79,10 +80,23 @@ def check_files(
         seen[key] = file
         setting = (file.role, file.patch, read.frame.exposure_s)
         counts[setting] = counts.get(setting, 0) + 1
+        levels.setdefault(read.frame.exposure_s, {}).setdefault(file.role, []).append(float(read.frame.dn.mean()))
         report("checking", done, len(files))
     if first is None:
         raise InputError("there is no picture to import: give --light and --dark")
+    _require_light_brighter(levels)
     return [CheckedFile(file, key) for key, file in seen.items()], first.frame, warnings + _too_few(counts)
+
+
+def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]]]) -> None:
+    """Refuse light and dark pictures that were taken for each other."""
+    both = {t: of for t, of in levels.items() if len(of) > 1}
+    if both and all(max(of["light"]) < min(of["dark"]) for of in both.values()):
+        exposure_s, of = max(both.items())
+        raise InputError(
+            f"the light pictures are darker than the dark ones (mean {max(of['light']):.4g} against "
+            f"{min(of['dark']):.4g} DN at {exposure_s:g} s): give them the other way round"
+        )
 
 
 def _as_what(file: ImportFile) -> str:

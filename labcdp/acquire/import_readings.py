@@ -29,6 +29,7 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list
     for name in names:
         if name not in by_patch:
             raise InputError(f"{path} has no reading of patch {name!r}: add one, or take the patch from the target")
+    finest = min(reading.resolution for readings in by_patch.values() for reading in readings)
     warnings = []
     result = []
     for patch, readings in by_patch.items():
@@ -38,7 +39,7 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list
                 f"{path} has {len(readings) - len(once)} line(s) of patch {patch!r} twice, they count once: a column "
                 "time tells repeated readings from copied lines"
             )
-        result += [(patch, _with_digits(reading, described)) for reading in once]
+        result += [(patch, _with_digits(reading, described, finest)) for reading in once]
     return result, warnings
 
 
@@ -52,11 +53,14 @@ def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
     )
 
 
-def _with_digits(reading: Reading, described: MeterConfiguration) -> Reading:
-    """Digits by the data sheet, where it goes with the value; spreadsheets drop zeros at the end of a number."""
+def _with_digits(reading: Reading, described: MeterConfiguration, finest: float) -> Reading:
+    """Digits by the data sheet, as fine as the finest number of the list.
+
+    Spreadsheets drop zeros at the end of some numbers; who rounds, rounds all.
+    """
     sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
     if sheet is None:
         return reading
-    resolution = min(reading.resolution, sheet.shown_resolution(reading.value))
+    resolution = min(reading.resolution, max(finest, sheet.shown_resolution(reading.value)))
     digits = sheet.digit_error(reading.value, reading.unit)
     return replace(reading, resolution=resolution, digits_half_width=digits * resolution)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from ..calibration import AnyCalibration
     from ..calibration.verification import Verification
 
+#: How the names of our files begin, by which a broken one is known.
+_OUR_NAMES = ("calibration", "verification")
+_BROKEN = "broken"
+
 
 def history(
     paths: list[Path] = typer.Argument(
@@ -55,11 +59,19 @@ def _read(paths: list[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verif
 
     calibrations: dict[str, AnyCalibration] = {}
     verifications: dict[str, Verification] = {}
+    named = {path.resolve() for path in paths}
     for path in _files(paths):
-        if _format(path) == FORMAT:
-            verifications[str(path)] = load_verification(path)
-        else:
-            calibrations[str(path)] = load_any(path)
+        try:
+            if _format(path) == FORMAT:
+                verifications[str(path)] = load_verification(path)
+            else:
+                calibrations[str(path)] = load_any(path)
+        except InputError as error:
+            if path.resolve() in named:
+                raise
+            say(f"Left out: {error}")
+    if not calibrations and not verifications:
+        raise InputError("none of the files can be read: give a folder with calibrations")
     return calibrations, verifications
 
 
@@ -71,7 +83,7 @@ def _files(paths: list[Path]) -> Iterable[Path]:
     files: dict[Path, Path] = {}
     for path in paths:
         if path.is_dir():
-            inside = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION)]
+            inside = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
             if not inside:
                 raise InputError(f"{path} holds no calibration: give a folder in which labcdp calibrate saved one")
             files |= {p.resolve(): p for p in inside}
@@ -85,5 +97,5 @@ def _format(path: Path) -> object:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None
+        return _BROKEN if path.stem.startswith(_OUR_NAMES) else None
     return document.get("format") if isinstance(document, dict) else None

@@ -153,9 +153,11 @@ def _require_all_used(calibration: AnyCalibration, sessions: Sequence[ObservedSe
         for name in one.names:
             if name not in known and _useless(name, calibration, one):
                 reasons = "; ".join(w for w in calibration.warnings if f"patch {name!r}" in w)
+                unread = all(reading.value == 0 for reading in one.readings.get(name, ()))
+                what = "cannot be used" if unread else "cannot be used at any exposure"
+                remedy = "" if unread else "acquire it with other exposures, or "
                 raise CalibrationError(
-                    f"patch {name!r} cannot be used at any exposure ({reasons}): acquire it with other exposures, or "
-                    f"leave it out with --without {name!r}"
+                    f"patch {name!r} {what} ({reasons}): {remedy}leave it out with --without {name!r}"
                 )
 
 

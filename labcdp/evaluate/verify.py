@@ -52,6 +52,10 @@ def verify_session(
     without = [name for name in names if patches and name not in patches]
     observed = observe_session(session, without, report, corrections_of(calibration))
     warnings = mismatch(session.configuration, calibration)
+    if observed.input_sha256 == calibration.provenance.input_sha256:
+        warnings.append(
+            "the calibration was made of this very session, so they agree whatever the camera does now: measure again"
+        )
     result = _verified(observed, calibration)
     return replace(result, findings=(*result.findings, *warnings))
 

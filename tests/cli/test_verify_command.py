@@ -186,3 +186,23 @@ def test_another_lens_is_refused(fails, saved, bench):
 def test_refusals_of_history(fails, saved, tmp_path, arguments, words):
     (tmp_path / "empty").mkdir()
     assert words in fails("history", *(text.format(saved=saved) for text in arguments))
+
+
+def test_a_broken_file_of_a_history_is_named_and_the_rest_is_shown(labcdp, saved, tmp_path):
+    (tmp_path / "all").mkdir()
+    (tmp_path / "all" / "calibration.json").write_bytes(saved.read_bytes())
+    (tmp_path / "all" / "calibration-2.json").write_bytes(saved.read_bytes()[:500])
+    (tmp_path / "all" / "calibration-3.json").write_text(
+        saved.read_text().replace("LED", "led", 1).replace("D65", "D66")
+    )
+    done = labcdp("history", "all", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["cameras"][0]["points"]) == 1
+    assert "Left out: calibration all/calibration-2.json is not valid JSON" in done.stderr
+    assert "Left out: calibration all/calibration-3.json was changed after it was written" in done.stderr
+
+
+def test_the_calibration_s_own_session_verifies_nothing(labcdp, saved, recorded):
+    done = labcdp("verify", saved, recorded, "--output", "own", "--json")
+    texts = json.loads(done.stdout)["findings"]
+    assert any("the calibration was made of this very session" in text for text in texts)

@@ -80,6 +80,11 @@ def test_foot_lamberts(meter_of, text):
         assert meter.measure().luminance_cd_m2 == pytest.approx(3.4 * 3.4262591, rel=1e-7)
 
 
+def test_between_tabs_a_comma_is_the_decimal_comma(meter_of):
+    with meter_of("patch\tluminance_fL\na\t65,806\n") as meter:
+        assert meter.readings["a"][0].value == 65.806
+
+
 def test_between_semicolons_a_comma_is_the_decimal_comma(meter_of):
     with meter_of("patch;luminance_cd_m2\nleft;1,234\n") as meter:
         meter.point("left")
@@ -135,6 +140,14 @@ def test_a_patch_is_chosen_first_and_exists(meter_of):
         ("patch,luminance_fL,luminance_cd_m2\na,1,2\n", r"csv, line 1: the columns are .*: give one of luminance_cd"),
         ("patch,patch,luminance_cd_m2\na,b,1\n", r"csv, line 1: the column patch is there twice: keep one"),
         ("patch,luminance_cd_m2\na,1\nb\n", r"csv, line 3: it has 1 cells, the header has 2: 'b'"),
+        (
+            "patch;luminance_cd_m2\na;12,3\nb;1.234\n",
+            r"csv, line 3: '1.234' has another decimal mark than the numbers above: write all with a point or all with",
+        ),
+        (
+            "patch;luminance_cd_m2\na;1.234,5\n",
+            r"csv, line 2: '1.234,5' has another decimal mark",
+        ),
         ("patch,luminance_cd_m2\na,12,3\n", r"csv, line 2: it has 3 cells, .*'a,12,3'; a number with a decimal comma"),
         ("patch,luminance_cd_m2\n\na,bright\n", r"csv, line 3: 'bright' is not a number: write it like"),
         ("patch,luminance_cd_m2\na,-1\n", r"csv, line 2: -1 is negative"),

@@ -329,9 +329,9 @@ def test_a_truncated_picture_costs_nothing_recorded(labcdp, still_camera):
 
 
 def test_zeros_that_a_spreadsheet_drops_make_no_reading_coarser(imported, still_camera):
-    """An LS-110 shows 10.00 and 225.0, whatever a list makes of it."""
+    """An LS-110 shows 10.00 and 225.0; a list in which some number has two decimals was not rounded."""
     lines = ["patch,luminance_cd_m2"]
-    lines += [f"{name},{value:.0f}" for name, value in still_camera.luminance_cd_m2.items()]
+    lines += [f"{name},{round(value, 2):g}" for name, value in still_camera.luminance_cd_m2.items()]
     path = still_camera.folder / "dropped.csv"
     path.write_text("\n".join(lines), encoding="utf-8")
     imported(readings=path)
@@ -339,3 +339,9 @@ def test_zeros_that_a_spreadsheet_drops_make_no_reading_coarser(imported, still_
         seen = {record.patch: record.reading for record in session.readings()}
     assert (seen["black"].resolution, seen["black"].digits_half_width) == (0.01, 0.01)
     assert (seen["white"].resolution, seen["white"].digits_half_width) == (0.1, 0.1)
+
+
+def test_light_and_dark_the_wrong_way_round_are_refused(imported, files):
+    swapped = [replace(file, role="dark" if file.role == "light" else "light") for file in files]
+    with pytest.raises(InputError, match=r"the light pictures are darker than the dark ones .*: give them"):
+        imported(of=swapped)

@@ -1,10 +1,11 @@
 """How often stated 95 % intervals hold the truth, over simulated benches of cameras that nobody has seen before.
 
 Run ``python benchmarks/calibration_coverage.py [--benches N] [--first N] [--processes N]``. Each bench is a random
-camera (gain, noise, dark current, fixed pattern, black level, fall-off) with a random meter, a flat field, dark frames
-and 8 to 12 patches over four decades of luminance. It is calibrated, and then patches it has not seen are measured: one
-for the luminance, two for their contrast and its CDP. The truth is known: the luminances of the scene, and the CDP of
-144 000 pixels of each region behind a conversion without error.
+camera (gain, noise, dark current, fixed pattern, black level, fall-off) with a random meter, a flat field of a source
+that is as uneven as stated, by up to 1 %, dark frames and 8 to 12 patches over four decades of luminance. It is
+calibrated, and then patches it has not seen are measured: one for the luminance, two for their contrast and its CDP.
+The truth is known: the luminances of the scene, and the CDP of 144 000 pixels of each region behind a conversion
+without error.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ METER = MeterIdentity("LS-110", "73323007")
 #: LS-110: +-2 %, +-1 digit, +-2 digits below 10 cd/m^2; repeatability 0.2 %.
 SCALE_HALF_WIDTH_REL, REPEATABILITY_REL, READINGS = 0.02, 0.002, 3
 EPSILON = 0.5
+#: Most that the source of the flat field is uneven by; its certificate says by how much.
+MOST_UNEVEN_REL = 0.01
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,18 @@ def scene_of(luminances_cd_m2: np.ndarray) -> np.ndarray:
     return np.kron(grid, np.ones((HEIGHT // ROWS, WIDTH // COLUMNS)))
 
 
+def uneven_source(rng: np.random.Generator, unevenness_rel: float) -> np.ndarray:
+    """Light of a source that is uneven by a smooth random pattern with that standard deviation over the image."""
+    y, x = (np.pi * (np.arange(n) + 0.5) / n for n in (HEIGHT, WIDTH))
+    pattern = sum(
+        rng.normal() / (i**2 + k**2) * np.outer(np.cos(i * y), np.cos(k * x))
+        for i in range(3)
+        for k in range(3)
+        if i + k > 0
+    )
+    return 1 + unevenness_rel * pattern / pattern.std()
+
+
 def readings_of(rng: np.random.Generator, luminance_cd_m2: float, scale_rel: float) -> list[Reading]:
     """Read one patch several times; the digit error is the same for all, as it would be."""
     digits = 2 if luminance_cd_m2 < 10 else 1
@@ -191,10 +206,11 @@ def calibrated(rng: np.random.Generator, camera: Camera, scale_rel: float) -> tu
     luminances = rng.permutation(np.geomspace(*LAMBERT_RANGE, n_patches)) * 10 ** rng.uniform(-0.05, 0.05, n_patches)
     exposures_s = exposures_of(camera.chain)
     flat_s = camera.chain.saturation_luminance_cd_m2(1.0, temperature_c=TEMPERATURE_C) / 100 * 0.5
+    unevenness_rel = rng.uniform(0, MOST_UNEVEN_REL)
     fall_off = measure_fall_off(
-        [pixel_statistics(camera.frames(np.full((HEIGHT, WIDTH), 100.0), flat_s, FLAT_FRAMES))],
+        [pixel_statistics(camera.frames(100.0 * uneven_source(rng, unevenness_rel), flat_s, FLAT_FRAMES))],
         [pixel_statistics(camera.frames(None, flat_s, FLAT_FRAMES))],
-        source_unevenness_rel=0.0,
+        source_unevenness_rel=unevenness_rel,
     )
     scene, areas = scene_of(luminances), regions()[:n_patches]
     observations = [

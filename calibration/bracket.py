@@ -59,8 +59,9 @@ def bracket_luminance(conversion: Conversion, frames: Sequence[Frame]) -> Bracke
     variance least. Saturated and defect pixels do not count. The weights follow from the mean luminance and not from
     each exposure's own value: noise would give its low values more weight. For the same reason an exposure does not
     count where saturation is expected within three standard deviations of the mean luminance. Common errors are the
-    same unknown numbers in all exposures and are weighted alike. Exposures that differ by more than noise and
-    `TOLERANCE_REL` (chi^2) are flagged: something moved or flickered.
+    same unknown numbers in all exposures and are weighted alike; so is the noise of flat field and dark library, taken
+    to be one error of a pixel at all exposures. Exposures that differ by more than noise and `TOLERANCE_REL` (chi^2)
+    are flagged: something moved or flickered.
 
     Parameters
     ----------
@@ -180,12 +181,13 @@ def _map(
 ) -> LuminanceMap:
     fixed_rel = max(one.fixed_rel for one in maps)
     magnitude = np.maximum(np.abs(mean), 1e-30)
-    variance, slow = np.zeros(mean.shape), np.zeros(mean.shape)
+    variance, slow, fixed = np.zeros(mean.shape), np.zeros(mean.shape), np.zeros(mean.shape)
     for one, weight in zip(maps, weights, strict=True):
         slow += np.square(weight * one.slow_cd_m2)
-        of_frame = np.where(weight > 0, np.maximum(one.random_rel**2 - one.fixed_rel**2, 0), 0)
-        variance += (weight * one.luminance_cd_m2) ** 2 * of_frame
-    random_rel = np.sqrt(variance / magnitude**2 + fixed_rel**2)
+        fixed += weight * one.fixed_cd_m2
+        of_frame = np.maximum(one.random_rel**2 - one.fixed_rel**2, 0) * np.square(one.luminance_cd_m2)
+        variance += np.where(weight > 0, weight**2 * np.maximum(of_frame - np.square(one.fixed_cd_m2), 0), 0)
+    random_rel = np.sqrt((variance + fixed**2) / magnitude**2 + fixed_rel**2)
 
     def common(window: Window) -> tuple[CommonError, ...]:
         """Weight the errors of the exposures as the exposures are."""
@@ -210,6 +212,7 @@ def _map(
         slow_rel=max(one.slow_rel for one in maps),
         slow_cd_m2=np.sqrt(slow),
         fixed_rel=fixed_rel,
+        fixed_cd_m2=fixed,
         step=maps[0].step,
     )
 

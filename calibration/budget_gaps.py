@@ -23,7 +23,7 @@ def rows_not_included(calibration: Calibration, luminance_cd_m2: float) -> list[
     known = (
         _unknown("meter digits", "contained in meter repeatability: a calibration keeps the two together"),
         _unknown("meter f1'", f"not stated for the {calibration.meter_scale.meter.model}"),
-        _unknown("patch uniformity", "contained in fit: the stated errors explain the scatter of the patches"),
+        _unknown("patch uniformity", _uniformity(calibration)),
         _unknown("dark and temperature", "not known"),
         _unknown("linearity", _linearity(calibration)),
         _flat_field(calibration),
@@ -41,6 +41,13 @@ def _unknown(source: str, basis: str) -> BudgetRow:
     return BudgetRow(source, 0.0, "normal", True, "B", basis, included=False)
 
 
+def _uniformity(calibration: Calibration) -> str:
+    """Say why there is no further scatter of the patches."""
+    if any(test.name == "scatter" and test.significant for test in calibration.tests):
+        return "contained in fit: the patches scatter more than stated, by what their exposures disagree"
+    return "contained in fit: the stated errors explain the scatter of the patches"
+
+
 def _linearity(calibration: Calibration) -> str:
     if calibration.response.kind == "linear":
         return "taken as linear; the ladder of models found nothing better"
@@ -54,7 +61,7 @@ def _flat_field(calibration: Calibration) -> BudgetRow:
     if isinstance(vignetting, Cos4Vignetting):
         return _unknown("flat field", "cos⁴ by focal length and pixel pitch, not measured; unknown away from the axis")
     own_rel = vignetting.random_rel if isinstance(vignetting, FlatField) else 0.0
-    basis = "noise and unevenness of the uniform source; in luminance maps and CDP, 0 on the axis, which this is for"
+    basis = "noise and unevenness of the uniform source; in patches and maps, 0 on the axis, which this is for"
     u = hypot(vignetting.slow_rel, own_rel)
     return BudgetRow("flat field", u, "normal", False, "A", basis, included=False)
 

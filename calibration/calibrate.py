@@ -106,8 +106,9 @@ def fit(
     require_every_gain(design, settings)
     first, ladder = climb(design, rungs(design.net_dn, len(design.patches), response))
     require_monotone(first)
-    final = with_scatter(design, first.rung)
-    tests = _tests(first, final, settings, dark_warnings)
+    of_place = fit_tests.fall_off(first, observations[0].vignetting)
+    final = with_scatter(design, first.rung, by_place=of_place.significant)
+    tests = _tests(first, final, settings, dark_warnings, of_place)
     calibration = _assemble(
         observations[0],
         setup,
@@ -229,7 +230,11 @@ def _widening(final: Solution) -> float:
 
 
 def _tests(
-    first: Solution, final: Solution, settings: Sequence[GainSetting], dark_warnings: Sequence[str]
+    first: Solution,
+    final: Solution,
+    settings: Sequence[GainSetting],
+    dark_warnings: Sequence[str],
+    of_place: FitTest,
 ) -> tuple[FitTest, ...]:
     _, responsivity = first.rung.response(first.parameters[: first.rung.n_parameters])
     factors = [(s.gain_db, s.factor, s.factor_random_rel) for s in _gains(final, settings)]
@@ -237,6 +242,7 @@ def _tests(
         fit_tests.glare(first, responsivity),
         fit_tests.exposure_reciprocity(first),
         fit_tests.drift(first),
+        of_place,
         fit_tests.scatter(first),
         fit_tests.darkness(first, settings[0].dark, dark_warnings),
         fit_tests.gain(factors, settings[0].gain_db),

@@ -19,6 +19,7 @@ from .colour_planes import colours_of_planes
 from .model import Calibration
 from .observations import PatchObservation
 from .patch import PatchLuminance, patch_luminance
+from .place import slow_rel
 from .planes import split
 
 #: Errors that all planes of a frame share, so that they add with their signs.
@@ -69,14 +70,15 @@ def colour_patch_luminance(
     pairs = list(zip(calibration.planes, seen, strict=True))
     own = [own_rel(plane, one) for plane, one in pairs]
     of_colour = calibration.spectral_rel * float(colourfulness(by_plane @ colours_of_planes(calibration.planes)))
-    random_rel = hypot(float(np.linalg.norm(shares * own)), calibration.scatter_rel, of_colour)
+    of_field = max(slow_rel(plane.vignetting) for plane in calibration.planes)
+    random_rel = hypot(float(np.linalg.norm(shares * own)), calibration.scatter_rel, of_field, of_colour)
     low, high = calibration.range_cd_m2
     margin = RANGE_MARGIN * random_rel * luminance
     warnings = [
         f"plane {plane.state.plane}: {warning}"
         for plane, one in pairs
         for warning in one.warnings
-        if "left out there" in warning
+        if "left out there" in warning or "degC" in warning
     ]
     if luminance < low - margin or luminance > high + margin:
         warnings.append(
@@ -97,7 +99,9 @@ def colour_patch_luminance(
 
 def own_rel(plane: Calibration, seen: PatchLuminance) -> float:
     """Relative standard uncertainty of a patch that its plane does not share with the others."""
-    return sqrt(max(seen.random_rel**2 - plane.responsivity.scatter_rel**2, 0.0))
+    # A source that was uneven when the flat field was taken was so in all planes.
+    shared_rel = hypot(plane.responsivity.scatter_rel, slow_rel(plane.vignetting))
+    return sqrt(max(seen.random_rel**2 - shared_rel**2, 0.0))
 
 
 def _kept(plane: Calibration, common: Sequence[CommonError]) -> list[CommonError]:
@@ -140,6 +144,7 @@ class _Combined:
             slow_rel=max(one.slow_rel for one in self.maps),
             slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps])),
             fixed_rel=max(one.fixed_rel for one in self.maps),
+            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps])),
             step=2,
         )
 

@@ -18,6 +18,7 @@ from .findings import LeftOut
 from .model import Calibration, PatchResidual
 from .observations import PatchObservation
 from .patch import PatchLuminance, patch_luminance
+from .place import slow_rel
 from .readings import PatchReading, combine_readings
 from .signal import net_signal
 
@@ -90,6 +91,7 @@ def colour_patches(
     """
     kept: list[tuple[str, PatchReading, tuple[PatchLuminance, ...]]] = []
     shared_rel: list[float] = []
+    of_field = max(slow_rel(plane.vignetting) for plane in planes)
     left_out: list[LeftOut] = []
     warnings: list[str] = []
     for name, group in groups.items():
@@ -108,7 +110,7 @@ def colour_patches(
             continue
         kept.append((name, reading, tuple(seen)))
         shared_rel.append(
-            hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), scatter_rel)
+            hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), of_field, scatter_rel)
         )
     if not kept:
         raise CalibrationError(f"no patch is usable in all planes: {'; '.join(warnings)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,6 +21,8 @@ from .model import Calibration
 from .observations import CameraState
 from .setup import LensIdentity
 
+_log = logging.getLogger(__name__)
+
 #: Pixels that are looked up at a time: few enough that all a block needs stays in the processor's cache.
 _BLOCK = 2**15
 #: Mark of a DN whose pixels are in or out of range depending on where they are; no flag of `Invalid`.
@@ -34,7 +37,8 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
     All that depends on the DN alone is computed once for each of the 2^bits values, in float64, and looked up, in
     float32 (7 digits; DN have 5 at the most). Uncertainty and flags are computed when they are asked for. Pixels below
     the dark have a negative luminance; a relative uncertainty is that of the absolute over the luminance's magnitude,
-    and so may be far above 1 near zero.
+    and so may be far above 1 near zero. A frame outside the temperatures of the dark frames is logged as a warning
+    where that changes the darkness.
 
     Parameters
     ----------
@@ -62,6 +66,8 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
     require_lens(calibration.lens, lens)
     calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
     setting = calibration.setting(frame.gain_db)
+    for warning in setting.dark.temperature_warnings([(frame.exposure_s, frame.temperature_c)]):
+        _log.warning("frame %d: %s", frame.frame_id, warning)
     library = calibration.dark_library
     pattern, noise_dn = None, 0.0
     if library is not None:
@@ -81,6 +87,7 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
         slow_rel=_slow_rel(calibration),
         slow_cd_m2=tables.slow_cd_m2 * _mean_inverse_v(calibration.vignetting, frame.shape),
         fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
+        fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
     )
 
 
@@ -116,6 +123,10 @@ class _Conversion:
         margin = _look_up(self.tables.margin_cd_m2, self.frame.dn, self.inverse_v)
         magnitude = np.maximum(np.abs(self.luminance()), np.float32(1e-30))
         return (margin / RANGE_MARGIN / magnitude).astype(np.float32, copy=False)
+
+    def library_noise_cd_m2(self) -> _Maps:
+        by_dn = self.tables.slope_cd_m2_dn * np.float32(self.tables.library_noise_dn)
+        return _look_up(by_dn, self.frame.dn, self.inverse_v)
 
     def common(self, window: Window) -> tuple[CommonError, ...]:
         dn = self.frame.dn[window]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import log, sqrt
 from typing import Any
@@ -11,17 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CalibrationError
+from .dark_checks import WANDER_DN, clipping, contradictions, falling
 from .observations import CameraState, DarkObservation
-from .signal_limits import MAX_CLIPPED_SHARE
 
 #: Dark frames whose temperatures differ by less than this do not tell how the dark current grows with it.
 MIN_TEMPERATURE_SPAN_C = 3.0
 #: Standard uncertainties 1 / T_d must be above zero to be used.
 _DOUBLING_LIMIT = 3.0
-#: Probability of a chi^2 below which the dark frames contradict each other.
-_CHANCE = 0.01
-#: Differences of mean darkness up to this are the wander of a sound camera's black level.
-_WANDER_DN = 0.5
+#: Where the dark frames do not tell: the dark current of silicon doubles every 5 to 10 degC (EMVA 1288 Release 4.0
+#: Linear, dark current; J. Janesick, Photon Transfer, 2007), and a third of that growth is its standard uncertainty.
+TYPICAL_DOUBLING_C = 7.5
+_DOUBLING_REL = 1 / 3
+#: Warmer or colder than the dark frames by more than this the dark current is another, by a sixth or more.
+_TEMPERATURE_TOLERANCE_C = 2.0
+#: Growth of the darkness, in DN, that is worth a warning.
+_WORTH_DN = 0.1
 _MAX_ROUNDS = 50
 
 Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -48,7 +52,10 @@ class DarkModel:
     temperature_c : float or None
         T_ref, None if unknown.
     doubling_temperature_c : float or None
-        T_d; None if the dark frames do not tell, d then holds at T_ref only.
+        T_d; None if the dark frames do not tell, `TYPICAL_DOUBLING_C` is then taken, and `covariance` is wide.
+    patterns_dn : tuple of float
+        Standard deviation of the darkness from pixel to pixel at each of `exposures_s` (EMVA 1288: DSNU, in DN), that
+        a dark library leaves; empty for none.
     """
 
     offset_dn: float
@@ -60,6 +67,7 @@ class DarkModel:
     temperatures_c: tuple[float, ...] = ()
     temperature_c: float | None = None
     doubling_temperature_c: float | None = None
+    patterns_dn: tuple[float, ...] = ()
 
     def mean_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """d(t, T) in DN; an unknown temperature is taken as T_ref."""
@@ -69,7 +77,7 @@ class DarkModel:
         """Return the derivatives of d(t, T) by the parameters in the order of `covariance`, shape (3,)."""
         by_rate = exposure_s * self._growth(temperature_c)
         by_doubling = 0.0
-        if temperature_c is not None and self.temperature_c is not None and self.doubling_temperature_c is not None:
+        if temperature_c is not None and self.temperature_c is not None:
             by_doubling = self.rate_dn_s * by_rate * log(2) * (temperature_c - self.temperature_c)
         return np.array([1.0, by_rate, by_doubling])
 
@@ -77,6 +85,35 @@ class DarkModel:
         """Variance of d(t, T) in DN^2 (GUM 5.2.2)."""
         sensitivity = self.sensitivities(exposure_s, temperature_c)
         return max(float(sensitivity @ np.array(self.covariance) @ sensitivity), 0.0)
+
+    def pattern_dn(self, exposure_s: float) -> float:
+        """Return the standard deviation of the darkness from pixel to pixel, by straight lines between exposures."""
+        return float(np.interp(exposure_s, self.exposures_s, self.patterns_dn)) if self.patterns_dn else 0.0
+
+    def temperature_warnings(self, frames: Iterable[tuple[float, float | None]]) -> list[str]:
+        """Warn of frames outside the temperatures of the dark frames, where that changes the darkness.
+
+        Parameters
+        ----------
+        frames : iterable of (float, float or None)
+            Exposure in s and temperature in degC of each; the most affected is named.
+        """
+        if not self.temperatures_c:
+            return []
+        low, high = self.temperatures_c[0], self.temperatures_c[-1]
+        away = [(max(low - c, c - high), t, c) for t, c in frames if c is not None]
+        far = [
+            (abs(self.rate_dn_s) * t * (2 ** (beyond / TYPICAL_DOUBLING_C) - 1), t, c)
+            for beyond, t, c in away
+            if beyond > _TEMPERATURE_TOLERANCE_C
+        ]
+        if not far or max(far)[0] < _WORTH_DN:
+            return []
+        _, exposure_s, temperature_c = max(far)
+        return [
+            f"the light frames at {exposure_s:g} s were taken at {temperature_c:.1f} degC, the dark frames at "
+            f"{low:.1f} to {high:.1f} degC, so the darkness is less certain: take dark frames at this temperature"
+        ]
 
     def errors(self) -> NDArray[np.float64]:
         """Independent errors of the parameters for one standard uncertainty, one a row; shape (n, 3), n at most 3."""
@@ -100,18 +137,21 @@ class DarkModel:
         return self.covariance[1][1]
 
     def _growth(self, temperature_c: float | None) -> float:
-        if temperature_c is None or self.temperature_c is None or self.doubling_temperature_c is None:
+        if temperature_c is None or self.temperature_c is None:
             return 1.0
-        return float(2.0 ** ((temperature_c - self.temperature_c) / self.doubling_temperature_c))
+        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
+        return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
 
 
 def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     """Fit the darkness to dark frames.
 
     A weighted straight line over the exposure time; with dark frames at temperatures at least
-    `MIN_TEMPERATURE_SPAN_C` apart also the doubling temperature, if it is significant. With more points than parameters
-    the uncertainty is widened by the Birge ratio sqrt(chi^2 / degrees of freedom) if they scatter more than they
-    should. Dark frames at one exposure give a constant.
+    `MIN_TEMPERATURE_SPAN_C` apart also the doubling temperature, if it is significant; else it is taken to be
+    `TYPICAL_DOUBLING_C`, a third of which growth is uncertain. With more points than parameters the uncertainty is
+    widened by the Birge ratio sqrt(chi^2 / degrees of freedom) if they scatter more than they should. Dark frames at
+    one exposure give a constant; its growth with the exposure is then as uncertain as all that it is above the
+    camera's black level, if that were dark current, or half a DN.
 
     Parameters
     ----------
@@ -135,12 +175,7 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
             "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
         )
     _require_one_state(darks)
-    warnings = [
-        f"{d.black_share:.1%} of the pixels of the dark frames at {d.exposure_s:g} s are 0 DN, so the mean dark may "
-        "be too high: raise the camera's black level"
-        for d in darks
-        if d.black_share > MAX_CLIPPED_SHARE
-    ]
+    warnings = clipping(darks)
     t = np.array([d.exposure_s for d in darks])
     y = np.array([d.mean_dn for d in darks])
     # Frames without any noise still need a weight; the floor is far below what a mean can be known to.
@@ -151,14 +186,15 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     if np.unique(t).size == 1:
         warnings.append(
             f"dark frames at one exposure only ({t[0]:g} s): the offset is taken as constant, which is right at that "
-            "exposure; take dark frames at the longest and shortest exposure too"
+            "exposure and uncertain at others; take dark frames at the longest and shortest exposure too"
         )
         curve = _line(np.ones((t.size, 1)), y, weights)
     else:
         if reference is not None and np.ptp(temperatures) >= MIN_TEMPERATURE_SPAN_C:
             curve = _with_temperature(t, np.array(temperatures) - reference, y, weights)
         if curve is None:
-            curve = _line(np.column_stack([np.ones_like(t), t]), y, weights)
+            warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
+            curve = _line(np.column_stack([np.ones_like(t), t * 2 ** (warmer_c / TYPICAL_DOUBLING_C)]), y, weights)
     parameters = np.zeros(3)
     covariance = np.zeros((3, 3))
     n = curve.parameters.size
@@ -168,14 +204,15 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
     freedom = t.size - n
     if freedom > 0:
         chi_squared = float(np.sum(weights * (curve.y - curve.design @ curve.parameters) ** 2))
-        warnings += _contradictions(t, curve.y, weights, curve.design, curve.parameters)
+        warnings += contradictions(t, curve.y, weights, curve.design, curve.parameters)
         covariance = covariance * max(1.0, chi_squared / freedom)
-    if parameters[1] * np.ptp(t) < -_WANDER_DN and parameters[1] < -3 * falls:
-        warnings.append(
-            f"the darkness falls with the exposure by {-parameters[1]:.3g} DN/s, which no sensor does: was the lens "
-            "covered at the short exposures? take the dark frames again"
-        )
+    if n == 1:
+        covariance += _of_unknown_rate(float(t[0]), float(parameters[0]) - darks[0].state.black_level_dn)
+    if n < 3 and reference is not None:
+        covariance[2, 2] = (_DOUBLING_REL / TYPICAL_DOUBLING_C) ** 2
+    warnings += falling(t, float(parameters[1]), falls)
     freedoms = np.array([(d.n_pixels - 1) * (d.n_frames - 1) for d in darks])
+    patterns = [sqrt(float(np.mean([d.pattern_dn**2 for d in darks if d.exposure_s == e]))) for e in np.unique(t)]
     model = DarkModel(
         offset_dn=float(parameters[0]),
         rate_dn_s=float(parameters[1]),
@@ -186,6 +223,7 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[str]]:
         temperatures_c=() if reference is None else tuple(sorted(temperatures)),
         temperature_c=reference,
         doubling_temperature_c=float(1 / parameters[2]) if n == 3 else None,
+        patterns_dn=tuple(patterns) if any(patterns) else (),
     )
     return model, warnings
 
@@ -228,46 +266,16 @@ def _with_temperature(
     return None
 
 
+def _of_unknown_rate(exposure_s: float, above_black_dn: float) -> NDArray[np.float64]:
+    """Covariance by a rate that is not known, of a line through the mean at one exposure; shape (3, 3)."""
+    rate_dn_s = max(abs(above_black_dn), WANDER_DN) / exposure_s
+    error = np.array([-rate_dn_s * exposure_s, rate_dn_s, 0.0])
+    return np.outer(error, error)
+
+
 def _rows(matrix: NDArray[np.floating[Any]]) -> Covariance:
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     return (a, b, c), (d, e, f), (g, h, i)
-
-
-def _contradictions(
-    t: NDArray[np.floating[Any]],
-    y: NDArray[np.floating[Any]],
-    weights: NDArray[np.floating[Any]],
-    design: NDArray[np.floating[Any]],
-    parameters: NDArray[np.floating[Any]],
-) -> list[str]:
-    """Return a warning if the dark frames scatter around the line more than noise and wander explain."""
-    from scipy.special import chdtrc
-
-    residuals = y - design @ parameters
-    chance = chdtrc(t.size - parameters.size, float(np.sum(weights * residuals**2)))
-    if chance >= _CHANCE or np.abs(residuals).max() <= _WANDER_DN:
-        return []
-    return [
-        f"the dark frames at {_most_deviating(t, y, weights, design):g} s do not fit the others, which a straight line "
-        f"over the exposure misses by up to {np.abs(residuals).max():.2g} DN: was the lens covered, and the camera "
-        "warm? take the dark frames again"
-    ]
-
-
-def _most_deviating(
-    t: NDArray[np.floating[Any]],
-    y: NDArray[np.floating[Any]],
-    weights: NDArray[np.floating[Any]],
-    design: NDArray[np.floating[Any]],
-) -> float:
-    """Exposure without which a line fits the others best; a residual alone misleads at the ends of the range."""
-    left: list[float] = []
-    for index in range(t.size):
-        others = np.arange(t.size) != index
-        root = np.sqrt(weights[others])
-        parameters = np.linalg.lstsq(root[:, None] * design[others], root * y[others])[0]
-        left.append(float(np.sum(weights[others] * (y[others] - design[others] @ parameters) ** 2)))
-    return float(t[int(np.argmin(left))])
 
 
 def _require_one_state(darks: Sequence[DarkObservation]) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import CalibrationError, InputError
 from ..stored_array import StoredArray, content_sha256, read_only
+from .defects import DefectMap
 from .pixel_statistics import PixelStatistics
 from .region_statistics import quantisation_variance_dn2
 
@@ -30,13 +31,13 @@ class DarkLibrary:
     Parameters
     ----------
     offset_dn : ndarray of float32, shape (height, width)
-        Pattern at zero exposure, mean 0.
+        Pattern at zero exposure, mean 0 over the sound pixels.
     rate_dn_s : ndarray of float32, shape (height, width)
-        Growth of the pattern per second at `temperature_c`, mean 0.
+        Growth of the pattern per second at `temperature_c`, mean 0 over the sound pixels.
     noise_covariance : ((float, float), (float, float))
         Covariance of one pixel's offset (DN) and rate (DN/s) by the noise of the frames.
     pattern_covariance : ((float, float), (float, float))
-        Covariance of offset and rate from pixel to pixel, noise removed.
+        Covariance of offset and rate from sound pixel to sound pixel, noise removed.
     temperature_c : float or None
         Temperature T_ref of the frames; None if unknown.
     doubling_temperature_c : float or None
@@ -160,7 +161,7 @@ class DarkLibrary:
         return hash(self.content_sha256)
 
 
-def dark_library(darks: Sequence[PixelStatistics]) -> DarkLibrary:
+def dark_library(darks: Sequence[PixelStatistics], defects: DefectMap | None = None) -> DarkLibrary:
     """Fit offset and rate of each pixel to dark frames at one or more exposures and temperatures.
 
     A straight line over the exposure, corrected for the temperature, by least squares with the number of frames as
@@ -171,11 +172,15 @@ def dark_library(darks: Sequence[PixelStatistics]) -> DarkLibrary:
     ----------
     darks : sequence of PixelStatistics
         One for each exposure and temperature; at least one with two frames, of one camera and setting.
+    defects : DefectMap or None
+        Pixels that are not used: the pattern is zero on average over the others, and its covariance is theirs.
 
     Raises
     ------
     CalibrationError
         If there is no repeated frame, or cameras or settings differ.
+    InputError
+        If the defects are of another image size.
     """
     if not any(d.n_frames > 1 for d in darks):
         raise CalibrationError("a dark library needs at least 2 dark frames at an exposure: it could not tell noise")
@@ -197,9 +202,10 @@ def dark_library(darks: Sequence[PixelStatistics]) -> DarkLibrary:
     design = np.column_stack([np.ones_like(time_s), time_s]) if several else np.ones((time_s.size, 1))
     frames = np.array([d.n_frames for d in darks], dtype=float)
     solve = np.linalg.inv(design.T @ (frames[:, None] * design)) @ (design.T * frames)
+    sound = np.ones(darks[0].shape, np.bool_) if defects is None else ~defects.mask(darks[0].shape)
     maps = np.zeros((2, *darks[0].shape))
     for i, d in enumerate(darks):
-        pattern = d.mean_dn - d.mean_dn.mean()
+        pattern = d.mean_dn - d.mean_dn[sound].mean()
         for parameter in range(design.shape[1]):
             maps[parameter] += solve[parameter, i] * pattern
     repeated = [d for d in darks if d.n_frames > 1]
@@ -208,7 +214,7 @@ def dark_library(darks: Sequence[PixelStatistics]) -> DarkLibrary:
     variances = variance_dn2 / frames + quantisation_variance_dn2(variance_dn2)
     noise = np.zeros((2, 2))
     noise[: design.shape[1], : design.shape[1]] = (solve * variances) @ solve.T
-    observed = np.cov(maps.reshape(2, -1))
+    observed = np.cov(maps[:, sound])
     return DarkLibrary(
         offset_dn=maps[0],
         rate_dn_s=maps[1],

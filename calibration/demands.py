@@ -108,8 +108,9 @@ def finding_warnings(final: Solution, tests: Sequence[FitTest]) -> list[str]:
     warnings = [
         test.meaning
         for test in tests
-        if test.significant and test.name in ("glare", "exposure reciprocity", "drift", "darkness", "gain")
+        if test.significant and test.name in ("glare", "exposure reciprocity", "drift", "fall-off", "darkness", "gain")
     ]
+    before = len(warnings)
     if design.scatter_rel > _SCATTER_TOLERANCE_REL:
         ratios = [
             float(patch_weights(final, i) @ final.luminance[design.patch == i]) / design.reading_cd_m2[i] - 1
@@ -131,4 +132,6 @@ def finding_warnings(final: Solution, tests: Sequence[FitTest]) -> list[str]:
             f"the exposures of a patch disagree by {design.scatter_each_dn:.2g} DN more than their noise: check the "
             "dark frames, the linearity and the light; the uncertainty was widened by this scatter"
         )
+    if len(warnings) == before:  # scatter that is significant, but small
+        warnings += [test.meaning for test in tests if test.significant and test.name == "scatter"]
     return warnings

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from .common_errors import EXPOSURE_TIME_REL
 from .gains import GainSetting
 from .observations import PatchObservation
+from .place import fall_off_errors, slow_rel, smooth_patterns
 from .readings import PatchReading
 from .signal import net_signal
 
@@ -56,8 +58,15 @@ class Design:
         Shared by all observations of a gain.
     reading_cd_m2, reading_variance : ndarray of float, shape (P,)
         Meter readings, and the variance of their random part in (cd/m^2)^2.
-    patch_rel : ndarray of float, shape (P,)
-        Relative standard uncertainty by the patch: its unevenness, and its pixels' sensitivity.
+    own_rel : ndarray of float, shape (P,)
+        Relative standard uncertainty by the patch's place on the sensor: its pixels' sensitivity, and what the fall-off
+        that was measured leaves there.
+    uneven_rel : ndarray of float, shape (P,)
+        The same by the unevenness of its light, which meter and camera see at slightly different places.
+    place : ndarray of float, shape (P, 3)
+        Smooth patterns over the image, see `smooth_patterns`.
+    place_errors : ndarray of float, shape (k, P)
+        Independent relative errors by the fall-off that was measured, as patterns over the patches.
     read_at : tuple of datetime
         When each patch was read, P of them.
     scatter_rel : float
@@ -78,7 +87,10 @@ class Design:
     dark_errors: tuple[DarkError, ...]
     reading_cd_m2: Array
     reading_variance: Array
-    patch_rel: Array
+    own_rel: Array
+    uneven_rel: Array
+    place: Array
+    place_errors: Array
     read_at: tuple[datetime, ...]
     scatter_rel: float = 0.0
     scatter_each_rel: float = 0.0
@@ -88,6 +100,11 @@ class Design:
     def readings(self) -> Array:
         """Reading that belongs to each observation, shape (n,)."""
         return self.reading_cd_m2[self.patch]
+
+    @property
+    def patch_rel(self) -> Array:
+        """Relative standard uncertainty that each patch has to itself, shape (P,)."""
+        return np.hypot(self.own_rel, self.uneven_rel)
 
     @property
     def same_patch(self) -> NDArray[np.bool_]:
@@ -106,12 +123,14 @@ class Design:
     def patch_covariance(self, luminance: Array) -> Array:
         """Covariance of luminances less readings by all but `net_dn`, shape (n, n), with luminances of shape (n,)."""
         # Neither reading nor luminance alone: weights by the one or the other favour the patches where it is too low.
-        by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * np.sqrt(np.abs(luminance * self.readings))
+        level = np.sqrt(np.abs(luminance * self.readings))
+        by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * level
+        by_place = self.place_errors[:, self.patch] * level
         shared = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch)
         covariance: Array = np.where(self.same_patch, shared, 0.0)
         together = self.exposure[:, None] == self.exposure[None, :]
         covariance += np.where(together, EXPOSURE_TIME_REL**2 * np.outer(luminance, luminance), 0.0)
-        return covariance + np.diag((self.scatter_each_rel * luminance) ** 2)
+        return covariance + by_place.T @ by_place + np.diag((self.scatter_each_rel * luminance) ** 2)
 
     def without(self, patch: int) -> Design:
         """Return the same without one patch."""
@@ -129,7 +148,10 @@ class Design:
             dark_errors=tuple(replace(e, dark_dn=e.dark_dn[kept]) for e in self.dark_errors),
             reading_cd_m2=self.reading_cd_m2[others],
             reading_variance=self.reading_variance[others],
-            patch_rel=self.patch_rel[others],
+            own_rel=self.own_rel[others],
+            uneven_rel=self.uneven_rel[others],
+            place=self.place[others],
+            place_errors=self.place_errors[:, others],
             read_at=tuple(time for time, keep in zip(self.read_at, others, strict=True) if keep),
         )
 
@@ -169,6 +191,13 @@ def build_design(
     pixels = np.bincount(patch, weight * np.array([s.pixels_rel for s in signals])) / total
     slow = np.bincount(patch, weight * np.array([s.slow_rel for s in signals])) / total
     ordered = [readings[name] for name in groups]
+    shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
+    centres_px = [group[0].centre_px for group in groups.values()]
+    place = smooth_patterns(shape, centres_px)
+    # What a measured fall-off leaves may differ from patch to patch or be one slope over the whole image: nobody
+    # knows which, and so both are allowed for.
+    slow_field = slow_rel(vignetting)
+    errors = [slow_field / sqrt(place.shape[1]) * place.T, fall_off_errors(vignetting, shape, centres_px)]
     return Design(
         patches=tuple(groups),
         patch=patch,
@@ -182,7 +211,10 @@ def build_design(
         dark_errors=tuple(_dark_errors(observations, gain, settings)),
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
-        patch_rel=np.hypot(pixels, slow),
+        own_rel=np.hypot(pixels, slow_field),
+        uneven_rel=slow,
+        place=place,
+        place_errors=np.concatenate(errors),
         read_at=tuple(r.read_at for r in ordered),
     )
 

@@ -40,7 +40,7 @@ class FitTest:
     Parameters
     ----------
     name : str
-        ``glare``, ``exposure reciprocity``, ``drift``, ``gain``, ``scatter``, ``darkness``.
+        ``glare``, ``exposure reciprocity``, ``drift``, ``fall-off``, ``scatter``, ``darkness``, ``gain``.
     value, standard_uncertainty : float
         Deviation that was found, and how well it is known, in `unit`.
     unit : str

@@ -1,17 +1,22 @@
-"""Tests of what the model takes for granted: glare, exposure times, drift, scatter, darkness, gain."""
+"""Tests of what the model takes for granted: glare, exposure times, drift, fall-off, scatter, darkness, gain."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf, sqrt
 
 import numpy as np
 
+from ..errors import CalibrationError
+from ..vignetting import AnyVignetting, Cos4Vignetting
+from .alternatives import by_place, drift_pattern, ratio, worth_of_place
 from .chance import FALSE_ALARM, chance_of_chi_squared, limit
 from .dark import DarkModel
 from .design import Array
 from .findings import FitTest
-from .gls import Solution
+from .gls import Solution, solve
+from .scatter import within_patches
 
 #: Ratio of the highest to the lowest patch below which an intercept cannot be told from the slope.
 MIN_SPAN = 2.0
@@ -19,10 +24,10 @@ MIN_SPAN = 2.0
 EXPOSURE_TOLERANCE_REL = 0.002
 #: Relative deviation of a gain from its setting that goes without notice; cameras state theirs to about 0.1 dB.
 GAIN_TOLERANCE_REL = 0.012
+#: Relative deviation by the place of a patch that goes without notice.
+PLACE_TOLERANCE_REL = 0.002
 #: Significance, in standard uncertainties, of a single test.
 _LIMIT = 3.0
-#: Readings within this many hours cannot tell a drift.
-_MIN_HOURS = 1 / 60
 
 
 def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float, float]:
@@ -39,21 +44,6 @@ def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float
     if chance_of_chi_squared(left, freedom) >= FALSE_ALARM:
         return value, uncertainty, inf
     return value, uncertainty * sqrt(max(left / freedom, 1.0)), freedom
-
-
-def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
-    """Find what best explains the residuals beside response and readings, and its standardised value.
-
-    Considered are a veil of glare, a wrong dark, and each exposure time.
-    """
-    candidates = [("a veil of glare", np.ones_like(solution.luminance)), ("a wrong dark", solution.slope)]
-    if solution.design.exposures_s.size > 1:
-        for number, exposure_s in enumerate(solution.design.exposures_s):
-            pattern = np.where(solution.design.exposure == number, solution.luminance, 0.0)
-            candidates.append((f"a wrong exposure time at {exposure_s:g} s", pattern))
-    found = [(name, *solution.shift(pattern)) for name, pattern in candidates]
-    name, value, uncertainty = max(found, key=lambda row: abs(row[1]) / row[2])
-    return (name, abs(value) / uncertainty) if value else None
 
 
 def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
@@ -118,20 +108,71 @@ def exposure_reciprocity(solution: Solution) -> FitTest:
 
 def drift(solution: Solution) -> FitTest:
     """Camera over meter against the time of the readings."""
-    design = solution.design
-    hours = np.array([(time - design.read_at[0]).total_seconds() / 3600 for time in design.read_at])
-    if np.ptp(hours) < _MIN_HOURS:
+    pattern = drift_pattern(solution)
+    if pattern is None:
         return FitTest("drift", 0.0, 0.0, "1/h", False, "not testable: the readings carry (nearly) the same time")
-    pattern = (hours - hours.mean())[design.patch] * solution.luminance
+    times = solution.design.read_at
+    span_h = (max(times) - min(times)).total_seconds() / 3600
     value, uncertainty, freedom = shift_with_scatter(solution, pattern)
     if uncertainty == inf:
         return FitTest("drift", 0.0, 0.0, "1/h", False, "not testable: too few patches for this response")
-    significant = abs(value) > _limit(freedom) * uncertainty
-    text = (
-        f"camera over meter changes by {value:+.2%} +- {uncertainty:.2%} an hour over {np.ptp(hours):.2g} h of readings"
-    )
+    rather_a_place = worth_of_place(solution) > ratio(solution.shift(pattern))
+    significant = abs(value) > _limit(freedom) * uncertainty and not rather_a_place
+    text = f"camera over meter changes by {value:+.2%} +- {uncertainty:.2%} an hour over {span_h:.2g} h of readings"
     meaning = f"{text}: let lamp and meter warm up, and measure again" if significant else f"{text}: no sign of a drift"
     return FitTest("drift", value, uncertainty, "1/h", significant, meaning)
+
+
+def fall_off(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
+    """Deviations of the patches that go with their places: r^2, x and y together.
+
+    The unevenness within the patches does not count as an error here: a fall-off that is not taken off makes it, too.
+    `FitTest.value` is the root mean square of the patches' deviations that their places explain.
+    """
+    name, design = "fall-off", solution.design
+    try:
+        even = solve(replace(design, uneven_rel=np.zeros(len(design.patches))), solution.rung)
+    except CalibrationError:
+        even = solution
+    drop, n, deviations = by_place(even)
+    if n == 0:
+        return FitTest(name, 0.0, 0.0, "1", False, "not testable: too few patches, or all at one place")
+    # What is left between the patches widens, as their exposures would hide it, or what is left of all if it is more.
+    freedom = len(design.patches) - solution.rung.n_parameters - n
+    left = even.chi_squared - drop
+    mean_squares = [
+        squares / count
+        for squares, count in (
+            (left - within_patches(even, even.covariance), freedom),
+            (left, even.degrees_of_freedom - n),
+        )
+        if chance_of_chi_squared(squares, count) < FALSE_ALARM
+    ]
+    each = max([1.0, *mean_squares])
+    scattered = bool(mean_squares)
+    value = sqrt(float(np.mean(deviations**2)))
+    uncertainty = value * sqrt(n * each / drop) if drop > 0 else 0.0
+    times = drift_pattern(even)
+    rather_a_drift = times is not None and ratio(even.shift(times)) >= worth_of_place(even)
+    sure = _chance_of_ratio(drop / n / each, n, freedom if scattered else inf) < _chance_of(_LIMIT)
+    significant = sure and value > PLACE_TOLERANCE_REL and not rather_a_drift
+    text = f"deviations that go with the place of a patch are {value:.2%} (rms), {uncertainty:.2%} by chance"
+    if not significant:
+        return FitTest(name, value, uncertainty, "1", False, f"{text}: no sign of a fall-off that is not taken off")
+    if vignetting is None:
+        cause = "the lens' fall-off is not taken off: record a flat field and give --flat-field"
+    elif isinstance(vignetting, Cos4Vignetting):
+        cause = "the lens' fall-off is not cos^4 of its focal length: record a flat field and give --flat-field"
+    else:
+        cause = "the source of the flat field was less even than stated, or lens, focus or light have changed since"
+    return FitTest(
+        name,
+        value,
+        uncertainty,
+        "1",
+        True,
+        f"{text}, they change over the image: {cause}; the uncertainty was widened by this",
+    )
 
 
 def scatter(solution: Solution) -> FitTest:
@@ -195,6 +236,20 @@ def gain(factors: Sequence[tuple[float, float, float]], own_db: float) -> FitTes
     )
     meaning = f"{text}: the gain is not what it says; the fitted factor is used" if significant else text
     return FitTest("gain", value, uncertainty, "1", significant, meaning)
+
+
+def _chance_of(standard_uncertainties: float) -> float:
+    """Probability of a normal deviation at least this large."""
+    from scipy.stats import norm
+
+    return 2 * float(norm.sf(standard_uncertainties))
+
+
+def _chance_of_ratio(ratio: float, n: int, freedom: float) -> float:
+    """Probability of a mean square of n parameters at least this large, over one that is known or has a freedom."""
+    from scipy.stats import chi2, f
+
+    return float(chi2.sf(ratio * n, n) if freedom == inf else f.sf(ratio, n, freedom))
 
 
 def _limit(freedom: float) -> float:

@@ -21,10 +21,6 @@ from .signal import usable
 MIN_PATCHES = 3
 #: Fewest patches without a warning.
 ADVISED_PATCHES = 6
-#: Warmer or colder than the dark frames by more than this the dark current is another, by a sixth or more.
-_TEMPERATURE_TOLERANCE_C = 2.0
-#: Growth of the darkness, in DN, that is worth a warning.
-_WORTH_DN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,24 +185,10 @@ def take_usable(
 
 def _temperature_warnings(observations: Sequence[PatchObservation], dark: DarkModel) -> list[str]:
     """Warnings about frames taken at another temperature than the dark ones."""
-    if not dark.temperatures_c:
-        return []
-    low, high = dark.temperatures_c[0], dark.temperatures_c[-1]
     unknown = sorted({o.exposure_s for o in observations if o.temperature_c is None})
     if unknown and dark.doubling_temperature_c is not None:
         return [
             f"the light frames at {unknown[0]:g} s have no temperature: their darkness is taken at "
             f"{dark.temperature_c:.1f} degC"
         ]
-    known = [o for o in observations if o.temperature_c is not None]
-    off = [(max(low - t, t - high, 0.0), o) for o in known if (t := o.temperature_c) is not None]
-    if not off:
-        return []
-    away, o = max(off, key=lambda row: row[0] * row[1].exposure_s)
-    # A dark current that doubles every 8 degC is typical (EMVA 1288 data sheets: 5 to 10 degC).
-    if away <= _TEMPERATURE_TOLERANCE_C or dark.rate_dn_s * o.exposure_s * (2 ** (away / 8) - 1) < _WORTH_DN:
-        return []
-    return [
-        f"the light frames at {o.exposure_s:g} s were taken at {o.temperature_c:.1f} degC, the dark frames at "
-        f"{low:.1f} to {high:.1f} degC: take dark frames at this temperature"
-    ]
+    return dark.temperature_warnings((o.exposure_s, o.temperature_c) for o in observations)

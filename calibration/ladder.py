@@ -9,10 +9,10 @@ from math import sqrt
 import numpy as np
 
 from ..errors import CalibrationError
+from .alternatives import strongest_alternative
 from .chance import SMALL_CHANCE, chance_of_chi_squared
 from .design import Array, Design
 from .findings import ModelStep
-from .fit_tests import strongest_alternative
 from .gls import Solution, solve
 from .response_curve import ResponseCurve
 from .rungs import Rung
@@ -79,7 +79,7 @@ def climb(design: Design, ladder: Sequence[Rung]) -> tuple[Solution, tuple[Model
 
     A model is taken instead of a simpler one if it lowers the sum of standardised squares of the leave-one-out
     deviations by more than `MIN_IMPROVEMENT`, by more than one standard error of the difference over the patches, and
-    if it explains the data better than chance and than a veil of glare, a wrong dark, or one wrong exposure time would.
+    if it explains the data better than chance and than what `strongest_alternative` knows would.
     The response of a bracket comes first; if another is better by these rules, and chi^2 improbable for the
     bracket's, it contradicts the patches.
 

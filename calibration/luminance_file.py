@@ -114,6 +114,7 @@ def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any
         "slow_rel": luminance.slow_rel,
         "slow_cd_m2": float(np.mean(luminance.slow_cd_m2)),
         "fixed_rel": luminance.fixed_rel,
+        "fixed_cd_m2": float(np.mean(luminance.fixed_cd_m2)),
         "step": luminance.step,
         **about,
     }
@@ -149,6 +150,7 @@ def _npz(luminance: LuminanceMap, text: str) -> bytes:
         "common_rel": np.broadcast_to(luminance.common_rel, luminance.shape),
         "invalid": luminance.invalid,
         "slow_cd_m2": np.asarray(luminance.slow_cd_m2),
+        "fixed_cd_m2": np.asarray(luminance.fixed_cd_m2),
         "metadata": np.array(text),
     }
     arrays |= {f"common_{i}": np.asarray(e.relative) for i, e in enumerate(luminance.common)}
@@ -241,6 +243,7 @@ def _map(arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> LuminanceMa
         slow_rel=values["slow_rel"],
         slow_cd_m2=_number_or_array(arrays.get("slow_cd_m2", np.asarray(values["slow_cd_m2"]))),
         fixed_rel=values["fixed_rel"],
+        fixed_cd_m2=_number_or_array(arrays.get("fixed_cd_m2", np.asarray(values.get("fixed_cd_m2", 0.0)))),
         step=values["step"],
     )
 

@@ -196,6 +196,9 @@ class DarkObservation:
         Camera and settings.
     temperature_c : float or None
         Mean device temperature of the frames, None if unknown.
+    pattern_dn : float
+        Standard deviation of the darkness from pixel to pixel, noise removed (EMVA 1288: DSNU, in DN); with a dark
+        library, what it leaves.
     """
 
     exposure_s: float
@@ -208,6 +211,7 @@ class DarkObservation:
     black_share: float
     state: CameraState
     temperature_c: float | None = None
+    pattern_dn: float = 0.0
 
 
 def _size(shape: tuple[int, int]) -> str:

@@ -40,6 +40,9 @@ class DarkPattern(Protocol):
     ) -> NDArray[np.floating[Any]] | None:
         """Pattern to take off at an exposure and temperature, shape (height, width); None for nothing."""
 
+    def noise_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Return the standard uncertainty of one pixel of the pattern."""
+
 
 def observe_patches(
     frames: Iterable[Frame],
@@ -104,7 +107,9 @@ def observe_patches(
     ]
 
 
-def observe_dark(frames: Iterable[Frame], *, dark_library: DarkPattern | None = None) -> DarkObservation:
+def observe_dark(
+    frames: Iterable[Frame], *, defects: Defects | None = None, dark_library: DarkPattern | None = None
+) -> DarkObservation:
     """Measure the darkness in the dark frames of one exposure, over the whole sensor.
 
     The frames are taken one by one; never more than two are held. The variance of the mean is that of the pixels'
@@ -115,6 +120,8 @@ def observe_dark(frames: Iterable[Frame], *, dark_library: DarkPattern | None = 
     ----------
     frames : iterable of Frame
         At least two, all of one exposure, camera and setting.
+    defects : Defects or None
+        Pixels to leave out, as at the patches: hot ones would make the darkness of the others too high.
     dark_library : DarkPattern or None
         Dark pattern to subtract, so that the darkness is as even as at the patches it is used for.
 
@@ -123,11 +130,14 @@ def observe_dark(frames: Iterable[Frame], *, dark_library: DarkPattern | None = 
     CalibrationError
         If frames differ in exposure, camera or setting, or are too few or coloured.
     """
-    seen = _accumulate(frames, None, None, None, dark_library)
+    seen = _accumulate(frames, None, None, defects, dark_library)
     (s,) = seen.statistics
     of_pixels = s.temporal_variance_dn2 / (s.n_pixels * s.n_frames)
     of_frames = s.frame_means_variance_dn2 / s.n_frames
     of_rounding = quantisation_variance_dn2(s.temporal_variance_dn2 + s.unevenness.pixel_variance_dn2(0.0))
+    pattern_dn2 = max(s.unevenness.pixel_variance_dn2(0.0) - s.temporal_variance_dn2 / s.n_frames, 0.0)
+    # A library made of these very frames takes their noise off too: at the patches it is still there.
+    pattern_dn2 = max(pattern_dn2, seen.library_noise_dn**2)
     return DarkObservation(
         exposure_s=seen.exposure_s,
         mean_dn=s.mean_dn,
@@ -139,6 +149,7 @@ def observe_dark(frames: Iterable[Frame], *, dark_library: DarkPattern | None = 
         black_share=s.black_share,
         state=seen.state,
         temperature_c=seen.temperature_c,
+        pattern_dn=sqrt(pattern_dn2),
     )
 
 
@@ -148,6 +159,7 @@ class _Seen:
     temperature_c: float | None
     state: CameraState
     statistics: list[RegionStatistics]
+    library_noise_dn: float
 
 
 def _accumulate(
@@ -159,12 +171,16 @@ def _accumulate(
 ) -> _Seen:
     accumulators: list[RegionAccumulator] = []
     state: CameraState | None = None
-    exposure_s = 0.0
+    exposure_s = noise_dn = 0.0
     temperatures: list[float | None] = []
     for frame in frames:
         if state is None:
             state, exposure_s = CameraState.of(frame), frame.exposure_s
-            accumulators = _accumulators(frame, regions, vignetting, defects, dark_library)
+            pattern = None
+            if dark_library is not None:
+                pattern = dark_library.correction_dn(frame.shape, exposure_s, frame.temperature_c)
+                noise_dn = 0.0 if pattern is None else dark_library.noise_dn(exposure_s, frame.temperature_c)
+            accumulators = _accumulators(frame, regions, vignetting, defects, pattern)
         state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
         if frame.exposure_s != exposure_s:
             raise CalibrationError(
@@ -176,7 +192,8 @@ def _accumulate(
             accumulator.add(frame)
     if state is None:
         raise CalibrationError("there is no frame: give at least 2 frames of one exposure")
-    return _Seen(exposure_s, _mean_temperature(temperatures, exposure_s), state, [a.result() for a in accumulators])
+    temperature_c = _mean_temperature(temperatures, exposure_s)
+    return _Seen(exposure_s, temperature_c, state, [a.result() for a in accumulators], noise_dn)
 
 
 def _accumulators(
@@ -184,16 +201,13 @@ def _accumulators(
     regions: Sequence[Roi] | None,
     vignetting: AnyVignetting | None,
     defects: Defects | None,
-    dark_library: DarkPattern | None,
+    pattern_dn: NDArray[np.floating[Any]] | None,
 ) -> list[RegionAccumulator]:
     height, width = frame.shape
     factor = None if vignetting is None else 1 / vignetting.relative_illuminance(frame.shape)
     sound = None if defects is None else ~defects.mask(frame.shape)
-    pattern = None
-    if dark_library is not None:
-        pattern = dark_library.correction_dn(frame.shape, frame.exposure_s, frame.temperature_c)
     whole = [Roi.rectangle("whole sensor", 0, 0, width, height)]
-    return [RegionAccumulator(r, factor, sound, pattern) for r in (whole if regions is None else regions)]
+    return [RegionAccumulator(r, factor, sound, pattern_dn) for r in (whole if regions is None else regions)]
 
 
 def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -> float | None:

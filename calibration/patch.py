@@ -13,7 +13,8 @@ from ..luminance import CommonError
 from .common_errors import common_errors
 from .model import Calibration
 from .observations import PatchObservation
-from .signal import net_signal, usable
+from .place import fall_off_errors, slow_rel
+from .signal import net_signal, temperature_warnings, usable
 from .uncertainty import expanded_half_width
 
 #: Part of the calibrated signal range that a signal may exceed it by without notice.
@@ -31,14 +32,15 @@ class PatchLuminance:
     luminance_cd_m2 : float
         Best value.
     random_rel : float
-        Relative standard uncertainty by this patch alone: noise, pixels, uneven darkness, and the scatter of the
-        calibration's patches that nothing explains.
+        Relative standard uncertainty by this patch alone: noise, pixels, uneven darkness, what the measured fall-off
+        leaves at its place, and the scatter of the calibration's patches that nothing explains.
     common : tuple of CommonError
         Errors that the patches of one calibration share, as signed numbers; see `labcdp.calibration.common_errors`.
     exposures_s : tuple of float
         Exposures that were used.
     warnings : tuple of str
-        Exposures left out, and a luminance or signal outside the calibrated range.
+        Exposures left out, a temperature that the dark frames do not cover, and a luminance or signal outside the
+        calibrated range.
     """
 
     patch: str
@@ -104,6 +106,7 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
             )
     kept, _, warnings = usable(observations, calibration.settings)
     if not kept:
+        warnings += temperature_warnings(observations, calibration.settings)
         raise CalibrationError(f"no exposure gives the luminance of a patch: {'; '.join(warnings)}")
     return _combined(calibration, kept, warnings)
 
@@ -143,7 +146,8 @@ def _combined(
     # Neither the uneven darkness nor the pixels' sensitivity average over the exposures.
     uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
     pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
-    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + calibration.responsivity.scatter_rel**2)
+    of_place = hypot(slow_rel(calibration.vignetting), calibration.responsivity.scatter_rel)
+    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + of_place**2)
     shared: dict[str, CommonError] = {}
     for o, n, share in zip(observations, net, weight * each / luminance, strict=True):
         errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
@@ -154,13 +158,18 @@ def _combined(
             so_far = float(shared[key].relative) if key in shared else 0.0
             shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular)
     patch = observations[0].patch
+    by_place = fall_off_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     return PatchLuminance(
         patch=patch,
         luminance_cd_m2=luminance,
         random_rel=random_rel,
-        common=tuple(shared.values()),
+        common=(*shared.values(), *(CommonError("flat field", float(error)) for (error,) in by_place)),
         exposures_s=tuple(sorted({o.exposure_s for o in observations})),
-        warnings=(*warnings, *_outside(calibration, patch, luminance, random_rel, float(net.max()))),
+        warnings=(
+            *warnings,
+            *temperature_warnings(observations, calibration.settings),
+            *_outside(calibration, patch, luminance, random_rel, float(net.max())),
+        ),
     )
 
 

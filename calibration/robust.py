@@ -10,10 +10,11 @@ import numpy as np
 
 from ..errors import CalibrationError
 from ..reading import Reading
+from .alternatives import WORTH, ratio, strongest_alternative
 from .chance import limit
 from .design import Array, Design
 from .findings import LeftOut
-from .fit_tests import shift_with_scatter, strongest_alternative
+from .fit_tests import shift_with_scatter
 from .gls import Solution, solve
 from .readings import PatchReading, contradict, ratio_hint, single_reading
 from .rungs import Rung
@@ -22,8 +23,6 @@ from .rungs import Rung
 MAX_SHARE = 0.1
 #: Fewest patches to tell a bad one: without it three are left.
 _MIN_PATCHES = 4
-#: Fall of chi^2 that a further parameter of the response must bring to count.
-_WORTH = 6.6
 #: Standard uncertainties within which a reading agrees with the camera.
 _AGREES = 3.0
 
@@ -58,7 +57,7 @@ def screen(
     Of two readings of one patch that contradict each other, the camera says which is wrong. A patch is bad if its
     deleted residual (against a fit without its reading) over its standard deviation is beyond the Bonferroni limit for
     all patches, and if nothing else explains the deviation better: another response, glare, a wrong dark or exposure
-    time. At most one patch or `MAX_SHARE` of them is left out.
+    time, a drift, or the patches' places in the image. At most one patch or `MAX_SHARE` of them is left out.
 
     Parameters
     ----------
@@ -102,9 +101,9 @@ def _bad_patch(design: Design, ladder: Sequence[Rung]) -> tuple[int, float] | No
             solution = solve(design, rung)
         except CalibrationError:
             continue
-        drops = [_ratio(solution.shift(pattern)) ** 2 for pattern in _patterns(design)]
+        drops = [ratio(solution.shift(pattern)) ** 2 for pattern in _patterns(design)]
         worst = int(np.argmax(drops))
-        left = solution.chi_squared - drops[worst] + _WORTH * (rung.n_parameters - 1)
+        left = solution.chi_squared - drops[worst] + WORTH * (rung.n_parameters - 1)
         if best is None or left < best[0]:
             best = left, solution, worst
     if best is None:
@@ -114,7 +113,7 @@ def _bad_patch(design: Design, ladder: Sequence[Rung]) -> tuple[int, float] | No
     if uncertainty == inf or abs(value) <= limit(len(design.patches), freedom) * uncertainty:
         return None
     alternative = strongest_alternative(solution)
-    if alternative is not None and alternative[1] >= _ratio(solution.shift(_patterns(design)[patch])):
+    if alternative is not None and alternative[1] >= ratio(solution.shift(_patterns(design)[patch])):
         return None
     expected = float(design.reading_cd_m2[patch] + value)
     return (patch, expected) if expected > 0 else None
@@ -156,8 +155,3 @@ def _choose_of_two(
 def _patterns(design: Design) -> list[Array]:
     """For each patch, what a reading too low by 1 cd/m^2 does to luminances less readings."""
     return [np.where(design.patch == patch, 1.0, 0.0) for patch in range(len(design.patches))]
-
-
-def _ratio(found: tuple[float, float]) -> float:
-    value, uncertainty = found
-    return abs(value) / uncertainty

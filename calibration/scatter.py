@@ -20,7 +20,7 @@ _LEAST = 1e-5
 _MOST_REL = 0.5
 
 
-def with_scatter(design: Design, rung: Rung) -> Solution:
+def with_scatter(design: Design, rung: Rung, *, by_place: bool = False) -> Solution:
     """Fit again with the further scatter that the residuals show, if chi^2 is improbable without.
 
     The method of R. C. Paule and J. Mandel, J. Res. NBS 87 (1982) 377: the scatter is what makes chi^2 equal its
@@ -28,12 +28,17 @@ def with_scatter(design: Design, rung: Rung) -> Solution:
     The observations scatter in parts of the luminance, as by wrong exposure times, or in DN, as by a wrong dark,
     whichever is likelier.
 
+    Where the patches deviate by their place, a fall-off that is not taken off makes them uneven, too. This unevenness
+    then is no error of the patches' light that could explain how they scatter: it counts as 0.
+
     Parameters
     ----------
     design : Design
         The observations.
     rung : Rung
         The model.
+    by_place : bool
+        Whether the deviations of the patches go with their places.
 
     Returns
     -------
@@ -41,11 +46,13 @@ def with_scatter(design: Design, rung: Rung) -> Solution:
         With the scatter in its design; 0 if the stated errors explain all.
     """
     n, n_patches = design.net_dn.size, len(design.patches)
+    if by_place:
+        design = replace(design, uneven_rel=np.zeros(n_patches))
     first = solve(design, rung)
-    if chance_of_chi_squared(first.chi_squared, first.degrees_of_freedom) >= SMALL_CHANCE:
+    if not by_place and chance_of_chi_squared(first.chi_squared, first.degrees_of_freedom) >= SMALL_CHANCE:
         return first
 
-    inside = _within(first, first.covariance)
+    inside = within_patches(first, first.covariance)
     if chance_of_chi_squared(inside, n - n_patches) < SMALL_CHANCE:
         design, inside = _observations_scatter(first, n - n_patches)
     of_patches = n_patches - first.parameters.size
@@ -53,7 +60,8 @@ def with_scatter(design: Design, rung: Rung) -> Solution:
     def between(patch_rel: float) -> float:
         return solve(replace(design, scatter_rel=patch_rel), rung).chi_squared - inside
 
-    if chance_of_chi_squared(between(0.0), of_patches) < SMALL_CHANCE:
+    excess = between(0.0)
+    if chance_of_chi_squared(excess, of_patches) < SMALL_CHANCE or (by_place and excess > of_patches > 0):
         design = replace(design, scatter_rel=_crossing(between, of_patches, _MOST_REL))
     return solve(design, rung)
 
@@ -82,12 +90,12 @@ def _scattered(solution: Solution, pattern: Array, freedom: int, most: float) ->
         added: Array = solution.covariance + np.diag(scatter**2 * pattern)
         return added
 
-    scatter = _crossing(lambda s: _within(solution, covariance(s)), freedom, most)
+    scatter = _crossing(lambda s: within_patches(solution, covariance(s)), freedom, most)
     final = covariance(scatter)
-    return _Scattered(scatter, float(np.linalg.slogdet(final)[1]), _within(solution, final))
+    return _Scattered(scatter, float(np.linalg.slogdet(final)[1]), within_patches(solution, final))
 
 
-def _within(solution: Solution, covariance: Array) -> float:
+def within_patches(solution: Solution, covariance: Array) -> float:
     """chi^2 of the observations of each patch among each other, whatever the patch's luminance."""
     patch = solution.design.patch
     weight = np.linalg.inv(covariance)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 from ..response import Response
 from .findings import LeftOut
@@ -29,7 +29,8 @@ class NetSignal:
     dark_variance_dn2 : float
         Variance by the dark model.
     dark_nonuniformity_dn : float
-        Standard uncertainty by the uneven darkness; the same at all exposures of one patch.
+        Standard uncertainty by the uneven darkness, slowly across the sensor and from pixel to pixel; the same error at
+        all exposures of one patch.
     pixels_rel : float
         Relative standard uncertainty by pixels of different sensitivity.
     slow_rel : float
@@ -73,6 +74,9 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     dark_dn = setting.dark.mean_dn(o.exposure_s, o.temperature_c)
     pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
     net_dn, power = _before_tone(o, dark_dn, pattern_dn2, setting.noise.tone)
+    # What of the pattern is darkness is an offset, and known from the dark frames; the rest is sensitivity.
+    dark_pattern_dn = setting.dark.pattern_dn(o.exposure_s)
+    sensitivity_dn2 = max(pattern_dn2 - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     return NetSignal(
@@ -80,8 +84,8 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
         scale_per_s=o.mean_inverse_v / o.exposure_s,
         noise_variance_dn2=setting.noise.variance_dn2(net_dn) / (o.n_pixels * o.n_frames) + rounding,
         dark_variance_dn2=setting.dark.variance_dn2(o.exposure_s, o.temperature_c),
-        dark_nonuniformity_dn=setting.dark.nonuniformity_dn,
-        pixels_rel=power * sqrt(pattern_dn2 / o.n_pixels) / on_axis,
+        dark_nonuniformity_dn=hypot(setting.dark.nonuniformity_dn, dark_pattern_dn / sqrt(o.n_pixels)),
+        pixels_rel=power * sqrt(sensitivity_dn2 / o.n_pixels) / on_axis,
         slow_rel=power * sqrt(o.nonuniformity_variance_dn2(dark_dn)) / on_axis,
         gain_index=index,
     )
@@ -143,6 +147,26 @@ def usable(
             for reason, group in reasons.items()
         ],
     )
+
+
+def temperature_warnings(observations: Sequence[PatchObservation], settings: Sequence[GainSetting]) -> list[str]:
+    """Warn of observations outside the temperatures of the dark frames, where that changes the darkness.
+
+    Parameters
+    ----------
+    observations : sequence of PatchObservation
+        Of one patch.
+    settings : sequence of GainSetting
+        Darkness of their gains, among others.
+    """
+    by_gain: dict[int, list[PatchObservation]] = {}
+    for o in observations:
+        by_gain.setdefault(index_of_gain(settings, o.state.gain_db), []).append(o)
+    return [
+        f"patch {own[0].patch!r}: {warning}"
+        for index, own in by_gain.items()
+        for warning in settings[index].dark.temperature_warnings((o.exposure_s, o.temperature_c) for o in own)
+    ]
 
 
 def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainSetting]) -> str | None:

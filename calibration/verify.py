@@ -20,7 +20,7 @@ from .comparison import (
 from .dark import DarkModel, fit_dark
 from .model import Calibration
 from .observations import DarkObservation, PatchObservation
-from .patch import patch_luminance
+from .patch import PatchLuminance, patch_luminance
 from .store import AnyCalibration
 from .uncertainty import expanded_half_width
 from .verification import (
@@ -64,7 +64,7 @@ def verify(
     Raises
     ------
     CalibrationError
-        If there is no patch, a patch has no reading or reads 0, is clipped or black at every exposure, or camera,
+        If there is no patch, a patch has no reading or reads 0, all are clipped or black at every exposure, or camera,
         settings or vignetting are not the calibration's.
     """
     groups: dict[str, list[PatchObservation]] = {}
@@ -75,12 +75,14 @@ def verify(
     dark, _ = fit_dark(darks)
     for d in darks:
         calibration.require(d.state, f"the set of dark frames at {d.exposure_s:g} s")
+    seen, unusable = _measured(calibration, groups)
+    groups = {name: group for name, group in groups.items() if name in seen}
     comparison = compare(
-        [patch_luminance(calibration, group) for group in groups.values()],
-        join_readings(groups, readings, calibration.meter_scale),
+        list(seen.values()),
+        join_readings(groups, {name: readings[name] for name in groups if name in readings}, calibration.meter_scale),
         [unevenness_rel(group, calibration) for group in groups.values()],
     )
-    return judged(
+    result = judged(
         calibration,
         comparison,
         comparison.rows([_with_dark(calibration, dark, group) for group in groups.values()]),
@@ -89,6 +91,26 @@ def verify(
         None,
         calibration.responsivity.random_rel,
     )
+    if not unusable:
+        return result
+    verdict: Verdict = "doubtful" if result.verdict == "valid" else result.verdict
+    return replace(result, verdict=verdict, findings=(*result.findings, *unusable))
+
+
+def _measured(
+    calibration: Calibration, groups: Mapping[str, Sequence[PatchObservation]]
+) -> tuple[dict[str, PatchLuminance], list[str]]:
+    """Luminances of the patches that can be measured, and findings about the others; raises if there is none."""
+    seen: dict[str, PatchLuminance] = {}
+    unusable: list[CalibrationError] = []
+    for name, group in groups.items():
+        try:
+            seen[name] = patch_luminance(calibration, group)
+        except CalibrationError as error:
+            unusable.append(error)
+    if not seen:
+        raise unusable[0]
+    return seen, [f"left out: {error}" for error in unusable]
 
 
 def judged(

@@ -82,6 +82,8 @@ class LuminanceMap:
     fixed_rel : float
         Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
         it down.
+    fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
+        The same for what is not in parts of the luminance (noise of a dark library).
     step : int
         Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
 
@@ -102,6 +104,7 @@ class LuminanceMap:
         slow_rel: float = 0.0,
         slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
         fixed_rel: float = 0.0,
+        fixed_cd_m2: ArrayOrMaker | float = 0.0,
         step: int = 1,
     ) -> None:
         shapes = {luminance_cd_m2.shape} | {v.shape for v in (random_rel, invalid) if isinstance(v, np.ndarray)}
@@ -117,6 +120,7 @@ class LuminanceMap:
         self.slow_rel, self.slow_cd_m2, self.fixed_rel = slow_rel, slow_cd_m2, fixed_rel
         self.step = step
         self._random_rel, self._common, self._invalid, self._common_rel = random_rel, common, invalid, common_rel
+        self._fixed_cd_m2 = fixed_cd_m2
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -128,6 +132,11 @@ class LuminanceMap:
     def random_rel(self) -> NDArray[np.floating[Any]]:
         """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
         return self._random_rel if isinstance(self._random_rel, np.ndarray) else self._random_rel()
+
+    @cached_property
+    def fixed_cd_m2(self) -> NDArray[np.floating[Any]] | float:
+        """Part of a pixel's standard uncertainty that is the same in every frame, beside `fixed_rel`."""
+        return self._fixed_cd_m2() if callable(self._fixed_cd_m2) else self._fixed_cd_m2
 
     @cached_property
     def invalid(self) -> NDArray[np.uint8]:
@@ -232,6 +241,7 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
         slow_rel=max(new.slow_rel, old.slow_rel),
         slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
         fixed_rel=max(new.fixed_rel, old.fixed_rel),
+        fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
         step=old.step,
     )
 

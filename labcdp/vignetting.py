@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +119,7 @@ class RadialVignetting:
             If it is not positive everywhere on the image.
         """
         r2 = self.squared_radius(shape)
-        result: NDArray[np.float64] = 1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))
+        result: NDArray[np.float64] = self._at(r2)
         if result.min() <= 0:
             raise InputError(
                 f"the fall-off {self.a2:g} r^2 {self.a4:+g} r^4 {self.a6:+g} r^6 leaves no light at the edge: measure "
@@ -140,11 +140,33 @@ class RadialVignetting:
         list of ndarray of float, shape (height, width)
             Signed patterns of independent errors; empty if the coefficients are taken as exact.
         """
+        r2 = self.squared_radius(shape)
+        return [r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2) for a2, a4, a6 in self._independent_errors()]
+
+    def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:
+        """Return the values of `common_patterns` at one place.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+        place_px : (float, float)
+            The place (x, y); the upper left corner of the image is (0, 0).
+        """
+        height, width = shape
+        x0, y0 = self.centre_px or (width / 2, height / 2)
+        r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
+        return [float(r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2)) for a2, a4, a6 in self._independent_errors()]
+
+    def _at(self, r2: Any) -> Any:
+        return 1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))
+
+    def _independent_errors(self) -> list[NDArray[np.float64]]:
+        """Errors of (a2, a4, a6), each for one standard uncertainty along an eigenvector of the covariance."""
         values, vectors = np.linalg.eigh(np.array(self.covariance))
-        r2, v = self.squared_radius(shape), self.relative_illuminance(shape)
         return [
-            np.sqrt(value) * r2 * (a2 + r2 * (a4 + r2 * a6)) / v
-            for value, (a2, a4, a6) in zip(values, vectors.T, strict=True)
+            np.sqrt(value) * vector
+            for value, vector in zip(values, vectors.T, strict=True)
             if value > 1e-12 * values.max() > 0
         ]
 

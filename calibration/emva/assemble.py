@@ -8,7 +8,7 @@ from math import hypot, sqrt
 
 from .dark_current import fit_darkness
 from .fits import Slope
-from .flags import flag_depth, flag_series, flag_values
+from .flags import flag_depth, flag_linearity, flag_rounding, flag_series, flag_values
 from .photon_transfer import departure_rel, points_to_fit, require_noise, system_gain
 from .result import Characterisation, DarkPoint, Quantity, SeriesPoint, SpatialImages
 from .saturation import Saturation, find_saturation
@@ -17,6 +17,11 @@ from .snr import dynamic_range, sensitivity_threshold_e, snr_max
 #: The definitions used.
 DEFINITION = (
     "after EMVA 1288 Release 3.1, linear model; parts of DSNU and PRNU and mean linearity error after Release 4.0"
+)
+#: Saturation of a dense series.
+AT_PEAK = (
+    "saturation capacity of EMVA 1288, at the peak of the temporal variance: the pixel's full well lies several times "
+    "its noise higher"
 )
 
 
@@ -69,6 +74,8 @@ class Transfer:
         Points up to 70 % of it.
     slope : Slope
         The fit of K.
+    definition : str
+        What was taken for saturation.
     """
 
     saturation: Saturation
@@ -76,6 +83,7 @@ class Transfer:
     net_uncertainty_dn: float
     fitted: tuple[SeriesPoint, ...]
     slope: Slope
+    definition: str
 
     @property
     def k(self) -> Quantity:
@@ -105,7 +113,7 @@ def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
     # The signal stops rising behind the peak: only the neighbour before tells the distance.
     step = net - points[max(saturation.index - 1, 0)].net_dn
     fitted = points_to_fit(points, net)
-    return Transfer(saturation, net, abs(step) / 2 / sqrt(3), tuple(fitted), system_gain(fitted))
+    return Transfer(saturation, net, abs(step) / 2 / sqrt(3), tuple(fitted), system_gain(fitted), AT_PEAK)
 
 
 def assemble(
@@ -131,6 +139,8 @@ def assemble(
         *flag_depth(max(p.mean_dn for p in points), origin.multiple, origin.bits, transfer.saturation),
         *flag_series(points, transfer.saturation),
         *flag_values(current, by_variance, transfer.saturation.limit, departure_rel(transfer.fitted, k.value)),
+        *flag_linearity(stimulus.linearity[:2]),
+        *flag_rounding(darks),
         *more_flags,
     ]
     return Characterisation(
@@ -187,7 +197,8 @@ def _saturation(
     """
     net, k = transfer.net_dn, transfer.k
     relative = transfer.net_uncertainty_dn / net
-    note = "" if transfer.saturation.limit == "full well" else "a lower limit of the pixel's full well"
+    limited = "" if transfer.saturation.limit == "full well" else ", a lower limit of the pixel's full well"
+    note = transfer.definition + limited
     photons = points[transfer.saturation.index].photons
     value = net / k.value
     if photons is not None and responsivity is not None:

@@ -8,11 +8,14 @@ from math import log, sqrt
 
 import numpy as np
 
+from ..rounding import DITHERED_DN2, ROUNDING_DN2, mean_before_rounding, variance_before_rounding
 from .fits import FloatArray, Line, line
-from .result import ROUNDING_VARIANCE_DN2, DarkPoint, Quantity
+from .result import DarkPoint, Quantity
 
 #: A variance of darkness below this, in DN^2, is mostly rounding (EMVA 1288 Release 3.1, section 6.5: sigma < 0.5 DN).
 LEAST_VARIANCE_DN2 = 0.24
+#: Shares of the range of spreads before rounding for which the means are worked out.
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 #: Temperatures closer than this, in kelvin, do not tell a doubling temperature.
 LEAST_SPREAD_K = 5.0
 
@@ -45,16 +48,21 @@ class Darkness:
         sigma = sqrt(variance)
         note = "at zero exposure" if self.n_exposures > 1 else "at the only exposure of darkness"
         if self.variance.intercept < LEAST_VARIANCE_DN2:
-            note = "below 0.49 DN, where rounding hides the noise: the least value the standard allows"
+            note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
         return Quantity(sigma, self.variance.intercept_uncertainty / (2 * sigma), "DN", note)
 
     def noise_e(self, k: Quantity) -> Quantity:
-        """sigma_d: noise without rounding over K, sqrt(sigma_y.dark^2 - 1/12) / K (Release 3.1, section 2.4)."""
+        """sigma_d: noise without rounding over K, sqrt(sigma_y.dark^2 - 1/12) / K (Release 3.1, section 2.4).
+
+        Its uncertainty holds what rounding hides: all noise that can have left this variance is equally likely.
+        """
         dark = self.noise_dn()
-        own = sqrt(dark.value**2 - ROUNDING_VARIANCE_DN2)
+        own = sqrt(dark.value**2 - ROUNDING_DN2)
         by_noise = dark.value * dark.standard_uncertainty / own
+        by_rounding = variance_before_rounding(self.variance.intercept).root().error_of(own)
         value = own / k.value
-        uncertainty = value * sqrt((by_noise / own) ** 2 + (k.standard_uncertainty / k.value) ** 2)
+        relative = max(by_noise, by_rounding) / own
+        uncertainty = value * sqrt(relative**2 + (k.standard_uncertainty / k.value) ** 2)
         return Quantity(value, uncertainty, "e-", f"{dark.note}, without rounding")
 
     def current_e_s(self, k: Quantity) -> Quantity | None:
@@ -85,7 +93,8 @@ def fit_darkness(points: Sequence[DarkPoint]) -> Darkness:
     Returns
     -------
     Darkness
-        Uncertainties are those of the lines' fits: temporal noise, widened where the black level wanders.
+        Uncertainties are those of the lines' fits: temporal noise, widened where the black level wanders, and where
+        the noise is so small that rounding changes means and variances.
     """
     t = np.array([point.exposure_s for point in points])
     mean = np.array([point.mean_dn for point in points])
@@ -94,8 +103,37 @@ def fit_darkness(points: Sequence[DarkPoint]) -> Darkness:
     u_variance = np.array([point.variance_uncertainty_dn2 for point in points])
     n_exposures = int(np.unique(t).size)
     if n_exposures < 2:
-        return Darkness(_constant(mean, u_mean), _constant(variance, u_variance), n_exposures)
-    return Darkness(line(t, mean, u_mean), line(t, variance, u_variance), n_exposures)
+        line_of_mean = _constant(mean, u_mean)
+        others = [_constant(other, u_mean) for other in _means_before_rounding(points)]
+        return Darkness(_widened(line_of_mean, others), _constant(variance, u_variance), n_exposures)
+    line_of_mean = line(t, mean, u_mean)
+    others = [line(t, other, u_mean) for other in _means_before_rounding(points)]
+    return Darkness(_widened(line_of_mean, others), line(t, variance, u_variance), n_exposures)
+
+
+def _means_before_rounding(points: Sequence[DarkPoint]) -> list[FloatArray]:
+    """Means as they may have been before rounding, for several spreads that can have left the variances."""
+    rounded = [point.variance_dn2 + point.spatial_variance_dn2 for point in points]
+    if min(rounded) >= DITHERED_DN2:
+        return []
+    ranges = [variance_before_rounding(value).root() for value in rounded]
+    return [
+        np.array(
+            [
+                mean_before_rounding(point.mean_dn, (own.least + share * (own.largest - own.least)) ** 2)
+                for point, own in zip(points, ranges, strict=True)
+            ]
+        )
+        for share in _SHARES
+    ]
+
+
+def _widened(stated: Line, others: Sequence[Line]) -> Line:
+    """Add the mean square by which other lines, equally likely, are off a line."""
+    if not others:
+        return stated
+    off = np.array([(other.intercept - stated.intercept, other.slope - stated.slope) for other in others])
+    return Line(stated.intercept, stated.slope, stated.covariance + off.T @ off / len(others))
 
 
 def _constant(y: FloatArray, u: FloatArray) -> Line:

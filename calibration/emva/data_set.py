@@ -9,12 +9,14 @@ from os import PathLike
 import numpy as np
 
 from ...errors import CalibrationError, InputError
+from .alike import ImageCheck, require_levels
 from .assemble import Nonuniformity, Origin, Stimulus, Transfer, assemble, photon_transfer
-from .flags import flag_exposures, flag_noise, flag_photons
+from .dark_current import fit_darkness
+from .flags import flag_exposures, flag_long_exposures, flag_noise, flag_photons, flag_photons_unknown
 from .images import read_image
 from .index import DataSetIndex, IndexBlock, load_index
 from .linearity import linearity
-from .nonuniformity import dsnu_e, prnu_rel, spatial_variance
+from .nonuniformity import dsnu_e, prnu_rel, spatial_variance, widened_by_rounding
 from .photon_transfer import MIN_POINTS, responsivity
 from .result import Characterisation, DarkPoint, Quantity, SeriesPoint, SpatialImages
 from .statistics import FrameStatistics, FrameSums
@@ -41,7 +43,8 @@ def characterise_data_set(
     Raises
     ------
     InputError
-        If the index or an image cannot be used; see `load_index` and `read_image`.
+        If the index or an image cannot be used, or images of a block are not alike; see `load_index`, `read_image`,
+        `ImageCheck` and `require_levels`.
     CalibrationError
         If there are too few points, or the noise does not grow with the signal.
     """
@@ -49,15 +52,19 @@ def characterise_data_set(
     total, done = sum(len(block.images) for block in index.blocks), 0
     statistics: list[tuple[IndexBlock, FrameStatistics]] = []
     stacks: dict[str, list[tuple[IndexBlock, FrameSums]]] = {"bright": [], "dark": []}
+    check = ImageCheck(index.path)
     for block in index.blocks:
         sums = FrameSums(2**index.bits - 1)
-        for image in block.images:
-            sums.add(read_image(image, (index.height, index.width), index.bits))
+        for number, image in enumerate(block.images):
+            dn = read_image(image, (index.height, index.width), index.bits)
+            check.take(dn, block, number)
+            sums.add(dn)
             done += 1
             report(done, total)
         statistics.append((block, sums.result()))
         if len(block.images) >= _STACK:
             stacks[block.kind] = _larger(stacks[block.kind], block, sums)
+    require_levels(index, statistics)
     points = _series(index, statistics)
     transfer = photon_transfer(points)
     origin = Origin(
@@ -70,25 +77,18 @@ def characterise_data_set(
         temperature_c=None,
         multiple=min(s.multiple for block, s in statistics if block.kind == "bright"),
     )
-    darks = {
-        point.exposure_s: DarkPoint(
-            point.exposure_s,
-            point.dark_mean_dn,
-            point.dark_variance_dn2,
-            point.dark_n_pixels,
-            point.dark_n_frames,
-        )
-        for point in points
-    }
+    darks = _darks(points, statistics)
     stimulus = _stimulus(points, transfer)
     nonuniformity, flags = _nonuniformity(stacks, transfer.k)
     flags = [
         *flag_exposures(points),
+        *flag_long_exposures(points, fit_darkness(darks).current_e_s(transfer.k)),
+        *flag_photons_unknown(points),
         *flag_photons(stimulus.quantum_efficiency),
         *flag_noise(points, transfer.saturation),
         *flags,
     ]
-    return assemble(origin, points, list(darks.values()), None, transfer, stimulus, nonuniformity, flags)
+    return assemble(origin, points, darks, None, transfer, stimulus, nonuniformity, flags)
 
 
 def _larger(
@@ -99,6 +99,27 @@ def _larger(
     if sums.n_frames < most:
         return known
     return [*(known if sums.n_frames == most else []), (block, sums)]
+
+
+def _darks(points: Sequence[SeriesPoint], statistics: Sequence[tuple[IndexBlock, FrameStatistics]]) -> list[DarkPoint]:
+    """Darkness at the exposures of the series, of the images its points take."""
+    spatial = {
+        (block.exposure_s, found.n_frames): found.spatial_variance_dn2
+        for block, found in statistics
+        if block.kind == "dark"
+    }
+    darks = {
+        point.exposure_s: DarkPoint(
+            point.exposure_s,
+            point.dark_mean_dn,
+            point.dark_variance_dn2,
+            point.dark_n_pixels,
+            point.dark_n_frames,
+            spatial_variance_dn2=spatial[point.exposure_s, point.dark_n_frames],
+        )
+        for point in points
+    }
+    return list(darks.values())
 
 
 def _series(index: DataSetIndex, statistics: Sequence[tuple[IndexBlock, FrameStatistics]]) -> list[SeriesPoint]:
@@ -114,6 +135,7 @@ def _series(index: DataSetIndex, statistics: Sequence[tuple[IndexBlock, FrameSta
         else:
             dark[block.exposure_ns] = measured
     points = []
+    known = any(block.photons > 0 for block, _ in bright.values())
     for _, (block, light) in sorted(bright.items()):
         darkness = dark.get(block.exposure_ns)
         if darkness is None:
@@ -125,7 +147,7 @@ def _series(index: DataSetIndex, statistics: Sequence[tuple[IndexBlock, FrameSta
             SeriesPoint(
                 label="",
                 exposure_s=block.exposure_s,
-                photons=block.photons,
+                photons=block.photons if known else None,
                 mean_dn=light.mean_dn,
                 variance_dn2=light.temporal_variance_dn2,
                 dark_mean_dn=darkness.mean_dn,
@@ -148,8 +170,10 @@ def _series(index: DataSetIndex, statistics: Sequence[tuple[IndexBlock, FrameSta
 
 def _stimulus(points: Sequence[SeriesPoint], transfer: Transfer) -> Stimulus:
     k, fit = transfer.k, responsivity(transfer.fitted)
+    line = linearity(points, transfer.net_dn)
+    errors = (None, None, None) if line is None else (line.lowest(), line.highest(), line.mean_absolute())
     if fit is None or fit.value <= 0:
-        return Stimulus(None, None, (None, None, None))
+        return Stimulus(None, None, errors)
     r = Quantity(
         fit.value,
         fit.standard_uncertainty,
@@ -158,8 +182,6 @@ def _stimulus(points: Sequence[SeriesPoint], transfer: Transfer) -> Stimulus:
     )
     relative = hypot(r.standard_uncertainty / r.value, k.standard_uncertainty / k.value)
     qe = Quantity(r.value / k.value, relative * r.value / k.value, "1", "R / K; " + r.note.partition("; ")[2])
-    line = linearity(points, transfer.net_dn)
-    errors = (None, None, None) if line is None else (line.lowest(), line.highest(), line.mean_absolute())
     return Stimulus(r, qe, errors)
 
 
@@ -180,10 +202,14 @@ def _nonuniformity(
     dark_statistics, dark_image = dark.result(), dark.mean_image()
     dark_variance = spatial_variance(dark_image, dark.noise_of_mean())
     note = f"{dark.n_frames} images at {dark_block.exposure_s:g} s"
-    total = dsnu_e(dark_variance.total, k, note)
     parts = (dark_variance.pixel, dark_variance.column, dark_variance.row)
-    dsnu_parts = tuple(dsnu_e(part, k) for part in parts)
-    assert len(dsnu_parts) == 3
+    total, *own = widened_by_rounding(
+        (dsnu_e(dark_variance.total, k, note), *(dsnu_e(part, k) for part in parts)),
+        k,
+        dark_statistics.temporal_variance_dn2,
+        dark_statistics.spatial_variance_dn2,
+    )
+    dsnu_parts = (own[0], own[1], own[2])
     if bright_block is None or bright is None:
         images = SpatialImages(
             dark_image.astype(np.float32), None, dark.n_frames, 0, dark_statistics.temporal_variance_dn2, float("nan")

@@ -4,11 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from .result import Quantity, SaturationLimit, SeriesPoint
+from ..rounding import ROUNDING_DN2
+from .dark_current import LEAST_VARIANCE_DN2
+from .result import DarkPoint, Quantity, SaturationLimit, SeriesPoint
 from .saturation import Saturation
 
 #: No camera's shortest exposure is below, and no series' longest below the second; the last is an hour.
 _SHORTEST_S, _LONGEST_SHORT_S, _LONGEST_S = 1e-6, 1e-4, 3600.0
+#: A series whose longest exposure is below is rare: photon series go to some 10 ms.
+_RARELY_SHORT_S = 1e-3
+#: Exposures beyond, without a dark current of at least this many e-/s, are rare: only cooled sensors have less.
+_RARELY_LONG_S, _LOW_CURRENT_E_S = 10.0, 0.1
+#: Large pixels have less at room temperature: 1 nA/cm^2 on (24 um)^2 are 4e4 e-/s.
+_LARGEST_CURRENT_E_S = 1e5
+#: Cameras are linear to a percent or two.
+_LARGEST_LINEARITY_ERROR = 0.03
+#: Standard deviation of darkness in DN from which on rounding falsifies nothing, and its variance with rounding.
+_DITHERED_DN = 0.6
+_DITHERED_DN2 = _DITHERED_DN**2 + ROUNDING_DN2
 #: A quantum efficiency beyond is a wrong photon number.
 _LOWEST_QE = 1e-3
 #: Most values at DN 0 in darkness (EMVA 1288 Release 3.1, section 6.5: about 0.5 %).
@@ -28,6 +41,57 @@ def flag_exposures(points: Sequence[SeriesPoint]) -> Iterator[str]:
         yield (
             f"the exposures are {shortest * 1e9:g} to {longest * 1e9:g} ns, which no camera series has: the index "
             "probably gives them in another unit; write them in nanoseconds, or the dark current is wrong"
+        )
+    elif longest < _RARELY_SHORT_S:
+        yield (
+            f"the longest exposure is {longest * 1e6:.4g} us, which is rare for a photon series: if the index gives "
+            "the exposures in microseconds, write them in nanoseconds, or the dark current is 1000 times too large"
+        )
+
+
+def flag_long_exposures(points: Sequence[SeriesPoint], dark_current: Quantity | None) -> Iterator[str]:
+    """Exposures of an index that are so long that the dark current becomes that of a cooled sensor."""
+    longest = max(p.exposure_s for p in points)
+    if dark_current is None or not _RARELY_LONG_S < longest <= _LONGEST_S:
+        return
+    if dark_current.value + 2 * dark_current.standard_uncertainty < _LOW_CURRENT_E_S:
+        yield (
+            f"the longest exposure is {longest:.4g} s and the dark current {dark_current.value:.2g} e-/s, which only a "
+            "cooled camera has: if it is not, the index gives the exposures in picoseconds; write them in nanoseconds"
+        )
+
+
+def flag_photons_unknown(points: Sequence[SeriesPoint]) -> Iterator[str]:
+    """Tell that an index gives no photons."""
+    if all(point.photons is None for point in points):
+        yield (
+            "the index gives 0 photons for all bright images, so responsivity and quantum efficiency are not known, "
+            "and linearity is that over the exposure: give photons per pixel and exposure"
+        )
+
+
+def flag_linearity(errors: Sequence[Quantity | None]) -> Iterator[str]:
+    """Departures from the line that no usable camera has."""
+    known = [error for error in errors if error is not None]
+    worst = max(known, key=lambda error: abs(error.value), default=None)
+    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
+        yield (
+            f"the response departs from a straight line by {worst.value:+.1%} {worst.note.partition(';')[0]}: check "
+            "the images, exposures and photons of that level, then the light; few cameras are off by more than "
+            f"{_LARGEST_LINEARITY_ERROR:.0%}"
+        )
+
+
+def flag_rounding(darks: Sequence[DarkPoint]) -> Iterator[str]:
+    """Darkness with so little noise that rounding falsifies it."""
+    least = min(point.variance_dn2 for point in darks)
+    if least < _DITHERED_DN2:
+        shortest = min(darks, key=lambda point: point.exposure_s)
+        limit = "read noise is an upper limit, " if shortest.variance_dn2 < LEAST_VARIANCE_DN2 else ""
+        yield (
+            f"the dark noise is below {_DITHERED_DN:g} DN (variance {least:.3g} DN^2): rounding falsifies read noise, "
+            f"dark current and DSNU; {limit}their uncertainties were widened by what it may hide; record at a higher "
+            "gain or more bits"
         )
 
 
@@ -99,10 +163,17 @@ def flag_values(
                 f"{-quantity.value / quantity.standard_uncertainty:.0f} standard uncertainties, which is impossible: "
                 "was the sensor still warming up, or is the camera's dark current compensation on?"
             )
+    if dark_current is not None and (
+        dark_current.value - _CHANCE * dark_current.standard_uncertainty > _LARGEST_CURRENT_E_S
+    ):
+        yield (
+            f"the dark current is {dark_current.value:.3g} e-/s, more than any sensor has at room temperature: check "
+            "the unit of the exposures"
+        )
     if limit == "converter":
         yield (
-            "the converter ends the range, not the full well: the full well stated is what the converter can show at "
-            "this gain, a lower limit of the pixel's own"
+            "the converter ends the range, not the full well: the saturation capacity stated is what the converter "
+            "can show at this gain, a lower limit of the pixel's full well"
         )
     if departure_rel > _LARGEST_DEPARTURE:
         yield (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from os import PathLike
 from pathlib import Path
@@ -40,6 +40,8 @@ class IndexBlock:
         Where they are.
     line : int
         Line of the index.
+    image_lines : tuple of int
+        Lines of the images.
     """
 
     kind: Literal["bright", "dark"]
@@ -47,6 +49,7 @@ class IndexBlock:
     photons: float
     images: tuple[Path, ...]
     line: int
+    image_lines: tuple[int, ...]
 
     @property
     def exposure_s(self) -> float:
@@ -93,7 +96,8 @@ def load_index(path: str | PathLike[str]) -> DataSetIndex:
     """Read the index of a data set, and see whether its images are there.
 
     Lines begin with a letter: ``v`` release, ``n`` bits, width and height, ``b`` exposure in ns and photons, ``d``
-    exposure in ns, ``i`` path of an image relative to the index, with slashes of either kind. ``#`` begins a comment.
+    exposure in ns, ``i`` path of an image relative to the index, with slashes of either kind, quoted or not. ``#``
+    begins a comment.
 
     Parameters
     ----------
@@ -139,9 +143,10 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
                 raise InputError(f"{where}: an image comes before the first line b or d: say at which exposure it is")
             if not rest:
                 raise InputError(f"{where}: the image has no path: give it behind the i")
-            image = path.parent / rest.replace("\\", "/")
+            image = path.parent / _unquoted(rest).replace("\\", "/")
             last = blocks[-1]
-            blocks[-1] = IndexBlock(last.kind, last.exposure_ns, last.photons, (*last.images, image), last.line)
+            images, lines = (*last.images, image), (*last.image_lines, number)
+            blocks[-1] = replace(last, images=images, image_lines=lines)
             continue
         values = _numbers(letter, rest, where)
         if letter == "v":
@@ -156,6 +161,13 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
         raise InputError(f"{path}: there is no line n: give {_LETTERS['n'][2]}")
     _check_blocks(blocks, path)
     return DataSetIndex(path, release, *size, tuple(blocks))
+
+
+def _unquoted(name: str) -> str:
+    for quote in ('"', "'"):
+        if len(name) > 2 and name[0] == name[-1] == quote:
+            return name[1:-1].strip()
+    return name
 
 
 def _numbers(letter: str, rest: str, where: str) -> list[float]:
@@ -185,7 +197,7 @@ def _block(letter: str, values: list[float], number: int, where: str) -> IndexBl
         raise InputError(f"{where}: the exposure is {exposure_ns:g} ns: give a time from 0 ns to a day")
     if photons < 0:
         raise InputError(f"{where}: there are {photons:g} photons: give a number of at least 0")
-    return IndexBlock("bright" if letter == "b" else "dark", exposure_ns, photons, (), number)
+    return IndexBlock("bright" if letter == "b" else "dark", exposure_ns, photons, (), number, ())
 
 
 def _check_blocks(blocks: list[IndexBlock], path: Path) -> None:
@@ -213,7 +225,25 @@ def _require_images(index: DataSetIndex) -> None:
     missing = [(image, line) for image, line in images if not image.is_file()]
     if missing:
         image, line = missing[0]
+        found = _same_name(index.path.parent, image.name)
+        advice = (
+            "copy them there, or take them out of the index"
+            if found is None
+            else f"a file of that name is in {found}, correct the paths of the index, capital letters too"
+        )
         raise InputError(
             f"{index.path}, block of line {line}: {len(missing)} of {len(images)} images are missing, the first is "
-            f"{image}: copy them there, or take them out of the index"
+            f"{image}: {advice}"
         )
+
+
+def _same_name(folder: Path, name: str) -> Path | None:
+    """Folder that holds a file of this name, in letters of either case: this one, or one directly in it."""
+    try:
+        folders = [folder, *sorted(child for child in folder.iterdir() if child.is_dir())]
+        for one in folders:
+            if any(child.name.lower() == name.lower() for child in one.iterdir()):
+                return one
+    except OSError:
+        pass
+    return None

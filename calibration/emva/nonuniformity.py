@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..rounding import Range, variance_before_rounding
 from .result import Quantity
 from .statistics import NoiseParts
 
@@ -85,6 +86,32 @@ def dsnu_e(variance: Estimate, k: Quantity, note: str = "") -> Quantity:
     value = root / k.value
     relative = (k.standard_uncertainty / k.value) * value
     return Quantity(value, float(np.hypot(uncertainty / k.value, relative)), "e-", _note(variance, note))
+
+
+def widened_by_rounding(
+    dsnu: Sequence[Quantity], k: Quantity, temporal_dn2: float, spatial_dn2: float
+) -> tuple[Quantity, ...]:
+    """Widen DSNU by what rounding may have done where darkness has less noise than about a DN.
+
+    Parameters
+    ----------
+    dsnu : sequence of Quantity
+        All pixels first, then parts and others that share its relative error.
+    k : Quantity
+        Overall system gain.
+    temporal_dn2, spatial_dn2 : float
+        Temporal variance of darkness, and variance of its mean image, as rounded.
+    """
+    together, alone = variance_before_rounding(temporal_dn2 + spatial_dn2), variance_before_rounding(temporal_dn2)
+    left = Range(max(together.least - alone.largest, 0.0), max(together.largest - alone.least, 0.0)).root()
+    by_rounding = left.error_of(sqrt(spatial_dn2)) / k.value
+    whole = dsnu[0].value
+    return tuple(
+        replace(one, standard_uncertainty=hypot(one.standard_uncertainty, by_rounding * (one.value / whole)))
+        if whole > 0
+        else replace(one, standard_uncertainty=hypot(one.standard_uncertainty, by_rounding))
+        for one in dsnu
+    )
 
 
 def prnu_rel(bright: Estimate, dark: Estimate, net_dn: float, note: str = "") -> Quantity:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from math import isfinite, sqrt
+from math import hypot, isfinite, sqrt
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..rounding import ROUNDING_DN2, variance_before_rounding
+
 #: What ends the linear range: the converter's last DN, a full pixel, or neither was seen.
 SaturationLimit = Literal["converter", "full well", "not reached"]
-
-#: Variance of rounding to whole numbers, DN^2 (EMVA 1288 Release 3.1, section 2.2).
-ROUNDING_VARIANCE_DN2 = 1 / 12
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,8 @@ class SeriesPoint:
     @property
     def net_uncertainty_dn(self) -> float:
         """Standard uncertainty of `net_dn` by temporal noise, with 1/12 DN^2 of rounding as the least noise."""
-        light = max(self.variance_dn2, ROUNDING_VARIANCE_DN2) / (self.n_pixels * self.n_frames)
-        dark = max(self.dark_variance_dn2, ROUNDING_VARIANCE_DN2) / (self.dark_n_pixels * self.dark_n_frames)
+        light = max(self.variance_dn2, ROUNDING_DN2) / (self.n_pixels * self.n_frames)
+        dark = max(self.dark_variance_dn2, ROUNDING_DN2) / (self.dark_n_pixels * self.dark_n_frames)
         return sqrt(light + dark)
 
 
@@ -124,6 +123,8 @@ class DarkPoint:
         How many were averaged.
     temperature_c : float or None
         Of the sensor, if known.
+    spatial_variance_dn2 : float
+        Variance of the pixels' means.
     """
 
     exposure_s: float
@@ -132,17 +133,20 @@ class DarkPoint:
     n_pixels: int
     n_frames: int
     temperature_c: float | None = None
+    spatial_variance_dn2: float = 0.0
 
     @property
     def mean_uncertainty_dn(self) -> float:
         """By temporal noise, with 1/12 DN^2 of rounding as the least."""
-        return sqrt(max(self.variance_dn2, ROUNDING_VARIANCE_DN2) / (self.n_pixels * self.n_frames))
+        return sqrt(max(self.variance_dn2, ROUNDING_DN2) / (self.n_pixels * self.n_frames))
 
     @property
     def variance_uncertainty_dn2(self) -> float:
-        """Of a normal variance, with that of rounding as the least."""
+        """Of a normal variance, with that of rounding as the least; and by how much rounding may have changed it."""
         freedom = max((self.n_pixels - 1) * (self.n_frames - 1), 1)
-        return max(self.variance_dn2, ROUNDING_VARIANCE_DN2) * sqrt(2 / freedom)
+        by_chance = max(self.variance_dn2, ROUNDING_DN2) * sqrt(2 / freedom)
+        by_rounding = variance_before_rounding(self.variance_dn2).error_of(self.variance_dn2 - ROUNDING_DN2)
+        return hypot(by_chance, by_rounding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +230,9 @@ class Characterisation:
     saturation_photons : Quantity or None
         Photons at saturation.
     full_well_e : Quantity
-        Saturation capacity mu_e.sat in electrons; a lower limit of the full well unless `saturation_limit` is
-        'full well'.
+        Saturation capacity mu_e.sat of the standard, in electrons. For a photon series it is the signal of the largest
+        temporal variance, which lies several times the noise below the pixel's full well; for a session that of
+        patches that are saturated altogether. A lower limit of the full well unless `saturation_limit` is 'full well'.
     linearity_error_min_rel, linearity_error_max_rel : Quantity or None
         Lowest and highest relative deviation from the line (Release 3.1), as fractions.
     linearity_error_rel : Quantity or None

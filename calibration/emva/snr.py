@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .result import ROUNDING_VARIANCE_DN2, Quantity
+from ..rounding import ROUNDING_DN2
+from .result import Quantity
 
 
 def snr(
@@ -30,7 +31,7 @@ def snr(
     prnu : float
         A fraction.
     """
-    noise = dark_noise_e**2 + dsnu_e**2 + ROUNDING_VARIANCE_DN2 / k_dn_per_e**2
+    noise = dark_noise_e**2 + dsnu_e**2 + ROUNDING_DN2 / k_dn_per_e**2
     result: NDArray[np.float64] = signal_e / np.sqrt(noise + signal_e + (prnu * signal_e) ** 2)
     return result
 

@@ -25,6 +25,10 @@ class FrameStatistics:
         Share of the values at the last DN of the scale or above saturation, and at DN 0.
     multiple : int
         Largest power of two that divides all values, up to 16; 1 if a value is odd.
+    spatial_variance_dn2 : float
+        Variance of the pixels' means, less what temporal noise leaves in it; at least 0.
+    frame_means_dn : tuple of float
+        Mean of each frame.
     """
 
     mean_dn: float
@@ -34,6 +38,8 @@ class FrameStatistics:
     largest_share: float
     black_share: float
     multiple: int
+    spatial_variance_dn2: float
+    frame_means_dn: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -123,12 +129,16 @@ class FrameSums:
         squared = (int(self._squares.sum()) * n - int(np.vdot(self._sum, self._sum))) / n
         common = size * float(np.sum((np.array(self._frame_means) - np.mean(self._frame_means)) ** 2))
         freedom = (size - 1) * (n - 1)
+        temporal = max(squared - common, 0.0) / freedom
+        spatial = float(self._sum.var(ddof=1)) / n**2 - temporal / n
         return FrameStatistics(
             mean_dn=float(np.mean(self._frame_means)),
-            temporal_variance_dn2=max(squared - common, 0.0) / freedom,
+            temporal_variance_dn2=temporal,
             n_pixels=size,
             n_frames=n,
             largest_share=self._saturated / (size * n),
             black_share=self._black / (size * n),
             multiple=min(self._bits & -self._bits, 16) if self._bits else 1,
+            spatial_variance_dn2=max(spatial, 0.0),
+            frame_means_dn=tuple(self._frame_means),
         )

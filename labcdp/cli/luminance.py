@@ -73,6 +73,7 @@ def luminance(
     selected = _selected(files, frame, exposure, patch, loaded)
     warnings = [] if selected.configuration is None else mismatch(selected.configuration, loaded)
     result = bracket_luminance(loaded, selected.frames)
+    warnings += _temperature_warnings(loaded, selected.frames)
     about = {
         "calibration": {
             "file": calibration.name,
@@ -96,6 +97,15 @@ def luminance(
     else:
         _show(values)
         say(f"Written: {', '.join(str(path) for path in written)}")
+
+
+def _temperature_warnings(loaded: AnyCalibration, frames: Sequence[Frame]) -> list[str]:
+    from ..calibration import Calibration
+
+    planes = (loaded,) if isinstance(loaded, Calibration) else loaded.planes
+    darks = [plane.setting(frames[0].gain_db).dark for plane in planes]
+    taken = [(one.exposure_s, one.temperature_c) for one in frames]
+    return list(dict.fromkeys(warning for dark in darks for warning in dark.temperature_warnings(taken)))
 
 
 def _selected(

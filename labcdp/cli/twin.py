@@ -81,7 +81,7 @@ def twin(
     for sentence in twin_results(result):
         say(sentence)
     for pair in result.pairs:
-        if not pair.agrees:
+        if pair.differs:
             say(f"{pair.asked.bright} / {pair.asked.dark}: {pair.verdict}")
     say(f"Report: {folder / 'report.html'}")
     say(f"Next: labcdp simulate {quote(str(folder / 'chain.toml'))}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import inf
+from math import hypot, inf, sqrt
 from os import PathLike
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..calibration.emva import characterise_data_set
 from ..calibration.emva.assemble import Nonuniformity, Origin, Stimulus, Transfer, assemble
 from ..calibration.emva.dark_current import doubling_temperature, fit_darkness
 from ..calibration.emva.nonuniformity import (
+    DarkPattern,
     Estimate,
     combined,
     dark_pattern,
@@ -19,6 +20,7 @@ from ..calibration.emva.nonuniformity import (
     flat_variance,
     prnu_rel,
     spatial_variance,
+    widened_by_rounding,
 )
 from ..calibration.emva.photon_transfer import points_to_fit, system_gain
 from ..calibration.emva.result import Characterisation, DarkPoint, Quantity, SaturationLimit, SeriesPoint, SpatialImages
@@ -38,6 +40,9 @@ from .characterise_light import (
 _SAME_TEMPERATURE_K = 2.0
 #: From this share on a point is saturated altogether.
 _SATURATED_SHARE = 0.99
+#: What is taken for saturation.
+_SATURATED = "saturation capacity, mean of the patches that are saturated altogether"
+_BRIGHTEST = "brightest unsaturated patch"
 #: Share of saturation between which a patch tells PRNU: below, noise hides it.
 _PRNU_SHARES = (0.1, 0.9)
 
@@ -134,7 +139,15 @@ def _reference(measured: SessionFrames) -> tuple[list[DarkLevel], list[str]]:
 
 def _dark_point(level: DarkLevel) -> DarkPoint:
     s = level.statistics
-    return DarkPoint(level.exposure_s, s.mean_dn, s.temporal_variance_dn2, s.n_pixels, s.n_frames, level.temperature_c)
+    return DarkPoint(
+        level.exposure_s,
+        s.mean_dn,
+        s.temporal_variance_dn2,
+        s.n_pixels,
+        s.n_frames,
+        level.temperature_c,
+        s.spatial_variance_dn2,
+    )
 
 
 def _point(level: PatchLevel, dark: DarkLevel) -> SeriesPoint:
@@ -174,14 +187,16 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
     limit: SaturationLimit = "not reached"
     if not full:
         last = points.index(clear[-1])
-        return Transfer(Saturation(last, limit), clear[-1].net_dn, clear[-1].net_uncertainty_dn, tuple(fitted), slope)
+        return Transfer(
+            Saturation(last, limit), clear[-1].net_dn, clear[-1].net_uncertainty_dn, tuple(fitted), slope, _BRIGHTEST
+        )
     end = 2**bits - 1
     level = float(np.mean([point.mean_dn for point in full]))
     limit = "converter" if level > end - 1 else "full well"
     # Rounding hides half a DN; patches at the full well scatter.
     spread = float(np.std([point.mean_dn for point in full], ddof=1)) if len(full) > 1 else 0.0
     saturation = Saturation(points.index(full[-1]), limit)
-    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), tuple(fitted), slope)
+    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), tuple(fitted), slope, _SATURATED)
 
 
 def _stimulus(
@@ -213,7 +228,7 @@ def _nonuniformity(
             [level.noise for level in darks],
         )
         variance = spatial_variance(pattern.offset_dn, pattern.offset_noise)
-        dsnu_e_s = _per_second(dsnu_e(spatial_variance(pattern.rate_dn_s, pattern.rate_noise).total, k))
+        dsnu_e_s = _rate_spread(pattern, darks, k)
         note = "at zero exposure"
     else:
         variance = spatial_variance(darks[0].mean_dn, darks[0].noise)
@@ -234,12 +249,25 @@ def _nonuniformity(
         float("nan"),
     )
     parts = (variance.pixel, variance.column, variance.row)
-    dsnu_parts = (dsnu_e(parts[0], k), dsnu_e(parts[1], k), dsnu_e(parts[2], k))
-    return Nonuniformity(dsnu_e(variance.total, k, note), dsnu_parts, dsnu_e_s, prnu_rel=prnu, images=images), flags
+    shortest = min(darks, key=lambda level: level.exposure_s).statistics
+    total, *own = widened_by_rounding(
+        (dsnu_e(variance.total, k, note), *(dsnu_e(part, k) for part in parts)),
+        k,
+        shortest.temporal_variance_dn2,
+        shortest.spatial_variance_dn2,
+    )
+    dsnu_parts = (own[0], own[1], own[2])
+    return Nonuniformity(total, dsnu_parts, dsnu_e_s, prnu_rel=prnu, images=images), flags
 
 
-def _per_second(value: Quantity) -> Quantity:
-    return Quantity(value.value, value.standard_uncertainty, "e-/s", value.note)
+def _rate_spread(pattern: DarkPattern, darks: Sequence[DarkLevel], k: Quantity) -> Quantity:
+    """Spread of the dark currents; rounding changes each exposure's pattern by some part of its step, 1 DN."""
+    value = dsnu_e(spatial_variance(pattern.rate_dn_s, pattern.rate_noise).total, k)
+    longest = max(darks, key=lambda level: level.exposure_s)
+    s = longest.statistics
+    (widened,) = widened_by_rounding((value,), k, s.temporal_variance_dn2, s.spatial_variance_dn2)
+    by_rounding = sqrt(widened.standard_uncertainty**2 - value.standard_uncertainty**2) / longest.exposure_s
+    return Quantity(value.value, hypot(value.standard_uncertainty, by_rounding), "e-/s", value.note)
 
 
 def _prnu(

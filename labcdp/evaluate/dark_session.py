@@ -54,7 +54,8 @@ def with_darkness(
                 done += 1
                 report(done, total)
         name = "" if plane is None else f"plane {plane}: "
-        result[plane] = replace(own, defects=_defects(own, darks, name), dark_library=_library(darks, light_s, name))
+        defects = _defects(own, darks, name)
+        result[plane] = replace(own, defects=defects, dark_library=_library(darks, defects, light_s, name))
     return result
 
 
@@ -70,10 +71,12 @@ def _defects(own: Corrections, darks: Sequence[PixelStatistics], name: str) -> D
     return found if own.defects is None else own.defects.joined(found)
 
 
-def _library(darks: Sequence[PixelStatistics], light_s: Sequence[float], name: str) -> DarkLibrary | None:
+def _library(
+    darks: Sequence[PixelStatistics], defects: DefectMap | None, light_s: Sequence[float], name: str
+) -> DarkLibrary | None:
     if not any(dark.n_frames > 1 for dark in darks) or len({dark.state.gain_db for dark in darks}) > 1:
         return None
-    library = dark_library(darks)
+    library = dark_library(darks, defects)
     worth = [t for t in light_s if library.worth_applying(t)]
     _log.info("%s%s", name, library.verdict(max(worth or light_s)))
     return library if worth else None

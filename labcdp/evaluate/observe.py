@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 from ..calibration import DarkObservation, PatchObservation, observe_dark, observe_patches
 from ..calibration.planes import plane_region, split
+from ..calibration.region_statistics import MIN_FRAMES
+from ..calibration.signal_limits import MAX_CLIPPED_SHARE
 from ..errors import CalibrationError, InputError
 from ..frame import Frame
 from ..reading import Reading
@@ -176,8 +179,9 @@ def _observe_plane(
     reader: _Reader, plane: str | None, regions: Sequence[Roi], corrections: Corrections
 ) -> ObservedPlane:
     library, defects = corrections.dark_library, corrections.defects
+    observed = partial(observe_patches, vignetting=corrections.vignetting, defects=defects, dark_library=library)
     darks = [
-        observe_dark(reader.frames(group, plane), dark_library=library)
+        observe_dark(reader.frames(group, plane), defects=defects, dark_library=library)
         for group in by_exposure(reader.session, "dark").values()
     ]
     patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
@@ -186,15 +190,27 @@ def _observe_plane(
         for shown, records in by_patch(group).items():
             seen = [region for name, region in own.items() if shown in (None, name)]
             if seen:
-                for observation in observe_patches(
-                    reader.frames(records, plane),
-                    seen,
-                    corrections.vignetting,
-                    defects=defects,
-                    dark_library=library,
-                ):
+                frames = reader.frames(records, plane)
+                found = observed(frames, seen) if len(records) >= MIN_FRAMES else _of_one_frame(observed, frames, seen)
+                for observation in found:
                     patches[observation.patch].append(observation)
     return ObservedPlane(patches, darks, corrections)
+
+
+def _of_one_frame(
+    observed: Callable[[Sequence[Frame], Sequence[Roi]], list[PatchObservation]],
+    frames: Iterable[Frame],
+    regions: Sequence[Roi],
+) -> list[PatchObservation]:
+    """Measure patches in the only frame of an exposure: possible if all are saturated, and so left out by the fit.
+
+    Saturated frames are identical, and an import keeps one of identical pictures.
+    """
+    (frame,) = frames
+    twice = observed([frame, frame], regions)
+    if all(o.saturated_share > MAX_CLIPPED_SHARE for o in twice):
+        return [replace(o, n_frames=1) for o in twice]
+    return observed([frame], regions)  # says what is missing
 
 
 def _input_sha256(session: Session) -> str:

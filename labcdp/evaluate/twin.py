@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -13,10 +13,10 @@ from ..contrast.interval import AskedContrast
 from ..errors import CalibrationError
 from ..response import Response
 from ..session import Session
-from ..vignetting import FlatField
 from .observe import ObservedSession
 from .session import mismatch
 from .twin_compare import MendedPrediction, SeenRegion, compare_pair, with_mended
+from .twin_corrected import CorrectedTwin
 from .twin_diagnosis import Finding, diagnose
 from .twin_pair import PairAsked, TwinPair
 from .twin_parameters import TwinParameters, require_monochrome, twin_parameters
@@ -24,8 +24,6 @@ from .twin_prediction import RegionPrediction, TwinRegion, predict_mended, predi
 from .twin_regions import regions_of, seen_regions
 from .twin_signal import TwinPatch, longest_exposures, twin_patch
 
-#: Parts of the noise that a dark library takes off.
-_DARK_PATTERN = ("dsnu_dn", "row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s")
 #: Fewest patches that can be compared.
 _PAIR = 2
 #: Why a pair of the configuration is not compared though nothing is wrong with it.
@@ -48,6 +46,8 @@ class TwinResult:
         What made luminance of the frames.
     parameters : TwinParameters
         The twin.
+    left : dict of str to Quantity
+        What is compared in place of DSNU and PRNU where the calibration takes these off, by name.
     regions : tuple of TwinRegion
         The patches it was shown, by the meter.
     pairs : tuple of TwinPair
@@ -65,6 +65,7 @@ class TwinResult:
     observed: ObservedSession
     calibration: Calibration
     parameters: TwinParameters
+    left: Mapping[str, Quantity]
     regions: tuple[TwinRegion, ...]
     pairs: tuple[TwinPair, ...]
     patches: tuple[TwinPatch, ...]
@@ -77,6 +78,16 @@ class TwinResult:
         """How many pairs agree."""
         return sum(pair.agrees for pair in self.pairs)
 
+    @property
+    def differing(self) -> int:
+        """How many pairs differ."""
+        return sum(pair.differs for pair in self.pairs)
+
+    @property
+    def decided(self) -> int:
+        """How many pairs agree or differ; the others are undecided."""
+        return self.agreeing + self.differing
+
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
         calibration = self.calibration
@@ -86,7 +97,10 @@ class TwinResult:
             "simulated": calibration.state.camera.simulated,
             "pairs_compared": len(self.pairs),
             "pairs_agreeing": self.agreeing,
+            "pairs_differing": self.differing,
+            "pairs_undecided": len(self.pairs) - self.decided,
             "parameters": {name: one.to_dict() for name, one in self.parameters.quantities.items()},
+            "left_by_corrections": {name: one.to_dict() for name, one in self.left.items()},
             "findings": [one.to_dict() for one in self.findings],
             "pairs": [pair.to_dict() for pair in self.pairs],
             "patches": [patch.to_dict() for patch in self.patches],
@@ -146,7 +160,7 @@ def twin_session(
     warnings = mismatch(observed.configuration, calibration)
     twin = twin_parameters(session, observed, calibration, characterisation)
     regions = regions_of(observed, calibration, twin, calibration.to_luminance(frame).slow_rel)
-    corrected, notes = _without_corrected(twin, calibration)
+    corrected = CorrectedTwin.of(twin, calibration)
     if len(regions) < _PAIR:
         raise CalibrationError(
             f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
@@ -154,6 +168,7 @@ def twin_session(
     asked, left_out = _asked(observed, regions, contrast, epsilon)
     patches = _patches(observed, calibration, corrected, regions)
     findings = diagnose(corrected, patches, observed.darks)
+    exposures_s = [patch.exposure_s for patch in patches]
     at: dict[float, list[PairAsked]] = {}
     for pair in asked:
         exposure_s = _longest_unsaturated(observed, pair)
@@ -167,11 +182,11 @@ def twin_session(
         names = {name for pair in group for name in (pair.bright, pair.dark)}
         seen = seen_regions(session, observed, calibration, exposure_s, names)
         shown = [region for region in regions.values() if region.name in names]
-        predicted = predict_regions(corrected, shown, exposure_s, calibration.response)
+        predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, calibration.response)
         pairs = [found for pair in group if (found := _compared(pair, seen, predicted)) is not None]
-        if any(not pair.agrees for pair in pairs):
-            mended = _mended(corrected, shown, exposure_s, calibration.response, findings)
-            pairs = [pair if pair.agrees else with_mended(pair, mended) for pair in pairs]
+        if any(pair.differs for pair in pairs):
+            mended = _mended(corrected.at(exposure_s), shown, exposure_s, calibration.response, findings)
+            pairs = [with_mended(pair, mended) if pair.differs else pair for pair in pairs]
         compared.update({pair.asked: pair for pair in pairs})
         left_out += [
             f"{pair.bright} / {pair.dark}: no pixel is above 0 cd/m2" for pair in group if pair not in compared
@@ -185,12 +200,13 @@ def twin_session(
         observed=observed,
         calibration=calibration,
         parameters=twin,
+        left=corrected.left(exposures_s),
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
         patches=tuple(longest_exposures(patches)),
         findings=findings,
         left_out=tuple(left_out),
-        warnings=tuple(dict.fromkeys([*warnings, *notes, *calibration.warnings])),
+        warnings=tuple(dict.fromkeys([*warnings, *corrected.notes(exposures_s), *calibration.warnings])),
     )
 
 
@@ -208,29 +224,6 @@ def _mended(
     return [
         (group, predict_mended(twin, regions, exposure_s, response, [one.mending for one in group])) for group in groups
     ]
-
-
-def _without_corrected(twin: TwinParameters, calibration: Calibration) -> tuple[TwinParameters, list[str]]:
-    """Leave out of the noise what the calibration takes off the frames, and say so."""
-    notes = []
-    if calibration.dark_library is not None:
-        changes = {name: _none(getattr(twin.noise, name)) for name in _DARK_PATTERN}
-        twin = twin.with_noise(replace(twin.noise, **changes))
-        notes.append("the calibration takes off the pattern of the darkness: the comparison is without DSNU")
-    if isinstance(calibration.vignetting, FlatField):
-        left = replace(
-            twin.noise.prnu_rel,
-            value=calibration.vignetting.random_rel,
-            standard_uncertainty=0.0,
-            note="noise of the flat field",
-        )
-        twin = twin.with_noise(replace(twin.noise, prnu_rel=left))
-        notes.append("the calibration has a flat field: the comparison is without PRNU, with the noise of its pixels")
-    return twin, notes
-
-
-def _none(quantity: Quantity) -> Quantity:
-    return replace(quantity, value=0.0, standard_uncertainty=0.0)
 
 
 def _asked(
@@ -278,10 +271,10 @@ def _compared(pair: PairAsked, seen: dict[str, SeenRegion], predicted: dict[str,
 
 
 def _patches(
-    observed: ObservedSession, calibration: Calibration, twin: TwinParameters, regions: dict[str, TwinRegion]
+    observed: ObservedSession, calibration: Calibration, corrected: CorrectedTwin, regions: dict[str, TwinRegion]
 ) -> list[TwinPatch]:
     return [
-        twin_patch(twin, region, o, calibration.response)
+        twin_patch(corrected.at(o.exposure_s), region, o, calibration.response)
         for name, region in regions.items()
         for o in observed.patches[name]
         if o.saturated_share == 0

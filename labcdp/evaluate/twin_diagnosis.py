@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..calibration import DarkObservation
 from ..calibration.emva.result import Quantity
+from .twin_corrected import LEFT_BY_FLAT_FIELD, LEFT_BY_LIBRARY, CorrectedTwin
 from .twin_noise import known
 from .twin_parameters import TwinParameters
 from .twin_prediction import Mending
@@ -82,7 +83,7 @@ class Suspect:
 
 
 def diagnose(
-    twin: TwinParameters, patches: Sequence[TwinPatch], darks: Sequence[DarkObservation]
+    corrected: CorrectedTwin, patches: Sequence[TwinPatch], darks: Sequence[DarkObservation]
 ) -> tuple[Finding, ...]:
     """Find the parameters that the patches' signals contradict, the strongest contradiction first.
 
@@ -97,19 +98,20 @@ def diagnose(
 
     Parameters
     ----------
-    twin : TwinParameters
-        The twin, without what the signals were corrected for.
+    corrected : CorrectedTwin
+        The twin, and what the signals were corrected for.
     patches : sequence of TwinPatch
         Its patches, each at all exposures that do not saturate it.
     darks : sequence of DarkObservation
         Dark frames of the same session.
     """
+    twin = corrected.uncorrected
     found = _of_means(twin, longest_exposures(patches), darks)
     dithered = [patch for patch in patches if _is_dithered(patch.predicted) and _is_dithered(patch.measured)]
     if len(dithered) >= _LEAST_PATCHES:
         darkness_dn = sum(one.mending.darkness_dn for one in found)
         net, shift = _net_dn(twin, dithered, darkness_dn)
-        found += [*_of_temporal_noise(twin, dithered, net, shift), *_of_fixed_pattern(twin, dithered, net, shift)]
+        found += [*_of_temporal_noise(twin, dithered, net, shift), *_of_fixed_pattern(corrected, dithered, net, shift)]
     return tuple(sorted(found, key=lambda one: -abs(one.z)))
 
 
@@ -255,21 +257,38 @@ def _of_temporal_noise(
 
 
 def _of_fixed_pattern(
-    twin: TwinParameters, patches: Sequence[TwinPatch], net: FloatArray, shift: FloatArray
+    corrected: CorrectedTwin, patches: Sequence[TwinPatch], net: FloatArray, shift: FloatArray
 ) -> list[Finding]:
-    noise = twin.noise
+    exposures_s = [patch.exposure_s for patch in patches]
+    noises = [corrected.at(t).noise for t in exposures_s]
     values, own = _variances("spatial_dn", patches)
-    parts = [pattern_parts(noise, n, patch.exposure_s) for n, patch in zip(net, patches, strict=True)]
+    parts = [pattern_parts(*one) for one in zip(noises, net, exposures_s, strict=True)]
     covariance = np.diag(own**2)
     for of_patches in zip(*parts, strict=True):
-        quantity = of_patches[0][0]
-        by = variance_uncertainty(quantity.value, known(quantity)) * np.array([f**2 for _, f in of_patches])
+        by = np.array([variance_uncertainty(q.value, known(q)) * factor**2 for q, factor in of_patches])
         covariance += np.outer(by, by)
-    suspects = [
-        _of_square("DSNU", "dsnu_dn", noise.dsnu_dn, np.ones_like(net), (1 / noise.k_dn_per_e.value, "e-")),
-        _of_square("PRNU", "prnu_rel", noise.prnu_rel, net**2, (1.0, "1")),
-    ]
-    return pursue(values - noise.prnu_rel.value**2 * (net**2 - (net - shift) ** 2), covariance, suspects)
+    taken_off = np.array([corrected.takes_pattern_off(t) for t in exposures_s])
+    suspects = [_dark_pattern(corrected, patches, taken_off == off) for off in sorted(set(taken_off.tolist()))]
+    name = "PRNU" if corrected.flat_field is None else LEFT_BY_FLAT_FIELD
+    prnu = noises[0].prnu_rel
+    suspects.append(_of_square(name, "prnu_rel", prnu, net**2, (1.0, "1")))
+    return pursue(values - prnu.value**2 * (net**2 - (net - shift) ** 2), covariance, suspects)
+
+
+def _dark_pattern(corrected: CorrectedTwin, patches: Sequence[TwinPatch], where: NDArray[np.bool_]) -> Suspect:
+    """Suspect the pattern of the darkness at exposures all of which have it taken off, or none."""
+    exposures_s = [patch.exposure_s for patch, there in zip(patches, where, strict=True) if there]
+    longest_s, k = max(exposures_s), corrected.uncorrected.noise.k_dn_per_e.value
+    stated_dn = corrected.at(longest_s).noise.dsnu_dn.value
+    name = LEFT_BY_LIBRARY if corrected.takes_pattern_off(longest_s) else "DSNU"
+
+    def finding(change: float, z: float) -> Finding:
+        needed_dn = sqrt(max(stated_dn**2 + change, 0.0))
+        return Finding(
+            name, stated_dn / k, needed_dn / k, "e-", z, Mending(dsnu_dn2=dict.fromkeys(exposures_s, change))
+        )
+
+    return Suspect(where.astype(float), finding)
 
 
 def _of_square(name: str, field: str, stated: Quantity, direction: FloatArray, shown: tuple[float, str]) -> Suspect:

@@ -12,6 +12,8 @@ from ..contrast import CdpResult
 _Z_95 = 1.959963984540054
 #: Name of what the finite number of pixels leaves open.
 SAMPLING = "number of pixels"
+#: Share of all possible CDPs inside the joint interval from which on a pair decides nothing.
+_VACUOUS = 0.8
 #: Standard uncertainties by which nobody's parameter is off.
 _INCREDIBLE = 5.0
 
@@ -165,10 +167,34 @@ class TwinPair:
         return max(self.predicted - half_width, 0.0), min(self.predicted + half_width, 1.0)
 
     @property
+    def agreeing_share(self) -> float:
+        """Share of all possible CDPs, 0 to 1, that would agree with the prediction if they were measured."""
+        half_width = _Z_95 * self.joint_standard_uncertainty
+        return max(min(self.predicted + half_width, 1.0) - max(self.predicted - half_width, 0.0), 0.0)
+
+    @property
+    def decided(self) -> bool:
+        """Whether the pair can tell agreement from a difference: less than 80 % of all possible CDPs would agree.
+
+        It depends on the prediction alone, so that leaving undecided pairs out selects no results.
+        """
+        return self.agreeing_share < _VACUOUS
+
+    @property
     def agrees(self) -> bool:
-        """Whether the 95 % interval of the difference holds 0."""
+        """Whether the pair is decided, and the 95 % interval of the difference holds 0."""
         low, high = self.joint_interval
-        return low <= 0 <= high
+        return self.decided and low <= 0 <= high
+
+    @property
+    def differs(self) -> bool:
+        """Whether the pair is decided, and the 95 % interval of the difference does not hold 0."""
+        return self.decided and not self.agrees
+
+    @property
+    def judgement(self) -> str:
+        """``agree``, ``differ`` or ``undecided``."""
+        return ("agree" if self.agrees else "differ") if self.decided else "undecided"
 
     def left_by(self, mended: Mended) -> float:
         """Difference that a mended twin leaves, in joint standard uncertainties, without sign."""
@@ -189,6 +215,11 @@ class TwinPair:
     def verdict(self) -> str:
         """In plain words: whether the two agree, and which parameter matters."""
         explanation, first = self.explanation, self.influences[0]
+        if not self.decided:
+            return (
+                f"undecided; {self.agreeing_share:.0%} of all possible CDPs would agree, the largest part of the "
+                f"uncertainty is the {first.name} ({first.share:.0%})"
+            )
         if self.agrees:
             return f"agree; the largest part of the uncertainty is the {first.name} ({first.share:.0%})"
         if self.mended is not None:
@@ -231,7 +262,8 @@ class TwinPair:
             "sampling_standard_uncertainty": self.sampling_standard_uncertainty,
             "difference": self.difference,
             "difference_interval_95": list(self.joint_interval),
-            "agree": self.agrees,
+            "judgement": self.judgement,
+            "agree": self.agrees if self.decided else None,
             "verdict": self.verdict,
             "explained_by": None if explanation is None else explanation.name,
             "mended": None if mended is None else mended.to_dict(),

@@ -168,6 +168,8 @@ class Mending:
     ----------
     noise : dict of str to Quantity
         Changed fields of `CameraNoise`.
+    dsnu_dn2 : dict of float to float
+        Change of the variance of the dark pattern, by exposure.
     patch : str or None
         The patch whose light changes; None for all.
     light_rel, light_cd_m2 : float
@@ -177,6 +179,7 @@ class Mending:
     """
 
     noise: Mapping[str, Quantity] = field(default_factory=dict)
+    dsnu_dn2: Mapping[float, float] = field(default_factory=dict)
     patch: str | None = None
     light_rel: float = 0.0
     light_cd_m2: float = 0.0
@@ -200,6 +203,8 @@ def predict_mended(
                 factor += one.light_rel + more / region.luminance_cd_m2
         factors.append(max(factor, 0.0))
     noise = {name: value for one in mendings for name, value in one.noise.items()}
+    dsnu, more_dn2 = twin.noise.dsnu_dn, sum(one.dsnu_dn2.get(exposure_s, 0.0) for one in mendings)
+    noise["dsnu_dn"] = replace(dsnu, value=sqrt(max(dsnu.value**2 + more_dn2, 0.0)))
     mended = twin.with_noise(replace(twin.noise, **noise))
     (found,) = _luminances(mended, regions, exposure_s, response, [factors])
     return {region.name: one for region, one in zip(regions, found, strict=True)}

@@ -11,14 +11,18 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ..calibration.rounding import DITHERED_DN2, ROUNDING_DN2, mean_before_rounding, rounded_moments
 
-#: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
-ROUNDING_DN2 = 1 / 12
-#: Variance from which on rounding adds 1/12 DN^2 to better than 1e-4.
-DITHERED_DN2 = 0.6
+__all__ = [
+    "DITHERED_DN2",
+    "ROUNDING_DN2",
+    "DarkSpread",
+    "largest_unseen_spread",
+    "mean_before_rounding",
+    "unrounded",
+]
+
 #: Values of a third DN that tell the spread.
 _ENOUGH = 30
 #: Places of a normal distribution at which pixels are looked at, in standard deviations.
@@ -62,7 +66,8 @@ def unrounded(mean_dn: float, rounded: DarkSpread) -> DarkSpread:
         return DarkSpread(max(rounded.temporal_dn2 - ROUNDING_DN2, 0.0), rounded.spatial_dn2)
 
     def excess(total: float) -> float:
-        return _moments(mean_before_rounding(mean_dn, total), total)[1] - rounded.total_dn2
+        middle = np.array([mean_before_rounding(mean_dn, total)])
+        return float(rounded_moments(middle, total)[1][0]) - rounded.total_dn2
 
     low, high = 1e-6, 2 * DITHERED_DN2
     total = low if excess(low) >= 0 else float(brentq(excess, low, high, xtol=1e-9))
@@ -108,38 +113,8 @@ def largest_unseen_spread(mean_dn: float, variance_dn2: float, n_values: int) ->
     return float(1 / (abs(ndtri(min(max(share, least), 1 - least))) - ndtri(min(least, 0.1))))
 
 
-def mean_before_rounding(mean_dn: float, variance_dn2: float) -> float:
-    """Mean of normal values with a variance whose rounded values have the mean `mean_dn`."""
-    from scipy.optimize import brentq
-
-    if variance_dn2 >= DITHERED_DN2:
-        return mean_dn
-    low, high = mean_dn - 0.6, mean_dn + 0.6
-    return float(brentq(lambda middle: _moments(middle, variance_dn2)[0] - mean_dn, low, high, xtol=1e-9))
-
-
-def _moments(mean_dn: float, variance_dn2: float) -> tuple[float, float]:
-    """Mean and variance of normal values, rounded."""
-    mean, variance = _rounded(np.array([mean_dn]), variance_dn2)
-    return float(mean[0]), float(variance[0])
-
-
 def _temporal(mean_dn: float, spread: DarkSpread) -> float:
     """Mean over the pixels of the variance of their rounded values."""
     weight = np.exp(-(_PLACES**2) / 2)
-    _, variance = _rounded(mean_dn + sqrt(max(spread.spatial_dn2, 0.0)) * _PLACES, spread.temporal_dn2)
+    _, variance = rounded_moments(mean_dn + sqrt(max(spread.spatial_dn2, 0.0)) * _PLACES, spread.temporal_dn2)
     return float(np.average(variance, weights=weight))
-
-
-def _rounded(means_dn: FloatArray, variance_dn2: float) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of rounded normal values, for each mean."""
-    from scipy.special import ndtr
-
-    deviation = sqrt(max(variance_dn2, 1e-12))
-    first = int(np.floor(means_dn.min() - 6 * deviation)) - 1
-    dn = np.arange(first, int(np.ceil(means_dn.max() + 6 * deviation)) + 2)
-    edges = ndtr((dn[:, None] + 0.5 - means_dn) / deviation)
-    share = np.diff(edges, axis=0, prepend=0.0)
-    mean = dn @ share
-    variance: FloatArray = np.einsum("kn,kn->n", (dn[:, None] - mean) ** 2, share)
-    return mean, variance

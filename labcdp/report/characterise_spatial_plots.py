@@ -71,7 +71,7 @@ def histogram_figure(result: Characterisation) -> bytes:
         robust = max(float(high - low) / 1.349, 1e-12)
         for spread, colour, text in (
             (robust, BLUE, f"normal, {robust:.3g} {pattern.unit}"),
-            (pattern.noise, ORANGE, f"temporal noise left, {pattern.noise:.2g} {pattern.unit}"),
+            (max(pattern.noise, 1e-12), ORANGE, f"temporal noise left, {pattern.noise:.2g} {pattern.unit}"),
         ):
             density = np.exp(-((centres - middle) ** 2) / (2 * spread**2)) / (spread * np.sqrt(2 * np.pi))
             expected = values.size * width * density

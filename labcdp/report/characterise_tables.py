@@ -114,7 +114,11 @@ def plain_words(result: Characterisation) -> list[str]:
     k, noise, full = result.k_dn_per_e, result.dark_noise_e, result.full_well_e
     end = {
         "converter": "then the converter ends, not the pixel",
-        "full well": "then it is full",
+        "full well": (
+            "where its noise begins to vanish; it is full a little higher"
+            if "peak of the temporal variance" in full.note
+            else "then it is full"
+        ),
         "not reached": "the brightest that was recorded; saturation was not reached",
     }[result.saturation_limit]
     efficiency = result.quantum_efficiency

@@ -21,9 +21,9 @@ def twin_figure(result: TwinResult) -> ReportFigure:
     """Draw all pairs: measured over predicted CDP with 95 % bars, and the standardised differences."""
     figure = new_figure(11.0, 5.2, result.calibration.state.camera.simulated)
     left, right = figure.subplots(1, 2)
-    groups = [(True, BLUE, "o", "agree"), (False, VERMILLION, "s", "differ")]
-    for agreeing, colour, marker, name in groups:
-        chosen = [pair for pair in result.pairs if pair.agrees == agreeing]
+    groups = [(BLUE, "o", "agree"), (VERMILLION, "s", "differ"), ("0.5", "^", "undecided")]
+    for colour, marker, name in groups:
+        chosen = [pair for pair in result.pairs if pair.judgement == name]
         if chosen:
             _draw_pairs(left, chosen, colour, marker, name)
             predicted = [pair.predicted for pair in chosen]
@@ -50,7 +50,8 @@ def twin_figure(result: TwinResult) -> ReportFigure:
         "Left: measured over predicted CDP of each pair of patches. Bars are 95 % intervals, of the measurement by "
         "its finite number of pixels, of the prediction by its parameters and the meter's readings. Right: their "
         "difference in joint standard uncertainties.",
-        f"CDP measured against predicted: of {len(result.pairs)} pairs {result.agreeing} agree.",
+        f"CDP measured against predicted: of {len(result.pairs)} pairs {result.agreeing} agree, {result.differing} "
+        "differ.",
     )
 
 

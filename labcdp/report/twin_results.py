@@ -85,7 +85,8 @@ def write_twin(result: TwinResult, folder: str | PathLike[str]) -> list[Path]:
                 "random numbers from the distributions of DN it predicts for the very regions and exposures. The joint "
                 "interval holds the finite number of pixels with the fixed pattern of one specimen, the uncertainties "
                 "of all parameters and readings, and the calibration's darkness; the meter's scale error is in "
-                "both and cancels. Intervals end at 0 and 1.",
+                "both and cancels. Intervals end at 0 and 1. A pair is undecided if at least 80 % of all possible CDPs "
+                "would agree: it tells nothing of the twin.",
             ),
             (("Contrast detection probability of pairs of patches", pair_table(result)),),
         ),
@@ -117,7 +118,7 @@ def _differences(result: TwinResult) -> list[Section]:
         )
         table = ("Parameters that mean, noise and fixed pattern contradict", finding_table(result))
         sections.append(Section("What the patches' signals contradict", (text,), (table,)))
-    if result.agreeing < len(result.pairs):
+    if result.differing:
         text = (
             "First, for each pair, the parameter that the patches' signals contradict and what it leaves of the "
             "difference. Then the parameter that would have to be off by the fewest of its standard uncertainties; "

@@ -35,6 +35,8 @@ def _summary(result: TwinResult) -> Sheet:
         ("Simulated", simulated(result) or "nothing"),
         ("Pairs compared", Number(len(result.pairs), 0)),
         ("Pairs that agree", Number(result.agreeing, 0)),
+        ("Pairs that differ", Number(result.differing, 0)),
+        ("Undecided pairs", Number(len(result.pairs) - result.decided, 0)),
         *(("Result", sentence) for sentence in twin_results(result)),
         *(("Mind", warning) for warning in twin_warnings(result)),
         *(("The twin", note) for note in twin_notes(result)),
@@ -57,7 +59,7 @@ _PAIR_HEADER = (
     "upper end",
     "measured less predicted",
     "joint 95 % half width",
-    "agree",
+    "judgement",
     "verdict",
 )
 
@@ -75,7 +77,7 @@ def _pair(pair: TwinPair) -> tuple[Cell, ...]:
         *(Number(value, n) for value in cdp),
         Number(pair.difference, n),
         Number(Z_95 * pair.joint_standard_uncertainty, n),
-        "yes" if pair.agrees else "no",
+        pair.judgement,
         pair.verdict,
     )
 
@@ -141,6 +143,6 @@ def _parameters(result: TwinResult) -> Sheet:
             one.unit,
             one.note,
         )
-        for name, one in result.parameters.quantities.items()
+        for name, one in (*result.parameters.quantities.items(), *result.left.items())
     ]
     return Sheet("Parameters", ("parameter", "value", "standard uncertainty", "unit", "found by"), rows)

@@ -57,7 +57,7 @@ def _pair_row(pair: TwinPair) -> tuple[str, ...]:
     n = cdp_decimals_of(pair)
     return (
         pair_name_of(pair),
-        "agree" if pair.agrees else "differ",
+        pair.judgement,
         f"{significant(100 * pair.asked.contrast)} ± {significant(100 * pair.asked.epsilon * pair.asked.contrast, 3)}",
         _with_interval(pair.measured.cdp, pair.measured.confidence_interval, n),
         _with_interval(pair.predicted, pair.predicted_interval, n),
@@ -84,7 +84,7 @@ def difference_table(result: TwinResult) -> Table:
     """Pairs that differ: what the patches' signals say about it, and how far off a parameter would have to be."""
     rows = []
     for pair in result.pairs:
-        if pair.agrees:
+        if not pair.differs:
             continue
         one, mended = pair.explanation, pair.mended
         chance = pair.difference / pair.sampling_standard_uncertainty
@@ -200,7 +200,7 @@ def parameter_table(result: TwinResult) -> Table:
         ("parameter", "value", "unit", "found by"),
         tuple(
             (parameter_name(name), _quantity(one), one.unit, one.note)
-            for name, one in result.parameters.quantities.items()
+            for name, one in (*result.parameters.quantities.items(), *result.left.items())
         ),
     )
 

@@ -1,5 +1,5 @@
 from dataclasses import replace
-from math import sqrt
+from math import log, sqrt
 
 import numpy as np
 import pytest
@@ -43,6 +43,29 @@ def test_dark_at_one_exposure_is_constant_and_says_so(camera):
     assert warning.startswith("dark frames at one exposure only (0.01 s): the offset is taken as constant")
     assert (dark.mean_dn(0.01), dark.rate_dn_s) == (pytest.approx(64.4), 0.0)
     assert dark.mean_dn(10.0) == pytest.approx(64.4)
+
+
+def test_darkness_at_another_than_the_only_exposure_is_uncertain(camera):
+    """It may grow by all that it is above the black level of 64 DN, or by half a DN if that is more."""
+    for dark_rate_dn_s, above_dn in ((40.0, 0.5), (400.0, 4.0)):
+        observation = replace(camera, dark_rate_dn_s=dark_rate_dn_s).dark(0.01, None)
+        dark, _ = fit_dark([observation])
+        assert dark.variance_dn2(0.01) == pytest.approx(observation.mean_variance_dn2)
+        for t in (0.001, 0.1):
+            assert dark.variance_dn2(t) == pytest.approx(
+                observation.mean_variance_dn2 + (above_dn * (t - 0.01) / 0.01) ** 2
+            )
+
+
+def test_frames_outside_the_temperatures_of_the_dark_frames_are_named(camera):
+    dark, _ = fit_dark(warm_darks(camera, temperatures_c=(24.0, 25.0)))
+    taken = [(0.01, 40.0), (0.1, 34.0), (0.1, 26.0), (0.1, None)]
+    (warning,) = dark.temperature_warnings(taken)
+    assert warning == (
+        "the light frames at 0.1 s were taken at 34.0 degC, the dark frames at 24.0 to 25.0 degC, so the darkness is "
+        "less certain: take dark frames at this temperature"
+    )
+    assert dark.temperature_warnings([(0.1, 26.9), (0.1, None), (1e-4, 40.0)]) == []
 
 
 def test_dark_that_is_no_line_is_less_certain(camera):
@@ -120,7 +143,12 @@ def test_errors_of_the_dark_are_its_covariance(camera):
 def test_equal_temperatures_give_a_line(camera):
     dark, _ = fit_dark(warm_darks(camera, temperatures_c=(24.0, 25.0)))
     assert dark.doubling_temperature_c is None
-    assert dark.mean_dn(0.1, 60.0) == dark.mean_dn(0.1, 25.0)
+    # Of silicon, a doubling every 7.5 degC, a third of which is uncertain.
+    rate_dn_s = dark.rate_dn_s
+    assert dark.mean_dn(0.1, 32.0) == pytest.approx(dark.offset_dn + 0.1 * rate_dn_s * 2)
+    by_growth_dn = 0.1 * rate_dn_s * 2 * log(2) / 3
+    of_the_line = dark.variance_dn2(0.2, 24.5)
+    assert dark.variance_dn2(0.1, 32.0) == pytest.approx(of_the_line + by_growth_dn**2)
 
 
 def test_temperature_and_exposure_that_go_together_cannot_be_told_apart(camera):

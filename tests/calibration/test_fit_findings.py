@@ -29,7 +29,7 @@ def found(calibration, name):
 def test_all_tests_are_always_there(camera, new_reading, setup):
     calibration = fit(*bench(camera, new_reading), setup)
     names = [test.name for test in calibration.tests]
-    assert names == ["glare", "exposure reciprocity", "drift", "scatter", "darkness", "gain"]
+    assert names == ["glare", "exposure reciprocity", "drift", "fall-off", "scatter", "darkness", "gain"]
     assert not any(test.significant for test in calibration.tests)
     assert found(calibration, "drift").meaning.startswith("not testable")
     assert found(calibration, "gain").meaning == "not testable: frames of one gain only"

@@ -38,7 +38,10 @@ def design_of(net, readings, net_variance, reading_variance, patch=None, **chang
         "dark_errors": (),
         "reading_cd_m2": np.asarray(readings, float),
         "reading_variance": np.asarray(reading_variance, float),
-        "patch_rel": np.zeros(n_patches),
+        "own_rel": np.zeros(n_patches),
+        "uneven_rel": np.zeros(n_patches),
+        "place": np.zeros((n_patches, 3)),
+        "place_errors": np.zeros((0, n_patches)),
         "read_at": (START,) * n_patches,
     }
     return Design(**(values | changes))

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.calibration import observe_dark, observe_patches
+from labcdp.calibration.defects import Defect, DefectMap
 from labcdp.calibration.region_statistics import quantisation_variance_dn2
 from labcdp.errors import CalibrationError, InputError
 from labcdp.roi import Roi
@@ -188,6 +189,9 @@ class _Pattern:
         assert (shape, exposure_s, temperature_c) == (SHAPE, 0.01, 30.0)
         return self.values
 
+    def noise_dn(self, exposure_s, temperature_c=None):
+        return 0.7
+
 
 def test_defect_pixels_are_left_out(new_frame):
     image = np.full(SHAPE, 100.0)
@@ -204,6 +208,7 @@ def test_the_dark_pattern_is_taken_off(new_frame):
     even = observe_dark([new_frame(image)] * 2, dark_library=_Pattern(pattern))
     assert plain.nonuniformity_dn > 50
     assert even.nonuniformity_dn < 0.5
+    assert even.pattern_dn == 0.7  # not what is left of a library in the frames it was made of
     assert even.mean_dn == pytest.approx(plain.mean_dn)
     (seen,) = observe_patches([new_frame(image)] * 2, [PATCH], dark_library=_Pattern(pattern))
     assert seen.signal_dn == pytest.approx(500, abs=0.5)
@@ -275,3 +280,15 @@ def test_region_outside(new_frame):
 def test_two_regions_of_one_name(new_frame):
     with pytest.raises(CalibrationError, match="several regions are called 'grey': give each patch its own name"):
         observe_patches([new_frame(np.full(SHAPE, 9.0))] * 2, [PATCH, PATCH])
+
+
+def test_hot_pixels_are_no_part_of_the_darkness(new_frame):
+    rng = np.random.default_rng(8)
+    hot = rng.random(SHAPE) < 0.02
+    level = np.where(hot, 3000.0, 64 + rng.normal(0, 3, SHAPE))
+    reasons = np.where(hot, Defect.HOT.value, 0).astype(np.uint8)
+    dark = observe_dark([new_frame(level + rng.normal(0, 2, SHAPE)) for _ in range(8)], defects=DefectMap.of(reasons))
+    n = np.count_nonzero(~hot)
+    assert dark.n_pixels == n
+    assert dark.mean_dn == pytest.approx(level[~hot].mean(), abs=4 * 2 / np.sqrt(8 * n))
+    assert dark.pattern_dn == pytest.approx(3.0, rel=4 / np.sqrt(2 * n))

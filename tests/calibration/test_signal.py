@@ -1,5 +1,5 @@
 from dataclasses import replace
-from math import sqrt
+from math import hypot, sqrt
 
 import pytest
 
@@ -43,6 +43,17 @@ def test_fixed_pattern_averages_over_pixels_and_slow_changes_do_not(camera):
     signal = net_signal(uneven, SETTINGS)
     assert signal.pixels_rel == pytest.approx(3 / sqrt(400) / 120)
     assert signal.slow_rel == pytest.approx(sqrt(1000 / 25) / 120)
+
+
+def test_the_dark_part_of_a_fixed_pattern_is_an_offset(camera):
+    """A pattern of 5 DN, of which 3 DN were there in darkness, at 0.01 s; 4 DN are left for the sensitivity."""
+    dark = replace(DARK, nonuniformity_dn=0.2, exposures_s=(0.0, 0.02), patterns_dn=(2.0, 4.0))
+    exact = camera.observe("grey", 10.0, 0.01, None)
+    within = 25.0 + exact.temporal_variance_dn2 / 4
+    patterned = replace(exact, unevenness=Unevenness((within, 0.0, 0.0), (within, 0.0, 0.0), 15, 25.0))
+    signal = net_signal(patterned, [replace(SETTINGS[0], dark=dark)])
+    assert signal.pixels_rel == pytest.approx(4 / sqrt(400) / 120)
+    assert signal.dark_nonuniformity_dn == pytest.approx(hypot(0.2, 3 / sqrt(400)))
 
 
 def test_what_counts_as_brighter_than_the_dark(camera):

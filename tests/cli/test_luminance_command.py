@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,17 @@ def test_frame_files(labcdp, calibrated):
     done = labcdp("luminance", calibrated, path, "-o", "a.npz")
     assert done.returncode == 0, done.stderr
     assert "1 frame at 2 ms" in done.stderr
+
+
+def test_a_frame_warmer_than_the_dark_frames_is_told(labcdp, calibrated, tmp_path):
+    with Session.open(example_session()) as session, Session.create(tmp_path / "warm", session.configuration) as warm:
+        frame = session.load(max(session.frames("light"), key=lambda record: record.exposure_s))
+        warm.add_frame(replace(frame, temperature_c=frame.temperature_c + 10), "light")
+    done = labcdp("luminance", calibrated, "warm", "-o", "a.npz")
+    assert done.returncode == 0, done.stderr
+    assert "Warning: the light frames at 0.032 s were taken at 45.0 degC, the dark frames at 35.0 to 35.0 degC" in (
+        " ".join(done.stderr.split())
+    )
 
 
 def test_bad_input_is_one_line(fails, calibrated, tmp_path):

@@ -15,6 +15,8 @@ def test_the_twin_is_written_and_its_chain_simulated(labcdp, tmp_path):
     assert done.returncode == 0, done.stderr
     values = json.loads(done.stdout)
     assert values["pairs_agreeing"] >= 0.93 * values["pairs_compared"]
+    counted = [values[f"pairs_{one}"] for one in ("agreeing", "differing", "undecided")]
+    assert sum(counted) == values["pairs_compared"]
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "chain.toml",
         "report.html",

@@ -102,6 +102,12 @@ def test_progress_is_told(tmp_path):
     [
         (SMALL, replace(SHORT, exposure_unit_s=1e-3), r"exposures are 1 to 20 ns, which no camera series has"),
         (SMALL, replace(SHORT, exposure_unit_s=1.0), r"exposures are 0\.001 to 0\.02 ns, which no camera"),
+        (SMALL, replace(SHORT, exposure_unit_s=25e-9), r"longest exposure is 800 us, which is rare .* microseconds"),
+        (
+            SMALL,
+            replace(SHORT, exposure_unit_s=1e-14),
+            r"dark current is 2\.?\d*e-02 e-/s|0\.02\d? e-/s, which only a cooled",
+        ),
         (SMALL, replace(SHORT, photon_factor=0.1), r"quantum efficiency is [45]\.\d*, more than 1 electron per photon"),
         (SMALL, replace(SHORT, photon_factor=1e4), r"quantum efficiency is [45]\.?\d*e-05, less than 0\.1 %"),
         (SMALL, replace(SHORT, bits_told=16, multiply=16), r"all values are multiples of 16: the camera's 12 bits"),
@@ -136,6 +142,7 @@ def test_a_full_well_below_the_converters_end_is_found(tmp_path):
     camera = replace(KnownCamera(), full_well_e=12_000.0)
     found = characterise_data_set(write_data_set(tmp_path / "set", camera))
     assert found.saturation_limit == "full well"
+    assert found.full_well_e.note.startswith("saturation capacity of EMVA 1288, at the peak of the temporal variance")
     assert found.full_well_e.value == pytest.approx(12_000, abs=4 * found.full_well_e.standard_uncertainty)
     assert not any("converter ends" in flag for flag in found.flags)
 
@@ -160,7 +167,18 @@ def test_equal_images_are_refused(tmp_path):
             return SMALL.images(photons, exposure_s, 1, rng) * count
 
     index = write_data_set(tmp_path / "set", Copied(shape=SMALL.shape), SHORT)
-    with pytest.raises(CalibrationError, match=r"noise does not grow with the signal .*: check that the images"):
+    with pytest.raises(InputError, match=r"line 6: b_000_001\.png has the same pixels as b_000_000\.png \(line 5\)"):
+        characterise_data_set(index)
+
+
+def test_noise_that_does_not_grow_is_refused(tmp_path):
+    class Denoised(KnownCamera):
+        def images(self, photons, exposure_s, count, rng):
+            mean = round(0.1 * photons) + 20
+            return [(mean + rng.integers(-3, 4, self.shape)).astype(np.uint16) for _ in range(count)]
+
+    index = write_data_set(tmp_path / "set", Denoised(shape=SMALL.shape, seed=3), SHORT)
+    with pytest.raises(CalibrationError, match=r"noise does not grow with the signal"):
         characterise_data_set(index)
 
 

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -39,8 +40,38 @@ def test_images_that_do_not_match_are_refused(tmp_path, image, bits, message):
 @pytest.mark.parametrize(("name", "data"), [("a.png", b""), ("a.png", b"\x89PNG broken"), ("a.tif", b"II*\0 broken")])
 def test_damaged_images_are_refused(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=r"is no grey image of 8 or 16 bits"):
+    with pytest.raises(InputError, match=r"a\.(png|tif) is truncated or damaged: copy it again"):
         read_image(tmp_path / name, (4, 6), 12)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
+def test_truncated_images_are_told_and_the_library_is_silent(tmp_path, capfd, suffix, share):
+    path = tmp_path / f"a{suffix}"
+    write_image(path, np.random.default_rng(1).integers(0, 4096, (60, 80)).astype(np.uint16))
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(InputError, match=r"is truncated or damaged: copy it again"):
+        read_image(path, (60, 80), 12)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_png_with_a_flipped_bit_is_told(tmp_path, capfd):
+    path = tmp_path / "a.png"
+    write_image(path, np.random.default_rng(1).integers(0, 4096, (60, 80)).astype(np.uint16))
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"is truncated or damaged"):
+        read_image(path, (60, 80), 12)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
+def test_compression_with_loss_is_refused_whatever_the_name(tmp_path, name):
+    assert cv2.imwrite(str(tmp_path / name), np.zeros((4, 6), np.uint8))
+    (tmp_path / name).rename(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a\.png is compressed with loss, which alters the noise: give PNG or TIFF"):
+        read_image(tmp_path / "a.png", (4, 6), 8)
 
 
 def test_temporal_variance_of_a_pair_is_that_of_the_standard():

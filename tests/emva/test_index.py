@@ -17,6 +17,7 @@ def test_blocks_have_exposure_photons_and_images():
     assert (index.release, index.bits, index.width, index.height) == ("3.1", 12, 64, 48)
     first, second, dark = index.blocks
     assert (first.kind, first.exposure_ns, first.photons, first.line) == ("bright", 1e6, 100.0, 3)
+    assert first.image_lines == (4, 5)
     assert first.images == (Path("set/a.png"), Path("set/b.png"))
     assert second.exposure_s == pytest.approx(2e-3)
     assert (dark.kind, dark.photons, len(dark.images)) == ("dark", 0.0, 2)
@@ -26,6 +27,21 @@ def test_blocks_have_exposure_photons_and_images():
 def test_slashes_of_either_kind(name):
     index = parse_index(GOOD.replace("a.png", name), PATH)
     assert index.blocks[0].images[0] == Path("set/images/sub/a.png")
+
+
+@pytest.mark.parametrize("name", [r'"images\a.png"', "'images/a.png'", '" images/a.png "'])
+def test_quoted_paths(name):
+    assert parse_index(GOOD.replace("a.png", name), PATH).blocks[0].images[0] == Path("set/images/a.png")
+
+
+@pytest.mark.parametrize("name", ["images/A.PNG", r"C:\data\images\a.png", "other/a.png"])
+def test_an_image_elsewhere_or_in_other_letters_is_told(tmp_path, name):
+    (tmp_path / INDEX_NAME).write_text(GOOD.replace("a.png", name))
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "a.png").touch()
+    told = r"6 of 6 images are missing, .*: a file of that name is in .*pictures, correct the paths of the index"
+    with pytest.raises(InputError, match=told):
+        load_index(tmp_path)
 
 
 def test_comments_blank_lines_and_windows_line_ends_change_nothing():

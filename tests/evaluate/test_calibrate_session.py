@@ -256,3 +256,19 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_refused(tmp_path):
         r"there, below the 4095 DN that count as saturated; record with exposures at which no patch comes near that",
     ):
         calibrate_session(observed)
+
+
+def test_an_exposure_with_one_saturated_frame_is_left_out(tmp_path):
+    """Saturated frames are identical: an import keeps one of them."""
+    path = record(tmp_path / "s")
+    with Session.open(path, writable=True) as session:
+        frame = Camera().frame(None, 0.5, 900)
+        session.add_frame(frame.with_pixels(np.full_like(frame.dn, 2**BITS - 1)), "light")
+    calibration = calibrate_session(observe(path))
+    assert "patch 'P0' is saturated at 0.5 s: left out there" in calibration.warnings
+    assert calibration.exposures_s == EXPOSURES_S
+    assert sum(left.exposure_s == 0.5 for left in calibration.left_out) == len(LUMINANCES_CD_M2)
+    with Session.open(path, writable=True) as session:
+        session.add_frame(Camera().frame(scene(), 0.001, 901), "light")
+    with pytest.raises(CalibrationError, match=r"region 'P0' was given 1 frame at 0\.001 s: take at least 2"):
+        observe(path)

@@ -83,6 +83,17 @@ def test_pattern_and_hot_pixels_are_found(corrections, pattern):
         assert error.std() == pytest.approx(own.dark_library.noise_dn(t), rel=0.1)
 
 
+def test_hot_pixels_are_no_part_of_the_darkness(session, corrections):
+    """They are left out of the patches too; with them the darkness of all others would be too high."""
+    own = replace(corrections[None], dark_library=None)
+    with_hot = observe_session(session, corrections={None: replace(own, defects=None)}).darks
+    for seen, biased in zip(observe_session(session, corrections={None: own}).darks, with_hot, strict=True):
+        assert seen.n_pixels == biased.n_pixels - len(HOT)
+        # The offset of each is 900 DN.
+        expected = len(HOT) * 900 / biased.n_pixels
+        assert biased.mean_dn - seen.mean_dn == pytest.approx(expected, rel=0.05)
+
+
 def test_an_even_sensor_gets_neither(recorded):
     own = with_darkness(corrections_of_lens(recorded), [recorded])[None]
     assert own == corrections_of_lens(recorded)[None]

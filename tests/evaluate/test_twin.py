@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from labcdp.calibration.dark_library import DarkLibrary, dark_library
 from labcdp.calibration.emva.result import Quantity
+from labcdp.calibration.pixel_statistics import pixel_statistics
 from labcdp.chain import ExposureSettings, chain_from_toml, load
 from labcdp.chain.camera_model import CameraModel
 from labcdp.contrast import Distribution, cdp
@@ -18,6 +20,7 @@ from labcdp.evaluate import calibrate_session, characterise_session, observe_ses
 from labcdp.evaluate.twin import twin_session
 from labcdp.evaluate.twin_chain import twin_chain_text
 from labcdp.evaluate.twin_compare import sampling_variance
+from labcdp.evaluate.twin_corrected import LEFT_BY_FLAT_FIELD, LEFT_BY_LIBRARY, CorrectedTwin
 from labcdp.evaluate.twin_diagnosis import Finding, Suspect, pursue
 from labcdp.evaluate.twin_noise import noise_of_characterisation, shortest_darkness
 from labcdp.evaluate.twin_pair import SAMPLING, Influence
@@ -26,6 +29,7 @@ from labcdp.evaluate.twin_prediction import Mending, TwinRegion, predict_regions
 from labcdp.evaluate.twin_rounding import DarkSpread, largest_unseen_spread, mean_before_rounding, unrounded
 from labcdp.response import Response
 from labcdp.session import Session, example_session
+from labcdp.vignetting import FlatField
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "twin_coverage.py"
 
@@ -311,6 +315,97 @@ def test_a_verdict_says_no_more_than_is_known(twin, difference, shift, verdict):
     assert pair.verdict.startswith(verdict)
 
 
+@pytest.mark.parametrize(
+    ("predicted", "uncertainty", "measured", "judgement"),
+    [
+        (1.0, 1.22, 1.0, "undecided"),
+        (1.0, 1.22, 0.0, "undecided"),
+        (0.5, 0.21, 0.5, "undecided"),
+        (0.0, 0.41, 1.0, "undecided"),
+        (0.5, 0.19, 0.5, "agree"),
+        (1.0, 0.4, 1.0, "agree"),
+        (1.0, 0.4, 0.1, "differ"),
+    ],
+)
+def test_a_pair_with_which_nearly_any_cdp_would_agree_is_undecided(twin, predicted, uncertainty, measured, judgement):
+    """80 % of 0 to 1: with 1.96 standard uncertainties, from 0.204 on in the middle and from 0.408 on at an end."""
+    pair = replace(
+        twin.pairs[0],
+        measured=replace(twin.pairs[0].measured, cdp=measured),
+        predicted=predicted,
+        predicted_standard_uncertainty=uncertainty,
+        sampling_standard_uncertainty=1e-3,
+    )
+    assert (pair.judgement, pair.decided) == (judgement, judgement != "undecided")
+    assert (pair.agrees, pair.differs) == (judgement == "agree", judgement == "differ")
+    assert pair.verdict.split("; ")[0] == judgement
+    assert pair.to_dict()["agree"] is {"agree": True, "differ": False, "undecided": None}[judgement]
+    result = replace(twin, pairs=(pair,))
+    counts = result.to_dict()
+    assert [counts[f"pairs_{one}"] for one in ("agreeing", "differing", "undecided")] == [
+        judgement == one for one in ("agree", "differ", "undecided")
+    ]
+
+
+def library_of(noise_dn, pattern_dn):
+    """A library whose noise is all in the offset, and whose pattern is all in the rate."""
+    none = np.zeros((2, 2))
+    return DarkLibrary(none, none, ((noise_dn**2, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, pattern_dn**2)), None, None, 4)
+
+
+def test_the_noise_of_a_dark_library_stands_in_for_the_dsnu_where_it_is_taken_off(twin):
+    """The pattern is 8 DN a second: above the library's noise of 2 DN from 0.25 s on."""
+    corrected = CorrectedTwin(twin.parameters, library_of(2.0, 8.0))
+    assert corrected.at(0.2) is twin.parameters
+    noise = corrected.at(0.5).noise
+    assert (noise.dsnu_dn.value, noise.dsnu_dn.standard_uncertainty) == (2.0, 0.0)
+    assert (noise.row_dsnu_dn.value, noise.column_dsnu_dn.value, noise.dsnu_dn_s.value) == (0, 0, 0)
+    assert noise.prnu_rel == twin.parameters.noise.prnu_rel
+    (left,) = corrected.left([0.2, 0.5]).items()
+    assert left[0] == LEFT_BY_LIBRARY
+    assert left[1].value == pytest.approx(2.0 / twin.parameters.noise.k_dn_per_e.value, rel=1e-12)
+    assert "at 500 ms: there the noise of the dark library" in corrected.notes([0.2, 0.5])[0]
+    assert corrected.left([0.2]) == {}
+    assert corrected.notes([0.2]) == []
+
+
+def test_the_noise_of_a_flat_field_stands_in_for_the_prnu(twin):
+    field = FlatField(np.ones((2, 2)), random_rel=0.003, slow_rel=0.0, n_frames=16)
+    corrected = CorrectedTwin(twin.parameters, None, field)
+    assert corrected.at(0.01).noise.prnu_rel.value == 0.003
+    assert corrected.at(0.01).noise.dsnu_dn == twin.parameters.noise.dsnu_dn
+    assert list(corrected.left([0.01])) == [LEFT_BY_FLAT_FIELD]
+
+
+def test_the_pattern_that_a_dark_library_leaves_is_predicted(twin, recorded):
+    """Against 40 000 simulated pixels and a library of 2 x 2 frames; a variance is known to sqrt(2 / 40 000)."""
+    parameters, shape, n = twin.parameters, (200, 200), 50
+    sensor = replace(parameters.sensor(shape), device_seed=5, dsnu_e=8.0)
+    template = recorded.load(recorded.frames("dark")[0])
+
+    def darks(exposure_s, first, count):
+        return [
+            replace(
+                template,
+                exposure_s=exposure_s,
+                dn=sensor.expose(
+                    np.zeros(shape),
+                    exposure_s,
+                    temperature_c=parameters.temperature_c,
+                    seed=3,
+                    exposure_index=first + i,
+                ),
+            )
+            for i in range(count)
+        ]
+
+    library = dark_library([pixel_statistics(darks(0.002, 0, 2)), pixel_statistics(darks(0.032, 2, 2))])
+    seen = pixel_statistics(darks(0.008, 10, n)).mean_dn - library.pattern_dn(shape, 0.008)
+    noise = CorrectedTwin(parameters, library).at(0.008).noise
+    of_mean_dn2 = (noise.read_noise_dn.value**2 + 1 / 12) / n
+    assert seen.var() == pytest.approx(noise.dsnu_dn.value**2 + of_mean_dn2, rel=4 * sqrt(2 / 40_000) + 0.03)
+
+
 def test_the_patches_signals_agree(twin):
     """Mean, temporal noise and fixed pattern: 48 comparisons, of which 5 % may lie beyond 1.96 and none beyond 4.5."""
     z = np.array([list(patch.deviations().values()) for patch in twin.patches])
@@ -353,15 +448,20 @@ def test_noise_of_more_than_a_dn_loses_a_twelfth():
 
 
 def test_the_intervals_hold_on_benches_with_random_cameras(tmp_path, monkeypatch):
-    """Three benches of the benchmark, where 98.2 % of the pairs agree, with a scatter of 3.4 % from bench to bench."""
+    """Three benches of the benchmark, where 98 % of the pairs agree, with a scatter of 3.5 % from bench to bench.
+
+    A dark library is taken off in the last one. No parameter of any is wrong, and none may be said to be.
+    """
     spec = spec_from_file_location("twin_coverage", BENCHMARK)
     benchmark = module_from_spec(spec)
     # Its dataclasses look their module up there.
     monkeypatch.setitem(sys.modules, spec.name, benchmark)
     spec.loader.exec_module(benchmark)
-    results = [benchmark.compare(seed, tmp_path) for seed in (0, 2, 3)]
+    results = [benchmark.compare(seed, tmp_path) for seed in (0, 3, 505)]
     share = sum(result.agreeing for result in results) / sum(len(result.pairs) for result in results)
-    assert share > 0.982 - 2 * 0.034 / sqrt(3)
+    assert share > 0.98 - 2 * 0.035 / sqrt(3)
+    assert [result.findings for result in results] == [(), (), ()]
+    assert [list(result.left) for result in results][2] == [LEFT_BY_LIBRARY]
     decided = [pair.influences[0].name == SAMPLING for result in results for pair in result.pairs]
     assert 0.5 < np.mean(decided) <= 1
 

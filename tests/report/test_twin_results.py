@@ -5,6 +5,7 @@ from io import BytesIO
 import pytest
 from openpyxl import load_workbook
 
+from labcdp.calibration.emva.result import Quantity
 from labcdp.chain import chain_from_toml
 from labcdp.errors import InputError
 from labcdp.evaluate import calibrate_session, characterise_session, observe_session
@@ -20,6 +21,7 @@ from labcdp.report.twin_tables import (
     mean_table,
     noise_table,
     pair_table,
+    parameter_table,
 )
 from labcdp.report.twin_wording import simulated, twin_results
 from labcdp.session import Session, example_session
@@ -116,6 +118,77 @@ def test_what_the_signals_contradict_is_told_before_the_pairs(twin, tmp_path):
         < page.index("Pairs that differ")
         < page.index("All pairs")
     )
+
+
+def vacuous(pair):
+    return replace(pair, predicted_standard_uncertainty=2.4)
+
+
+def of_the_signals(name, patch=None):
+    return Finding(name, 20.0, 10.0, "e-", -3.9, Mending(patch=patch))
+
+
+def test_a_finding_and_pairs_that_all_agree_make_one_verdict(twin, tmp_path):
+    """No sentence may say that the twin describes the camera while another says that a parameter is off."""
+    agreeing = replace(twin, pairs=tuple(pair for pair in twin.pairs if pair.agrees))
+    text = " ".join(twin_results(agreeing))
+    assert "The twin describes this camera within what its parameters" in text
+    wrong = replace(agreeing, findings=(of_the_signals("responsivity"),))
+    text = " ".join(twin_results(wrong))
+    assert (
+        "No pair differs, but the signals of the patches contradict the twin: the twin does not describe this camera "
+        "in full. By the signals of the patches, the responsivity is off" in text
+    )
+    assert "win describes this camera" not in text
+    page = next(path for path in write_twin(wrong, tmp_path) if path.suffix == ".html").read_text(encoding="utf-8")
+    assert "win describes this camera" not in page
+
+
+def test_as_many_differing_pairs_as_chance_leaves_do_not_excuse_a_finding(twin):
+    some = with_difference(replace(twin, pairs=tuple(pair for pair in twin.pairs if pair.agrees)), "P12", 1)
+    assert some.differing == 1
+    assert "That is what chance leaves" in twin_results(some)[1]
+    assert "the twin describes this camera." in twin_results(some)[1]
+    text = " ".join(twin_results(replace(some, findings=(of_the_signals("DSNU"),))))
+    assert "No more pairs differ than by chance, but the signals of the patches contradict the twin" in text
+    assert "describes this camera" not in text
+
+
+def test_a_wrong_reading_is_no_fault_of_the_twin(twin):
+    agreeing = replace(twin, pairs=tuple(pair for pair in twin.pairs if pair.agrees))
+    text = " ".join(twin_results(replace(agreeing, findings=(of_the_signals("meter reading of P05", "P05"),))))
+    assert "contradict what the meter read: the twin can be judged when these readings were taken again" in text
+    assert "describe" not in text
+
+
+def test_undecided_pairs_are_counted_apart(twin, tmp_path):
+    """In the sentences, the tables and the figure; none of them says that they agree."""
+    agreeing = replace(twin, pairs=tuple(pair for pair in twin.pairs if pair.agrees)[:10])
+    some = replace(agreeing, pairs=(*map(vacuous, agreeing.pairs[:4]), *agreeing.pairs[4:]))
+    first, second, third, _ = twin_results(some)
+    assert first.endswith("; 6 agree with the measurement within the joint 95 % interval, 4 are undecided.")
+    assert second.startswith("Of an undecided pair nearly any CDP would agree")
+    assert third.endswith("leave open, as far as the 6 decided pairs tell.")
+    assert [row[1] for row in pair_table(some).rows] == ["undecided"] * 4 + ["agree"] * 6
+    assert difference_table(some).rows == ()
+    files = {path.name: path for path in write_twin(some, tmp_path)}
+    assert json.loads(files["results.json"].read_text())["pairs_undecided"] == 4
+    assert [cell.value for cell in load_workbook(files["results.xlsx"])["Pairs"]["O"][1:5]] == ["undecided"] * 4
+
+
+def test_nothing_is_claimed_of_a_camera_of_which_no_pair_is_decided(twin):
+    none = replace(twin, pairs=tuple(map(vacuous, twin.pairs)))
+    text = " ".join(twin_results(none))
+    assert "0 agree with the measurement" in text
+    assert "No pair tells whether the twin describes this camera" in text
+    assert "win describes" not in text.replace("whether the twin describes", "")
+
+
+def test_what_a_dark_library_leaves_has_a_row_of_its_own(twin):
+    left = {"DSNU left by the dark library": Quantity(1.29, 0.0, "e-", "noise of the dark library")}
+    rows = parameter_table(replace(twin, left=left)).rows
+    assert rows[:-1] == parameter_table(twin).rows
+    assert rows[-1] == ("DSNU left by the dark library", "1.290", "e-", "noise of the dark library")
 
 
 def test_the_tables_have_one_row_each(twin):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration.bracket import bracket_luminance
+from labcdp.calibration.dark_library import DarkLibrary
 from labcdp.calibration.defects import Defect, DefectMap
 from labcdp.errors import CalibrationError, InputError
 from labcdp.luminance import Invalid, LuminanceMap, chosen
@@ -132,6 +133,25 @@ def test_noise_of_the_flat_field_does_not_average_down(make_calibration, make_fr
     many = bracket_luminance(calibration, [frame] * 16).map.random_rel
     alone = calibration.to_luminance(frame).random_rel
     assert many**2 - 0.01**2 == pytest.approx((alone**2 - 0.01**2) / 16, rel=1e-3)
+
+
+def test_noise_of_the_dark_library_does_not_average_down(make_calibration, expose):
+    """Many frames of dim light: what is left is the error of the library, which is the same in all of them."""
+    rng = np.random.default_rng(11)
+    pattern, error = rng.normal(0, 6, SHAPE), rng.normal(0, 2, SHAPE)
+    pattern -= pattern.mean()
+    library = DarkLibrary(
+        pattern + error, np.zeros(SHAPE), ((4.0, 0.0), (0.0, 0.0)), ((36.0, 0.0), (0.0, 0.0)), None, None, 4
+    )
+    calibration = make_calibration(shape=SHAPE, dark_library=library)
+    frames = [expose(np.full(SHAPE, 5.0), 0.032, rng, pattern_dn=pattern, frame_id=i) for i in range(16)]
+    seen = bracket_luminance(calibration, frames).map
+    n = seen.luminance_cd_m2.size
+    deviation = (seen.luminance_cd_m2 / 5.0 - 1) / seen.random_rel
+    assert deviation.std() == pytest.approx(1, abs=4 / np.sqrt(2 * n) + 0.01)
+    assert seen.fixed_cd_m2 == pytest.approx(2 / (1200 * 0.032), rel=1e-3)
+    # Joined again, nothing more is gained.
+    assert calibration.to_luminance(frames[0]).fixed_cd_m2 == pytest.approx(seen.fixed_cd_m2, rel=1e-5)
 
 
 def test_one_frame_is_itself(calibration, frames):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import GainSetting, LensIdentity
+from labcdp.calibration.common_errors import FitError
 from labcdp.calibration.conversion import to_luminance
 from labcdp.calibration.dark import DarkModel
 from labcdp.calibration.dark_library import DarkLibrary
@@ -97,6 +98,24 @@ def test_temperature_moves_the_darkness(make_calibration, make_frame):
     calibration = make_calibration(dark=dark)
     seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), temperature_c=30.0))
     assert seen.luminance_cd_m2 == pytest.approx((1000 - 64 - 2 * 4000 * 0.008) / (R * 0.008), rel=1e-6)
+
+
+def test_a_frame_warmer_than_the_dark_frames_is_logged(make_calibration, make_frame, caplog):
+    covariance = ((0.04, 0, 0), (0, 0, 0), (0, 0, (1 / 22.5) ** 2))
+    dark = DarkModel(64.0, 4000.0, covariance, 1.5, 0.0, (0.001, 0.064), (23.0, 23.0), 23.0)
+    calibration = make_calibration(
+        dark=dark, fit_errors=(FitError("dark and temperature", (1.0, 4095.0), (0.0, 0.0), (), (0, 0, 1 / 22.5), 0.0),)
+    )
+    for temperature_c, times in ((24.0, 1.0), (30.5, 2.0)):
+        caplog.clear()
+        seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), temperature_c=temperature_c))
+        growth = 2 ** ((temperature_c - 23) / 7.5)
+        net = 1000 - 64 - 4000 * 0.008 * growth
+        assert seen.luminance_cd_m2 == pytest.approx(net / (R * 0.008), rel=1e-6)
+        by_growth_dn = 4000 * 0.008 * growth * np.log(2) * (temperature_c - 23) / 22.5
+        assert seen.common[2].relative == pytest.approx(-by_growth_dn / net, rel=1e-5)
+        assert (len(caplog.messages) == 1) == (times == 2)
+    assert caplog.messages[0].startswith("frame 0: the light frames at 0.008 s were taken at 30.5 degC, the dark")
 
 
 def test_common_errors_are_those_of_the_calibration_and_of_the_fall_off(make_calibration, make_frame):

@@ -205,6 +205,20 @@ def test_a_library_of_few_frames_of_an_even_sensor_is_not_worth_it(statistics):
     assert "subtracting it would add more than it removes; take" in library.verdict(0.01)
 
 
+def test_hot_pixels_do_not_speak_for_the_others(statistics):
+    """Twenty hot pixels of an even sensor, which the map of defects takes care of anyway."""
+    rng = np.random.default_rng(10)
+    rate = np.zeros(SHAPE)
+    rate.flat[rng.choice(rate.size, 20, replace=False)] = rng.uniform(5e3, 2e4, 20)
+    darks = [statistics(np.zeros(SHAPE), t, 2, rng, pattern_dn=rate * t) for t in (0.005, 0.05)]
+    defects = find_defects(darks[1])
+    assert (defects.mask(SHAPE) == (rate > 0)).all()
+    assert dark_library(darks).worth_applying(0.05)
+    library = dark_library(darks, defects)
+    assert not library.worth_applying(0.05)
+    assert library.pattern_dn(SHAPE, 0.05)[rate == 0].mean() == pytest.approx(0, abs=1e-5)
+
+
 def test_doubling_temperature(expose):
     rng = np.random.default_rng(9)
     rate = np.abs(rng.normal(2000, 300, SHAPE))

@@ -31,6 +31,7 @@ def luminance():
         invalid,
         slow_rel=0.01,
         fixed_rel=0.002,
+        fixed_cd_m2=0.03,
         step=2,
     )
 
@@ -43,7 +44,7 @@ def test_round_trip(luminance, tmp_path, name):
         assert (getattr(loaded, values) == getattr(luminance, values)).all()
         assert getattr(loaded, values).dtype == getattr(luminance, values).dtype
     np.testing.assert_allclose(loaded.common_rel, luminance.common_rel, rtol=1e-6)
-    assert (loaded.slow_rel, loaded.fixed_rel, loaded.step) == (0.01, 0.002, 2)
+    assert (loaded.slow_rel, loaded.fixed_rel, loaded.fixed_cd_m2, loaded.step) == (0.01, 0.002, 0.03, 2)
     assert about["calibration"] == ABOUT["calibration"]
     assert about["unit"] == "cd/m^2"
     assert about["invalid_share"] == {"SATURATED": 1 / 1200, "DEFECT": 1 / 1200}

@@ -1,0 +1,134 @@
+"""Images of a data set that cannot be what the index says: copies, another depth, another level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .index import DataSetIndex, IndexBlock
+from .statistics import FrameStatistics
+
+#: Images of one block whose means differ by more of the signal are not of one level; lamps flicker by tenths.
+_LARGEST_DIFFERENCE_REL = 0.03
+#: Black levels wander by less, in DN.
+_LEAST_DIFFERENCE_DN = 1.0
+#: Standard uncertainties of a frame's mean that are no chance.
+_CHANCE = 5.0
+#: Images whose values are multiples of numbers that differ by this factor come from different depths.
+_DEPTH_FACTOR = 4
+
+
+class _Seen(NamedTuple):
+    image: Path
+    line: int
+    kind: str
+    exposure_ns: float
+    photons: float
+
+
+class ImageCheck:
+    """Takes the images of a data set one by one, and refuses copies and those of another depth.
+
+    Parameters
+    ----------
+    index : Path
+        The index, for messages.
+    """
+
+    def __init__(self, index: Path) -> None:
+        self._index = index
+        self._seen: dict[tuple[bytes, int | None], _Seen] = {}
+        self._depth: tuple[np.dtype[Any], _Seen] | None = None
+        self._multiple: tuple[int, _Seen] | None = None
+
+    def take(self, dn: NDArray[np.unsignedinteger[Any]], block: IndexBlock, number: int) -> None:
+        """Compare image `number` of a block with those before it.
+
+        Raises
+        ------
+        InputError
+            If its pixels are those of another image, which is allowed only to a pair and a stack of one level, or its
+            depth is another. Images of one value throughout, black or saturated, may be alike.
+        """
+        image, line = block.images[number], block.image_lines[number]
+        own = _Seen(image, line, block.kind, block.exposure_ns, block.photons)
+        where = f"{self._index}, line {line}: {image.name}"
+        self._depth = self._depth or (dn.dtype, own)
+        dtype, first = self._depth
+        if dn.dtype != dtype:
+            raise InputError(
+                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first.image.name} (line {first.line}) has "
+                f"{8 * dtype.itemsize}: give all images as the camera sent them, in one depth"
+            )
+        bits = int(np.bitwise_or.reduce(dn, axis=None))
+        if bits == int(np.bitwise_and.reduce(dn, axis=None)):
+            return
+        self._require_depth(min(bits & -bits, 16), own, where)
+        digest = blake2b(dn.tobytes(), digest_size=16).digest()
+        twin = self._seen.setdefault((digest, block.line), own)
+        other = self._seen.setdefault((digest, None), own)
+        if twin is not own:
+            other = twin
+        if twin is not own or other[2:] != own[2:]:
+            raise InputError(
+                f"{where} has the same pixels as {other.image.name} (line {other.line}): no two exposures are alike, "
+                "give the image that belongs here"
+            )
+
+    def _require_depth(self, multiple: int, own: _Seen, where: str) -> None:
+        self._multiple = self._multiple or (multiple, own)
+        usual, first = self._multiple
+        if max(multiple, usual) >= _DEPTH_FACTOR * min(multiple, usual):
+            raise InputError(
+                f"{where} has values that are multiples of {multiple}, {first.image.name} (line {first.line}) of "
+                f"{usual}: they have different bit depths; give all images as the camera sent them"
+            )
+
+
+def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, FrameStatistics]]) -> None:
+    """Refuse blocks whose images differ more than noise and lamp allow, darkness first.
+
+    Parameters
+    ----------
+    index : DataSetIndex
+        For messages.
+    measured : sequence of (IndexBlock, FrameStatistics)
+        All blocks.
+
+    Raises
+    ------
+    InputError
+        If the mean of an image is off those of the others of its block by more than 5 standard uncertainties, 3 % of
+        the signal above darkness, and 1 DN.
+    """
+    darkness = {block.exposure_ns: float(np.median(s.frame_means_dn)) for block, s in measured if block.kind == "dark"}
+    for block, found in sorted(measured, key=lambda pair: pair[0].kind == "bright"):
+        means = np.array(found.frame_means_dn)
+        usual = np.array([np.median(np.delete(means, i)) for i in range(means.size)])
+        signal = float(np.median(means)) - (darkness.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
+        noise = np.sqrt(found.temporal_variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
+        limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
+        worst = int(np.argmax(np.abs(means - usual)))
+        if abs(means[worst] - usual[worst]) > limit:
+            raise InputError(_other_level(index, block, means, worst, float(usual[worst])))
+
+
+def _other_level(
+    index: DataSetIndex, block: IndexBlock, means: NDArray[np.float64], worst: int, usual_dn: float
+) -> str:
+    name, line = block.images[worst].name, block.image_lines[worst]
+    if means.size == 2:
+        other = 1 - worst
+        others = f"{block.images[other].name} (line {block.image_lines[other]}) one of {usual_dn:.4g} DN"
+    else:
+        others = f"the other {means.size - 1} images of its block {usual_dn:.4g} DN"
+    return (
+        f"{index.path}, line {line}: {name} has a mean of {means[worst]:.4g} DN, {others}, which noise does not "
+        f"explain: one of them is not of the level of line {block.line}; correct the index, or record the level again"
+    )

@@ -1,0 +1,89 @@
+"""The twin of a camera whose frames are corrected: what dark library and flat field leave of the fixed pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from ..calibration import Calibration
+from ..calibration.dark_library import DarkLibrary
+from ..calibration.emva.result import Quantity
+from ..vignetting import FlatField
+from .twin_parameters import TwinParameters
+
+#: What takes the place of DSNU and PRNU in a comparison of corrected frames.
+LEFT_BY_LIBRARY, LEFT_BY_FLAT_FIELD = "DSNU left by the dark library", "PRNU left by the flat field"
+#: Parts of the noise that a dark library takes off beside the DSNU of the pixels.
+_OTHER_DARK_PATTERN = ("row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s")
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedTwin:
+    """A twin, and what the calibration takes off its frames.
+
+    Parameters
+    ----------
+    uncorrected : TwinParameters
+        The camera.
+    library : DarkLibrary or None
+        Taken off at the exposures where it leaves less than it removes; its own noise, which stays the same from
+        frame to frame, is what it leaves.
+    flat_field : FlatField or None
+        Leaves the noise of its pixels of the PRNU.
+    """
+
+    uncorrected: TwinParameters
+    library: DarkLibrary | None = None
+    flat_field: FlatField | None = None
+
+    @classmethod
+    def of(cls, twin: TwinParameters, calibration: Calibration) -> CorrectedTwin:
+        """Take from a calibration what it corrects."""
+        flat_field = calibration.vignetting if isinstance(calibration.vignetting, FlatField) else None
+        return cls(twin, calibration.dark_library, flat_field)
+
+    def takes_pattern_off(self, exposure_s: float) -> bool:
+        """Whether the pattern of the darkness is taken off at an exposure."""
+        return self.library is not None and self.library.worth_applying(exposure_s, self.uncorrected.temperature_c)
+
+    def at(self, exposure_s: float) -> TwinParameters:
+        """Return the twin with the fixed pattern that corrected frames of an exposure have."""
+        twin = self.uncorrected
+        changes: dict[str, Quantity] = {}
+        if self.library is not None and self.takes_pattern_off(exposure_s):
+            left_dn = self.library.noise_dn(exposure_s, twin.temperature_c)
+            changes = {name: replace(getattr(twin.noise, name), value=0.0) for name in _OTHER_DARK_PATTERN}
+            changes["dsnu_dn"] = replace(twin.noise.dsnu_dn, value=left_dn, note="noise of the dark library")
+        if self.flat_field is not None:
+            left_rel = self.flat_field.random_rel
+            changes["prnu_rel"] = replace(twin.noise.prnu_rel, value=left_rel, note="noise of the flat field")
+        exact = {name: replace(one, standard_uncertainty=0.0) for name, one in changes.items()}
+        return twin.with_noise(replace(twin.noise, **exact)) if exact else twin
+
+    def left(self, exposures_s: Iterable[float]) -> dict[str, Quantity]:
+        """Return what is compared in place of DSNU and PRNU, by name; of the longest of the exposures that apply."""
+        found, k = {}, self.uncorrected.noise.k_dn_per_e.value
+        corrected_s = [t for t in exposures_s if self.takes_pattern_off(t)]
+        if corrected_s:
+            left = self.at(max(corrected_s)).noise.dsnu_dn
+            note = f"noise of the dark library at {1e3 * max(corrected_s):.4g} ms, compared in place of the DSNU"
+            found[LEFT_BY_LIBRARY] = replace(left, value=left.value / k, unit="e-", note=note)
+        if self.flat_field is not None:
+            left = self.at(0.0).noise.prnu_rel
+            found[LEFT_BY_FLAT_FIELD] = replace(left, note="noise of the flat field, compared in place of the PRNU")
+        return found
+
+    def notes(self, exposures_s: Iterable[float]) -> list[str]:
+        """Tell what is compared in place of DSNU and PRNU."""
+        notes, exposures_s = [], sorted(set(exposures_s))
+        corrected_s = [t for t in exposures_s if self.takes_pattern_off(t)]
+        if corrected_s:
+            some = ", ".join(f"{1e3 * t:.4g}" for t in corrected_s)
+            where = "" if corrected_s == exposures_s else f" at {some} ms"
+            notes.append(
+                f"the calibration takes off the pattern of the darkness{where}: there the noise of the dark library is "
+                "compared in place of the DSNU"
+            )
+        if self.flat_field is not None:
+            notes.append("the calibration has a flat field: the noise of its pixels is compared in place of the PRNU")
+        return notes

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
 
 from ..calibration import Calibration
 from ..calibration.dark_library import DarkLibrary
@@ -15,6 +18,10 @@ from .twin_parameters import TwinParameters
 LEFT_BY_LIBRARY, LEFT_BY_FLAT_FIELD = "DSNU left by the dark library", "PRNU left by the flat field"
 #: Parts of the noise that a dark library takes off beside the DSNU of the pixels.
 _OTHER_DARK_PATTERN = ("row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s")
+#: Variance of darkness from which on the steps of the converter are no longer seen.
+_COARSE_DN2 = 2.0
+#: Kinds of pixels by their darkness, and the golden ratio.
+_DARK_KINDS, _GOLDEN = 21, (1 + sqrt(5)) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +61,8 @@ class CorrectedTwin:
             left_dn = self.library.noise_dn(exposure_s, twin.temperature_c)
             changes = {name: replace(getattr(twin.noise, name), value=0.0) for name in _OTHER_DARK_PATTERN}
             changes["dsnu_dn"] = replace(twin.noise.dsnu_dn, value=left_dn, note="noise of the dark library")
+            pattern_dn = self.library.nonuniformity_dn(exposure_s, twin.temperature_c)
+            twin = replace(twin, pattern_taken_off_dn=pattern_dn)
         if self.flat_field is not None:
             left_rel = self.flat_field.random_rel
             changes["prnu_rel"] = replace(twin.noise.prnu_rel, value=left_rel, note="noise of the flat field")
@@ -87,3 +96,27 @@ class CorrectedTwin:
         if self.flat_field is not None:
             notes.append("the calibration has a flat field: the noise of its pixels is compared in place of the PRNU")
         return notes
+
+
+def dark_kinds(twin: TwinParameters) -> list[tuple[float, float]] | None:
+    """Kinds of pixels by their darkness: what frames have of it, and what is taken off them; equally frequent.
+
+    Only for a pattern that is taken off and a noise that does not dither the converter: a pixel's values then lie one
+    DN apart, but each pixel's elsewhere. None where the values of all pixels may be taken as one DN apart: with noise
+    of more than about a DN it does not matter.
+
+    Parameters
+    ----------
+    twin : TwinParameters
+        The twin at an exposure, by `CorrectedTwin.at`.
+    """
+    from scipy.special import ndtri
+
+    noise = twin.noise
+    if twin.pattern_taken_off_dn == 0 or noise.read_noise_dn.value**2 + noise.dsnu_dn.value**2 >= _COARSE_DN2:
+        return None
+    # An evenly spread lattice of two independent normal variables.
+    number = np.arange(_DARK_KINDS) + 0.5
+    both = ndtri(np.stack([number / _DARK_KINDS, (number * _GOLDEN) % 1]))
+    pattern, left = both / both.std(axis=1, keepdims=True) * [[twin.pattern_taken_off_dn], [noise.dsnu_dn.value]]
+    return list(zip(pattern.tolist(), (pattern + left).tolist(), strict=True))

@@ -59,6 +59,9 @@ class TwinParameters:
         Gain of the session.
     notes : tuple of str
         What the twin cannot hold, or had to assume.
+    pattern_taken_off_dn : float
+        Standard deviation of a dark pattern that the frames have and that is taken off them, so that the noise has only
+        what that leaves; 0 if none is.
     """
 
     noise: CameraNoise
@@ -74,6 +77,7 @@ class TwinParameters:
     pixel_pitch_m: float
     gain_db: float
     notes: tuple[str, ...]
+    pattern_taken_off_dn: float = 0.0
 
     def dark_dn(self, exposure_s: float) -> float:
         """Mean darkness at the temperature of the twin."""
@@ -124,8 +128,14 @@ class TwinParameters:
         noise, k = self.noise, self.noise.k_dn_per_e.value
         current_e_s = self.dark_current_e_s.value
         t = 0.0 if exposure_s is None else exposure_s
-        lines = (noise.dsnu_dn, noise.row_dsnu_dn, noise.column_dsnu_dn, noise.read_noise_dn)
-        spread_dn2 = sum(part.value**2 for part in lines) + (noise.dsnu_dn_s.value * t) ** 2 + k * k * current_e_s * t
+        lines = (noise.row_dsnu_dn, noise.column_dsnu_dn, noise.read_noise_dn)
+        dsnu_dn = self.pattern_taken_off_dn or noise.dsnu_dn.value
+        spread_dn2 = (
+            dsnu_dn**2
+            + sum(part.value**2 for part in lines)
+            + (noise.dsnu_dn_s.value * t) ** 2
+            + k * k * current_e_s * t
+        )
         black_dn = mean_before_rounding(self.dark_dn(t), spread_dn2) - k * current_e_s * t
         height, width = shape
         return Sensor(

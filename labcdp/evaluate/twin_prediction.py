@@ -16,6 +16,7 @@ from ..chain.camera_model import CameraModel
 from ..chain.value_table import value_table
 from ..contrast import Distribution
 from ..response import Response
+from .twin_corrected import dark_kinds
 from .twin_noise import CameraNoise, known
 from .twin_parameters import TwinParameters
 
@@ -275,22 +276,26 @@ def _luminances(
     ]
     per_s = twin.noise.k_dn_per_e.value * exposure_s
     rates = dn_above_dark(twin, response, np.concatenate(signal)) / per_s
-    camera = CameraModel(
-        twin.sensor((1, 1), exposure_s), ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)
-    )
-    rows = _dn_rows(camera, rates)
-    linear = response.linearise(np.arange(2.0**twin.bits) - twin.dark_dn(exposure_s)) / r_t
+    sensor = twin.sensor((1, 1), exposure_s)
+    settings = ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)
+    dn = np.arange(2.0**twin.bits) - twin.dark_dn(exposure_s)
+    kinds = dark_kinds(twin)
+    if kinds is None:
+        seen = [(_dn_rows(CameraModel(sensor, settings), rates), response.linearise(dn) / r_t)]
+    else:
+        seen = []
+        for frames_dn, taken_off_dn in kinds:
+            one = replace(sensor, dsnu_e=0.0, black_level_dn=max(sensor.black_level_dn + frames_dn, 0.0))
+            seen.append((_dn_rows(CameraModel(one, settings), rates), response.linearise(dn - taken_off_dn) / r_t))
     result, place = [], 0
     for of_set in factors:
         of_regions = []
         for region, _ in zip(regions, of_set, strict=True):
             v, _, share = region.kinds
-            own = rows[place : place + v.size]
+            own = [(row, linear, i) for rows, linear in seen for i, row in enumerate(rows[place : place + v.size])]
             place += v.size
-            values = np.concatenate(
-                [linear[first : first + p.size] / one for (first, p), one in zip(own, v, strict=True)]
-            )
-            weights = np.concatenate([p * one for (_, p), one in zip(own, share, strict=True)])
+            values = np.concatenate([linear[first : first + p.size] / v[i] for (first, p), linear, i in own])
+            weights = np.concatenate([p * share[i] / len(seen) for (_, p), _, i in own])
             distinct, which = np.unique(values, return_inverse=True)
             of_regions.append(Distribution(distinct, np.bincount(which, weights)))
         result.append(of_regions)

@@ -406,6 +406,42 @@ def test_the_pattern_that_a_dark_library_leaves_is_predicted(twin, recorded):
     assert seen.var() == pytest.approx(noise.dsnu_dn.value**2 + of_mean_dn2, rel=4 * sqrt(2 / 40_000) + 0.03)
 
 
+def test_a_pattern_taken_off_coarse_values_spreads_them_between_the_steps_of_the_converter(twin):
+    """CDP of two dim patches on a camera of little noise, against 2 x 40 000 simulated pixels.
+
+    Values one DN apart, as frames have them before the pattern is taken off, would give another CDP.
+    """
+    exposure_s, noise, shape = 0.008, twin.parameters.noise, 40_000
+
+    def exactly(quantity, value):
+        return replace(quantity, value=value, standard_uncertainty=0.0)
+
+    wanted = {"k_dn_per_e": 0.05, "read_noise_dn": 0.35, "dsnu_dn": 0.2, "prnu_rel": 0.0}
+    wanted |= dict.fromkeys(("row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s"), 0.0)
+    changes = {name: exactly(getattr(noise, name), value) for name, value in wanted.items()}
+    coarse = replace(
+        twin.parameters.with_noise(replace(noise, **changes)),
+        dark_current_e_s=exactly(twin.parameters.dark_current_e_s, 0.0),
+        pattern_taken_off_dn=0.5,
+    )
+    per_dn, dark_dn = 1 / (coarse.responsivity.value * exposure_s), coarse.dark_dn(exposure_s)
+    net_dn = {"b": 6.2, "d": 1.7}
+    regions = [TwinRegion(name, net * per_dn, 0.0, 0.0, np.ones(9), 0.0, 0.0) for name, net in net_dn.items()]
+    rng, drawn = np.random.default_rng(4), []
+    for net in net_dn.values():
+        pattern = 0.5 * rng.normal(size=shape)
+        dn = np.rint(dark_dn + pattern + 0.05 * rng.poisson(net / 0.05, shape) + 0.35 * rng.normal(size=shape))
+        drawn.append((dn - dark_dn - pattern - 0.2 * rng.normal(size=shape)) * per_dn)
+    asked, simulated = AskedContrast(3.0, 0.3, "weber"), cdp(*drawn, 3.0, 0.3)
+
+    def predicted(parameters):
+        found = predict_regions(parameters, regions, exposure_s, Response())
+        return tally_pairs(found["b"].best, found["d"].best, asked.low, asked.high).inside
+
+    assert predicted(coarse) == pytest.approx(simulated.cdp, abs=5 * simulated.standard_error)
+    assert abs(predicted(replace(coarse, pattern_taken_off_dn=0.0)) - simulated.cdp) > 20 * simulated.standard_error
+
+
 def test_the_patches_signals_agree(twin):
     """Mean, temporal noise and fixed pattern: 48 comparisons, of which 5 % may lie beyond 1.96 and none beyond 4.5."""
     z = np.array([list(patch.deviations().values()) for patch in twin.patches])

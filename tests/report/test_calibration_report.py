@@ -247,7 +247,7 @@ def test_budget_of_the_combination_says_what_the_calibration_says(colour, calibr
                 assert_percent(rows[row.source][column], row.standard_uncertainty_rel)
     assert rows["fit"][6] == rows["meter scale"][6] == "yes"
     assert rows["shot and read noise"][6] == "no"
-    assert "The mean over a grey patch of 1000 pixels is known to ±" in page.text
+    assert "The mean over a grey patch of 1000 pixels in the middle of the image" in page.text
     assert "0.01 times the standard deviation of its red, green and blue" in page.text
     book = load_workbook(BytesIO(workbook(combination_sheets(colour), "t", calibration.provenance.measured)))
     cells = list(book["Budget"].iter_rows(min_row=2, values_only=True))

@@ -68,18 +68,31 @@ def checks(path):
 def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_goes_on(tmp_path):
     rng = random.Random(20261121)
     nursery = subprocess.Popen([sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def begin(path):
+        nursery.stdin.write(f"{path}\n")
+        nursery.stdin.flush()
+        pid = int(nursery.stdout.readline().removeprefix("pid "))
+        assert nursery.stdout.readline() == "begun\n"
+        return pid
+
     try:
+        whole = tmp_path / "whole"
+        Session.create(whole, configuration()).close()
+        pid, begun = begin(whole), time.monotonic()
+        assert nursery.stdout.readline() == "complete\n"
+        whole_s = time.monotonic() - begun
+        os.kill(pid, signal.SIGKILL)
+        nursery.stdout.readline()
         completed, caught_at, path = 0, set(), None
         for _ in range(KILLS):
             if path is None:
                 path = tmp_path / f"session {completed}"
                 Session.create(path, configuration()).close()
             before = checks(path)
-            nursery.stdin.write(f"{path}\n")
-            nursery.stdin.flush()
-            pid = int(nursery.stdout.readline().removeprefix("pid "))
-            assert nursery.stdout.readline() == "begun\n"
-            time.sleep(rng.uniform(0, 0.12))
+            pid = begin(path)
+            # As parts of what a whole acquisition takes here, so that a slow computer is caught as often.
+            time.sleep(rng.uniform(0, 0.6 * whole_s))
             os.kill(pid, signal.SIGKILL)
             ended = nursery.stdout.readline()
             if ended == "complete\n":

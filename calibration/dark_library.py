@@ -210,8 +210,14 @@ def dark_library(darks: Sequence[PixelStatistics], defects: DefectMap | None = N
             maps[parameter] += solve[parameter, i] * pattern
     repeated = [d for d in darks if d.n_frames > 1]
     freedoms = [d.n_frames - 1 for d in repeated]
-    variance_dn2 = float(np.average([d.typical_variance_dn2 for d in repeated], weights=freedoms))
-    variances = variance_dn2 / frames + quantisation_variance_dn2(variance_dn2)
+    average_dn2 = float(np.average([d.typical_variance_dn2 for d in repeated], weights=freedoms))
+    # Each set has its own: dark current adds noise at long exposures. A single frame does not know its own.
+    variances = np.array(
+        [
+            d.mean_variance_dn2 if d.n_frames > 1 else average_dn2 + quantisation_variance_dn2(average_dn2)
+            for d in darks
+        ]
+    )
     noise = np.zeros((2, 2))
     noise[: design.shape[1], : design.shape[1]] = (solve * variances) @ solve.T
     observed = np.cov(maps[:, sound])

@@ -8,11 +8,10 @@ fall-off of the focal length they are told.
 A dark library is taken off where ``labcdp calibrate`` would do so.
 
 What 100 benches gave: of 5095 pairs 6 are undecided, as 80 % of all possible CDPs or more would agree; they count
-neither way. Of the others 97.4 % +- 0.4 % agree; of those with a predicted CDP of 0.01 to 0.99 (1540 pairs, 6
-undecided) it is 93.4 % +- 1.1 %, and 96.6 % +- 0.7 % in the 49 benches with a dark library. The rest have a CDP of
+neither way. Of the others 97.4 % +- 0.4 % agree; of those with a predicted CDP of 0.01 to 0.99 (1541 pairs, 6
+undecided) it is 93.3 % +- 1.2 %, and 96.4 % +- 0.8 % in the 46 benches with a dark library. The rest have a CDP of
 nearly 0 or 1, where few pixels decide and nearly all agree. The largest differences are of a camera with a noise of a
-third of a DN (bench 49). In three benches, all of them with a dark library, the signals contradict a parameter of the
-twin though none is wrong.
+third of a DN (bench 49). In no bench do the signals contradict a parameter of the twin; none is wrong.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import subprocess
 import sys
@@ -16,14 +17,32 @@ def labcdp_path():
     return _LABCDP
 
 
+@pytest.fixture(scope="session")
+def forking():
+    """Process that forks for each command; see its file."""
+    program = [sys.executable, Path(__file__).with_name("forking.py")]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.stdin.close()
+
+
 @pytest.fixture
-def labcdp(tmp_path):
+def labcdp(tmp_path, tmp_path_factory, forking):
     """Run the command in an empty folder; returns the finished process."""
 
-    def run(*arguments, stdin=None):
-        return subprocess.run(
-            [_LABCDP, *map(str, arguments)], cwd=tmp_path, input=stdin, capture_output=True, text=True, timeout=120
-        )
+    def run(*arguments, stdin=None, timeout_s=120):
+        words, streams = [str(_LABCDP), *map(str, arguments)], tmp_path_factory.mktemp("streams")
+        if stdin is not None:
+            (streams / "stdin").write_text(stdin)
+        request = {name: str(streams / name) for name in ("stdin", "stdout", "stderr")}
+        request |= {"stdin": os.devnull} if stdin is None else {}
+        request |= {"arguments": words, "cwd": str(tmp_path), "timeout_s": timeout_s}
+        print(json.dumps(request), file=forking.stdin, flush=True)
+        status = json.loads(forking.stdout.readline())
+        out, err = ((streams / name).read_text() for name in ("stdout", "stderr"))
+        if status is None:
+            raise subprocess.TimeoutExpired(words, timeout_s, out, err)
+        return subprocess.CompletedProcess(words, status, out, err)
 
     return run
 

@@ -27,11 +27,16 @@ def test_help_names_every_command(labcdp):
     assert labcdp("--version").stdout == f"labcdp {version('labcdp')}\n"
 
 
-def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
+def test_the_demonstration_runs_from_start_to_report_beside_an_earlier_one(labcdp, tmp_path):
+    earlier = tmp_path / "labcdp-demo"
+    earlier.mkdir()
+    (earlier / "mine.txt").write_text("mine")
     done = labcdp("demo", "--json")
     assert done.returncode == 0, done.stderr
+    assert [path.name for path in earlier.iterdir()] == ["mine.txt"]
     result = json.loads(done.stdout)
-    folder = tmp_path / "labcdp-demo"
+    assert result["output"] == "labcdp-demo-2"
+    folder = tmp_path / "labcdp-demo-2"
     assert {path.name for path in folder.iterdir()} == {
         "session",
         "calibration.json",
@@ -51,17 +56,9 @@ def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
         session.verify()
         assert len({r.exposure_s for r in session.frames("light")}) >= 3
         assert session.frames("dark")
-    again = labcdp("replay", "labcdp-demo/session", "--against", "labcdp-demo/results.json")
+    again = labcdp("replay", "labcdp-demo-2/session", "--against", "labcdp-demo-2/results.json")
     assert again.returncode == 0, again.stderr
-    assert "Identical to labcdp-demo/results.json" in again.stderr
-
-
-def test_a_second_demonstration_leaves_the_first_alone(labcdp, tmp_path):
-    (tmp_path / "labcdp-demo").mkdir()
-    (tmp_path / "labcdp-demo" / "mine.txt").write_text("mine")
-    result = json.loads(labcdp("demo", "--json").stdout)
-    assert result["output"] == "labcdp-demo-2"
-    assert [p.name for p in (tmp_path / "labcdp-demo").iterdir()] == ["mine.txt"]
+    assert "Identical to labcdp-demo-2/results.json" in again.stderr
 
 
 def test_the_shipped_session_replays_without_any_device(labcdp):
@@ -73,18 +70,18 @@ def test_the_shipped_session_replays_without_any_device(labcdp):
     assert "Simulated: camera Manta_G-505B, luminance meter LS-110, target" in done.stderr
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
-def test_numbers_are_whole_on_a_narrow_terminal(labcdp_path, width):
-    # Of a dumb terminal no width is believed.
-    environment = os.environ | {"COLUMNS": str(width), "FORCE_COLOR": "1", "TERM": "xterm"}
-    narrow = subprocess.run([labcdp_path, "replay"], env=environment, capture_output=True, text=True).stdout
+def test_numbers_are_whole_on_a_narrow_terminal(labcdp_path):
     wide = subprocess.run([labcdp_path, "replay"], capture_output=True, text=True).stdout
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", narrow).splitlines()
-    assert max(map(len, lines)) <= width
-    for cdp in re.findall(r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)", wide):
-        assert any(cdp in line for line in lines)
-    for cell in re.findall(r"(\d+\.\d+) │", wide):
-        assert any(cell in line for line in lines)
+    for width in (60, 120):
+        # Of a dumb terminal no width is believed.
+        environment = os.environ | {"COLUMNS": str(width), "FORCE_COLOR": "1", "TERM": "xterm"}
+        narrow = subprocess.run([labcdp_path, "replay"], env=environment, capture_output=True, text=True).stdout
+        lines = re.sub(r"\x1b\[[0-9;]*m", "", narrow).splitlines()
+        assert max(map(len, lines)) <= width
+        for cdp in re.findall(r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)", wide):
+            assert any(cdp in line for line in lines)
+        for cell in re.findall(r"(\d+\.\d+) │", wide):
+            assert any(cell in line for line in lines)
 
 
 def test_the_shipped_session_is_small():

@@ -213,10 +213,7 @@ def dark_library(darks: Sequence[PixelStatistics], defects: DefectMap | None = N
     average_dn2 = float(np.average([d.typical_variance_dn2 for d in repeated], weights=freedoms))
     # Each set has its own: dark current adds noise at long exposures. A single frame does not know its own.
     variances = np.array(
-        [
-            d.mean_variance_dn2 if d.n_frames > 1 else average_dn2 + quantisation_variance_dn2(average_dn2)
-            for d in darks
-        ]
+        [d.mean_variance_dn2 if d.n_frames > 1 else average_dn2 + quantisation_variance_dn2(average_dn2) for d in darks]
     )
     noise = np.zeros((2, 2))
     noise[: design.shape[1], : design.shape[1]] = (solve * variances) @ solve.T

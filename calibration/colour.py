@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..frame import Frame
-from ..luminance import LuminanceMap
+from ..luminance import WHOLE, LuminanceMap, Window
 from ..spectral_mismatch import Source
 from ..spectral_table import SpectralTable
 from .findings import LeftOut
@@ -158,13 +158,15 @@ class ColourCalibration:
             for plane, weight in zip(self.planes, self.weights, strict=True)
         }
 
-    def to_luminance(self, frame: Frame) -> LuminanceMap:
+    def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a Bayer frame to luminance, one value for each group of 2 x 2 pixels.
 
         Parameters
         ----------
         frame : Frame
             With the colour filter of the calibration, shape (height, width).
+        window : Window
+            Rows and columns of the map to be computed.
 
         Returns
         -------
@@ -179,7 +181,7 @@ class ColourCalibration:
         """
         from .colour_conversion import to_luminance
 
-        return to_luminance(self, frame)
+        return to_luminance(self, frame, window)
 
     @property
     def weight_errors(self) -> NDArray[np.float64]:

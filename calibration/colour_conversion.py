@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import CalibrationError
 from ..frame import Frame
-from ..luminance import RANGE_MARGIN, CommonError, Invalid, LuminanceMap, Window
+from ..luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from .colour import ColourCalibration
 from .colour_combination import colourfulness
 from .colour_planes import colours_of_planes
@@ -26,10 +26,10 @@ from .planes import split
 _OF_ALL_PLANES = ("meter scale", "exposure time")
 
 
-def to_luminance(calibration: ColourCalibration, frame: Frame) -> LuminanceMap:
-    """Convert a Bayer frame; see `ColourCalibration.to_luminance`."""
+def to_luminance(calibration: ColourCalibration, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
+    """Convert a Bayer frame, or a window of its map; see `ColourCalibration.to_luminance`."""
     frames = split(frame)
-    maps = [plane.to_luminance(frames[f"{plane.state.plane}"]) for plane in calibration.planes]
+    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], window) for plane in calibration.planes]
     return _Combined(calibration, maps).map()
 
 
@@ -154,7 +154,7 @@ class _Combined:
             total += np.float32(weight) * one.luminance_cd_m2
         return total
 
-    def _magnitude(self, window: Window = (slice(None), slice(None))) -> NDArray[np.floating[Any]]:
+    def _magnitude(self, window: Window = WHOLE) -> NDArray[np.floating[Any]]:
         magnitude: NDArray[np.floating[Any]] = np.maximum(np.abs(self._luminance()[window]), np.float32(1e-30))
         return magnitude
 

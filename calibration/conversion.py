@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import CalibrationError
 from ..frame import Frame
-from ..luminance import RANGE_MARGIN, CommonError, Invalid, LuminanceMap, Window
+from ..luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..vignetting import AnyVignetting, FlatField, RadialVignetting
 from .dn_tables import DnTables
 from .model import Calibration
@@ -31,7 +31,9 @@ _DEPENDS = 128
 _Maps = NDArray[np.float32]
 
 
-def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | None = None) -> LuminanceMap:
+def to_luminance(
+    calibration: Calibration, frame: Frame, lens: LensIdentity | None = None, window: Window = WHOLE
+) -> LuminanceMap:
     """Convert a frame: L = h(DN - d(t, T)) / (R t V(x, y)).
 
     All that depends on the DN alone is computed once for each of the 2^bits values, in float64, and looked up, in
@@ -48,6 +50,8 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
         Monochrome, or one colour plane.
     lens : LensIdentity or None
         The lens on the camera, if known: a frame does not know it.
+    window : Window
+        Rows and columns to convert; the map starts at the first of them.
 
     Returns
     -------
@@ -77,7 +81,15 @@ def to_luminance(calibration: Calibration, frame: Frame, lens: LensIdentity | No
     tables = DnTables(
         calibration, setting, frame.exposure_s, frame.temperature_c, frame.bit_depth, library_noise_dn=noise_dn
     )
-    conversion = _Conversion(frame, tables, _inverse_v(calibration.vignetting, frame.shape), pattern)
+    inverse_v = _inverse_v(calibration.vignetting, frame.shape)
+    conversion = _Conversion(
+        frame,
+        frame.dn[window],
+        tables,
+        None if inverse_v is None else inverse_v[window],
+        None if pattern is None else pattern[window],
+        window,
+    )
     return LuminanceMap(
         conversion.luminance(),
         conversion.random_rel,
@@ -100,36 +112,38 @@ def _slow_rel(calibration: Calibration) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Conversion:
-    """Looks up the pixels of a frame."""
+    """Looks up the pixels of a window of a frame; all arrays are of the window."""
 
     frame: Frame
+    dn: NDArray[Any]
     tables: DnTables
     inverse_v: _Maps | None
     dark_pattern_dn: _Maps | None
+    window: Window
 
     def luminance(self) -> _Maps:
-        luminance = _look_up(self.tables.luminance_cd_m2, self.frame.dn, None if self._patterned else self.inverse_v)
+        luminance = _look_up(self.tables.luminance_cd_m2, self.dn, None if self._patterned else self.inverse_v)
         if self.dark_pattern_dn is None:
             return luminance
         # To first order in the pattern, which is small: pixels where it is not are in the map of defects.
-        luminance -= _look_up(self.tables.slope_cd_m2_dn, self.frame.dn, self.dark_pattern_dn)
+        luminance -= _look_up(self.tables.slope_cd_m2_dn, self.dn, self.dark_pattern_dn)
         if self.inverse_v is not None:
             luminance *= self.inverse_v
         return luminance
 
     def random_rel(self) -> _Maps:
         if not self._patterned:
-            return _look_up(self.tables.random_rel, self.frame.dn)
-        margin = _look_up(self.tables.margin_cd_m2, self.frame.dn, self.inverse_v)
+            return _look_up(self.tables.random_rel, self.dn)
+        margin = _look_up(self.tables.margin_cd_m2, self.dn, self.inverse_v)
         magnitude = np.maximum(np.abs(self.luminance()), np.float32(1e-30))
         return (margin / RANGE_MARGIN / magnitude).astype(np.float32, copy=False)
 
     def library_noise_cd_m2(self) -> _Maps:
         by_dn = self.tables.slope_cd_m2_dn * np.float32(self.tables.library_noise_dn)
-        return _look_up(by_dn, self.frame.dn, self.inverse_v)
+        return _look_up(by_dn, self.dn, self.inverse_v)
 
     def common(self, window: Window) -> tuple[CommonError, ...]:
-        dn = self.frame.dn[window]
+        dn = self.dn[window]
         by_dn = tuple(
             e if np.ndim(e.relative) == 0 else replace(e, relative=_look_up(np.asarray(e.relative), dn))
             for e in self.tables.common
@@ -140,8 +154,8 @@ class _Conversion:
     def common_rel(self) -> _Maps:
         squares = self._positional[1]
         if squares is None:
-            return _look_up(np.sqrt(self.tables.common_square), self.frame.dn)
-        total = _look_up(self.tables.common_square, self.frame.dn)
+            return _look_up(np.sqrt(self.tables.common_square), self.dn)
+        total = _look_up(self.tables.common_square, self.dn)
         total += squares
         result: _Maps = np.sqrt(total, out=total)
         return result
@@ -149,7 +163,7 @@ class _Conversion:
     def invalid(self) -> NDArray[np.uint8]:
         invalid = self._flags_by_luminance() if self._patterned else self._flags_by_dn()
         if self.tables.calibration.defects is not None:
-            invalid[self.tables.calibration.defects.mask(self.frame.shape)] |= Invalid.DEFECT.value
+            invalid[self.tables.calibration.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
         return invalid
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
@@ -163,20 +177,20 @@ class _Conversion:
         surely = below.all(axis=0) | above.all(axis=0)
         flags[surely] |= Invalid.OUTSIDE_CALIBRATED.value
         flags[(below | above).any(axis=0) & ~surely] |= _DEPENDS
-        invalid = _look_up(flags, self.frame.dn)
+        invalid = _look_up(flags, self.dn)
         if self.inverse_v is not None and flags.max() >= _DEPENDS:
-            for rows in _blocks(self.frame.shape):
+            for rows in _blocks(self.dn.shape):
                 block = invalid[rows].reshape(-1)  # a view: rows are whole
                 at = np.flatnonzero(block >= _DEPENDS)
-                dn, scale = self.frame.dn[rows].reshape(-1)[at], self.inverse_v[rows].reshape(-1)[at]
+                dn, scale = self.dn[rows].reshape(-1)[at], self.inverse_v[rows].reshape(-1)[at]
                 out = self._outside(darkest[dn] * scale, brightest[dn] * scale)
                 block[at] ^= np.where(out, _DEPENDS | Invalid.OUTSIDE_CALIBRATED, _DEPENDS).astype(np.uint8)
         return invalid
 
     def _flags_by_luminance(self) -> NDArray[np.uint8]:
         luminance = self.luminance()
-        margin = _look_up(self.tables.margin_cd_m2, self.frame.dn, self.inverse_v)
-        invalid = _look_up(self.tables.flags(self.frame.saturation_dn) & Invalid.SATURATED, self.frame.dn)
+        margin = _look_up(self.tables.margin_cd_m2, self.dn, self.inverse_v)
+        invalid = _look_up(self.tables.flags(self.frame.saturation_dn) & Invalid.SATURATED, self.dn)
         invalid[luminance < 0] |= Invalid.BELOW_BLACK.value
         invalid[self._outside(luminance + margin, luminance - margin)] |= Invalid.OUTSIDE_CALIBRATED.value
         return invalid
@@ -196,7 +210,8 @@ class _Conversion:
         vignetting = self.tables.calibration.vignetting
         if not isinstance(vignetting, RadialVignetting) or not np.any(vignetting.covariance):
             return [], None
-        return _positional_patterns(vignetting, self.frame.shape)
+        patterns, squares = _positional_patterns(vignetting, self.frame.shape)
+        return [pattern[self.window] for pattern in patterns], squares[self.window]
 
 
 def _look_up(table: NDArray[Any], dn: NDArray[Any], factor: _Maps | None = None) -> NDArray[Any]:

@@ -6,9 +6,9 @@ import logging
 from datetime import UTC, datetime
 from typing import Any
 
+from ..pixel_format import PixelFormat
 from .aravis_library import aravis
 from .camera import CameraSettings, IncompleteFrameError
-from .pixel_format import PixelFormat
 
 _log = logging.getLogger(__name__)
 

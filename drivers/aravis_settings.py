@@ -12,10 +12,11 @@ from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
+from ..errors import InputError
+from ..pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
 from .aravis_features import available, writable, write_feature
 from .aravis_link import Link
 from .camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
-from .pixel_format import PIXEL_FORMATS
 
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
@@ -49,6 +50,14 @@ def read_settings(camera: Any) -> CameraSettings:
         frame_rate_hz=None if rate is None else camera.get_float(rate),
         trigger=_read_trigger(camera),
     )
+
+
+def layout_of(settings: CameraSettings) -> PixelFormat:
+    """Return the pixel format a camera is set to; raises CameraSettingError if this program does not know it."""
+    try:
+        return pixel_format(settings.pixel_format)
+    except InputError as error:
+        raise CameraSettingError(str(error)) from error
 
 
 def known_formats(camera: Any) -> list[str]:

@@ -13,6 +13,7 @@ from .aravis_frames import FrameCheck, arrival, refusal
 from .aravis_library import aravis
 from .aravis_link import Link
 from .aravis_pool import BufferPool, pool_size
+from .aravis_settings import layout_of
 from .aravis_transport import set_up_transport
 from .camera import (
     CameraError,
@@ -22,7 +23,6 @@ from .camera import (
     StreamStatistics,
 )
 from .diagnosis import StreamFacts, stream_causes
-from .pixel_format import pixel_format
 from .sockets import enlarge_receive_buffer, has_packet_sockets
 
 _log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ class Reception:
         self._link = link
         self._conditions = conditions
         self._on_refused = on_refused
-        self._layout = pixel_format(settings.pixel_format)
+        self._layout = layout_of(settings)
         self._wait_s = timeout_s + settings.exposure_s
         self._stream: Any = None
         self._pool: BufferPool | None = None

@@ -51,6 +51,8 @@ class CommonError:
 
 #: Rows and columns of a map.
 Window = tuple[slice, slice]
+#: All of them.
+WHOLE: Window = (slice(None), slice(None))
 #: An array of a map, or what computes it when it is first asked for.
 ArrayOrMaker = NDArray[np.floating[Any]] | Callable[[], NDArray[np.floating[Any]]]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ..aravis_camera import AravisCamera
 from ..aravis_library import CameraInfo
+from ..aravis_settings import layout_of
 from ..camera import (
     Camera,
     CameraBusyError,
@@ -16,7 +17,6 @@ from ..camera import (
     IncompleteFrameError,
     StreamStatistics,
 )
-from ..pixel_format import pixel_format
 from .finding import Finding
 from .network import GIGABIT_MBIT_S, Interface, interface_to, network_finding
 from .stream import packet_size_finding
@@ -78,7 +78,7 @@ class CameraFacts:
     @property
     def payload_bytes(self) -> int:
         """Bytes of a frame."""
-        return pixel_format(self.settings.pixel_format).payload_bytes(self.settings.width * self.settings.height)
+        return layout_of(self.settings).payload_bytes(self.settings.width * self.settings.height)
 
     @property
     def packet_bytes(self) -> int | None:

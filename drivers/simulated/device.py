@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pixel_format import PIXEL_FORMATS, PixelFormat
+from ...pixel_format import PIXEL_FORMATS, PixelFormat
 from .genicam import Naming
 
 #: Formats the simulated camera offers.

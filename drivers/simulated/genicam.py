@@ -12,7 +12,7 @@ from enum import IntEnum
 from textwrap import indent
 from typing import Literal
 
-from ..pixel_format import PixelFormat
+from ...pixel_format import PixelFormat
 from .genicam_xml import (
     command,
     enumeration,

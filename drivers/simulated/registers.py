@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...pixel_format import PIXEL_FORMATS
 from ..camera import CameraError
-from ..pixel_format import PIXEL_FORMATS
 from .device import Readout, SimulatedDevice
 from .genicam import (
     BYTES_PER_SECOND_RANGE,

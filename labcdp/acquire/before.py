@@ -6,8 +6,8 @@ import shutil
 
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
 from ..drivers.meter import Meter
-from ..drivers.pixel_format import pixel_format
 from ..errors import SessionError
+from ..pixel_format import pixel_format
 from ..session import Session, SessionConfiguration
 from .steps import remaining
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..drivers.pixel_format import pixel_format
 from ..errors import InputError
 from ..frame import CameraIdentity, Frame
+from ..pixel_format import pixel_format
 from ..session import Role, SessionConfiguration
 from ..sources import IMAGE_SUFFIXES, FileDefaults, FileFrame, read_image, read_raw
 

@@ -63,9 +63,9 @@ def luminance(
     the weights that leave the least noise and without saturated pixels. What moved in between is flagged.
     """
     from ..calibration.bracket import bracket_luminance
-    from ..calibration.luminance_file import SUFFIXES, metadata, save_luminance
     from ..calibration.store import file_sha256, load_any
     from ..evaluate.session import mismatch
+    from ..sources.luminance_file import SUFFIXES, metadata, save_luminance
 
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(f"--output {output} has no known end: give a name that ends in {', '.join(SUFFIXES)}")

@@ -43,6 +43,8 @@ class FileFrame:
         Setting of the lens, None where the file does not say.
     sha256 : str
         Hash of the file's bytes; two files are the same picture if it is equal.
+    exposure_stated, camera_stated : bool
+        Whether the file says exposure and camera.
     """
 
     path: Path
@@ -50,6 +52,8 @@ class FileFrame:
     f_number: float | None
     focal_length_m: float | None
     sha256: str
+    exposure_stated: bool = True
+    camera_stated: bool = True
 
     def numbered(self, frame_id: int) -> FileFrame:
         """Return the same with another number of the frame."""

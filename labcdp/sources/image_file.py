@@ -1,28 +1,19 @@
-"""Grey TIFF and PNG files as frames."""
+"""Grey TIFF and PNG files as frames, where it is known what their values are."""
 
 from __future__ import annotations
 
-import struct
-import zlib
 from datetime import UTC, datetime
-from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Protocol
 
 from ..errors import InputError
 from ..frame import Frame
-from .exif import ExifFacts, read_exif
 from .file_frame import FileDefaults, FileFrame, camera_of, exposure_of, read_bytes
+from .png_picture import SIGNATURE, read_png
+from .stored_image import MAX_PIXELS
+from .tiff_picture import SIGNATURES, read_tiff
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-#: TIFF compressions that tifffile undoes without a package of codecs: none, and the two codes of Deflate.
-_OWN_CODECS = (1, 8, 32946)
-_MIN_IS_BLACK = 1
 #: Endings of the names of the files this module reads.
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
 
@@ -63,16 +54,17 @@ def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults
     """
     path = Path(path)
     data, sha256 = read_bytes(path)
-    if data.startswith(_PNG):
-        dn, facts = _read_png(data, path)
-    elif data.startswith(_TIFF):
-        dn, facts = _read_tiff(data, path)
+    if data.startswith(SIGNATURE):
+        stored = read_png(data, path, MAX_PIXELS)
+    elif data.startswith(SIGNATURES):
+        stored = read_tiff(data, path, MAX_PIXELS)
     else:
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
-    if dn.ndim != 2 or dn.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"{path} is of {dn.dtype} and shape {dn.shape}: give a grey image of 8 or 16 bits, one number a pixel"
-        )
+    kind = "of floats" if stored.bits is None else f"of {stored.bits} bits"
+    if stored.coloured or stored.bits not in (8, 16) or stored.notes:
+        what = ", ".join([*(["coloured"] if stored.coloured else []), kind, *stored.notes])
+        raise InputError(f"{path} is {what}: give a grey image of 8 or 16 bits, one number a pixel")
+    dn, facts = stored.values, stored.facts
     largest = 2**layout.bit_depth - 1
     if dn.max() > largest:
         raise InputError(
@@ -96,66 +88,6 @@ def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults
         frame_id=0,
         camera=camera_of(facts.vendor, facts.model, facts.serial, defaults),
     )
-    return FileFrame(path, frame, facts.f_number, facts.focal_length_m, sha256)
-
-
-def _read_tiff(data: bytes, path: Path) -> tuple[NDArray[Any], ExifFacts]:
-    import tifffile
-
-    facts = read_exif(data, path)
-    try:
-        with tifffile.TiffFile(BytesIO(data)) as tiff:
-            pages = len(tiff.pages)
-            if pages != 1:
-                raise InputError(f"{path} holds {pages} pictures: give files of one picture each")
-            page = tiff.pages.first.aspage()
-            known = page.compression in _OWN_CODECS or page.photometric != _MIN_IS_BLACK
-            dn = page.asarray() if known else _decoded(data)
-    except InputError:
-        raise
-    # Codecs and damaged directories raise what their libraries do.
-    except Exception as error:
-        raise InputError(f"{path} cannot be read as TIFF ({error}): save it again, without compression") from error
-    return np.array(dn, dtype=dn.dtype.newbyteorder("=")), facts
-
-
-def _decoded(data: bytes) -> NDArray[Any]:
-    import cv2
-
-    dn = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if dn is None:
-        raise ValueError("its compression is not known, or its data are damaged")
-    return np.array(dn)
-
-
-def _read_png(data: bytes, path: Path) -> tuple[NDArray[Any], ExifFacts]:
-    chunks = _png_chunks(data, path)
-    depth, colour = chunks[b"IHDR"][8], chunks[b"IHDR"][9]
-    if colour != 0 or depth not in (8, 16):
-        kind = {0: "grey", 2: "coloured", 3: "with a palette", 4: "grey with transparency", 6: "coloured"}.get(colour)
-        raise InputError(f"{path} is {kind or 'unknown'}, {depth} bits: give a grey image of 8 or 16 bits")
-    try:
-        dn = _decoded(data)
-    except ValueError as error:
-        raise InputError(f"{path} cannot be read as PNG ({error}): save it again") from error
-    return dn, read_exif(chunks[b"eXIf"], path) if b"eXIf" in chunks else ExifFacts()
-
-
-def _png_chunks(data: bytes, path: Path) -> dict[bytes, bytes]:
-    """First chunk of each kind; a PNG says with a check whether each is whole (ISO/IEC 15948, 5.3)."""
-    chunks: dict[bytes, bytes] = {}
-    at = len(_PNG)
-    while b"IEND" not in chunks:
-        if at + 12 > len(data):
-            raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy or save it again")
-        (length,) = struct.unpack_from(">I", data, at)
-        body = data[at + 4 : at + 8 + length]
-        if at + 12 + length > len(data):
-            raise InputError(f"{path} is truncated: {at + 12 + length} of its bytes are announced, it has {len(data)}")
-        if zlib.crc32(body) != struct.unpack_from(">I", data, at + 8 + length)[0]:
-            raise InputError(f"{path} is damaged: the check of its part at byte {at} is wrong: copy or save it again")
-        chunks.setdefault(body[:4], body[4:])
-        at += 12 + length
-    if len(chunks.get(b"IHDR", b"")) != 13:
-        raise InputError(f"{path} has no PNG header: save it again")
-    return chunks
+    return FileFrame(
+        path, frame, facts.f_number, facts.focal_length_m, sha256, facts.exposure_s is not None, bool(facts.model)
+    )

@@ -14,12 +14,13 @@ from ..errors import InputError
 from ..frame import COLOUR_FILTERS, Frame
 from .exif import ExifFacts, gain_db_of_iso, read_exif
 from .file_frame import FileDefaults, FileFrame, camera_of, exposure_of, read_bytes
+from .stored_image import MAX_PIXELS, require_size
 
 #: Photometric interpretation of a picture behind a colour filter array (Adobe DNG 1.7, chapter 3).
 _BEHIND_CFA = 32803
 
 
-def read_raw(path: str | PathLike[str], defaults: FileDefaults) -> FileFrame:
+def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int = MAX_PIXELS) -> FileFrame:
     """Read a camera RAW file (CR2, CR3, NEF, ARW, DNG and whatever else LibRaw knows).
 
     The pixels are those of the visible area, not corrected in any way. `black_level_dn` is the mean of the planes'
@@ -31,6 +32,8 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults) -> FileFrame:
         The file.
     defaults : FileDefaults
         What counts where the file does not say.
+    max_pixels : int
+        Pixels from which it is refused before it is decoded.
 
     Raises
     ------
@@ -45,6 +48,7 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults) -> FileFrame:
     facts = read_exif(data, path)
     try:
         with rawpy.imread(str(path)) as raw:
+            require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
             if raw.raw_type != rawpy.RawType.Flat:
                 raise InputError(
                     f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
@@ -59,7 +63,8 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults) -> FileFrame:
         raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
     except rawpy.LibRawError as error:
         raise InputError(f"{path} cannot be read as RAW ({_reason(error)}): copy it again from the camera") from error
-    exposure_s = exposure_of(path, facts.exposure_s or _positive(other.shutter_speed), defaults)
+    stated_s = facts.exposure_s or _positive(other.shutter_speed)
+    exposure_s = exposure_of(path, stated_s, defaults)
     gain_db = gain_db_of_iso(facts.iso or _positive(other.iso_speed))
     bit_depth = min(max(white.bit_length(), 8), 16)
     dn.flags.writeable = False
@@ -86,6 +91,8 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults) -> FileFrame:
         f_number=facts.f_number or _positive(other.aperture),
         focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
         sha256=sha256,
+        exposure_stated=stated_s is not None,
+        camera_stated=bool(facts.model),
     )
 
 

@@ -365,7 +365,7 @@ def test_patches_one_by_one_need_a_hand(changed, on_bench):
             CameraSettingError,
             r"plan.exposures_s has 100 s, the camera takes \S+ to \d+ s: give an exposure within",
         ),
-        ({"pixel_format": "Mono11"}, CameraSettingError, "pixel format 'Mono11' is not supported: choose one of"),
+        ({"pixel_format": "Mono11"}, InputError, "pixel format 'Mono11' is not supported: choose one of"),
         (
             {"frames_per_exposure": 10**9},
             SessionError,

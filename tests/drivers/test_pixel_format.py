@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.drivers.camera import CameraSettingError, IncompleteFrameError
-from labcdp.drivers.pixel_format import PIXEL_FORMATS, pixel_format
+from labcdp.errors import InputError
+from labcdp.pixel_format import PIXEL_FORMATS, pixel_format
 
 #: Names in Aravis' headers where they are not the PFNC name in capitals; Mono12p it does not know.
 _ARAVIS = {name: name.upper().replace("MONO", "MONO_").replace("PACKED", "_PACKED") for name in PIXEL_FORMATS} | {
@@ -60,10 +60,10 @@ def test_unpack_undoes_pack(name, height, width, random):
 
 
 def test_short_payload_is_refused():
-    with pytest.raises(IncompleteFrameError, match=r"payload has 5 bytes, but 2 x 2 pixels of Mono12Packed take 6"):
+    with pytest.raises(InputError, match=r"payload has 5 bytes, but 2 x 2 pixels of Mono12Packed take 6"):
         pixel_format("Mono12Packed").unpack(np.zeros(5, dtype=np.uint8), (2, 2))
 
 
 def test_unknown_format_lists_the_known_ones():
-    with pytest.raises(CameraSettingError, match=r"'RGB8' is not supported: choose one of .*Mono12Packed"):
+    with pytest.raises(InputError, match=r"'RGB8' is not supported: choose one of .*Mono12Packed"):
         pixel_format("RGB8")

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from labcdp.drivers.gvcp import GVCP_PORT
-from labcdp.drivers.pixel_format import PIXEL_FORMATS
 from labcdp.drivers.simulated.camera import SimulatedGigECamera
 from labcdp.drivers.simulated.device import Readout
 from labcdp.drivers.simulated.loopback import check_free
 from labcdp.drivers.simulated.second_controller import SecondController
 from labcdp.drivers.simulated.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.errors import InputError
+from labcdp.pixel_format import PIXEL_FORMATS
 
 from .conftest import SMALL, Ramp
 

@@ -84,9 +84,9 @@ def test_values_beyond_the_depth_are_refused(tmp_path, timed):
 @pytest.mark.parametrize(
     ("name", "pixels", "match"),
     [
-        ("a.png", np.zeros((4, 4, 3), dtype=np.uint8), r"is coloured, 8 bits: give a grey image"),
-        ("a.tif", np.zeros((4, 4, 3), dtype=np.uint8), r"is of uint8 and shape \(4, 4, 3\): give a grey image"),
-        ("a.tif", np.zeros((4, 4), dtype=np.float32), r"is of float32"),
+        ("a.png", np.zeros((4, 4, 3), dtype=np.uint8), r"is coloured, of 8 bits: give a grey image"),
+        ("a.tif", np.zeros((4, 4, 3), dtype=np.uint8), r"is coloured, of 8 bits: give a grey image"),
+        ("a.tif", np.zeros((4, 4), dtype=np.float32), r"is of floats: give a grey image"),
         ("a.tif", np.zeros((2, 4, 4), dtype=np.uint8), r"holds 2 pictures"),
     ],
 )

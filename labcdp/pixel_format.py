@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import CameraSettingError, IncompleteFrameError
+from .errors import InputError
 
 Packing = Literal["byte", "word", "lsb12", "gige12"]
 
@@ -69,15 +69,15 @@ class PixelFormat:
 
         Raises
         ------
-        IncompleteFrameError
+        InputError
             If there are fewer bytes than the format needs.
         """
         n = shape[0] * shape[1]
         needed = self.payload_bytes(n)
         if payload.size < needed:
-            raise IncompleteFrameError(
+            raise InputError(
                 f"the payload has {payload.size} bytes, but {shape[1]} x {shape[0]} pixels of {self.name} take "
-                f"{needed}: the frame is refused; check packet size and network"
+                f"{needed}: give all bytes of the frame"
             )
         data = payload[:needed]
         if self.typestr is not None:
@@ -166,12 +166,12 @@ def pixel_format(name: str) -> PixelFormat:
 
     Raises
     ------
-    CameraSettingError
+    InputError
         If it is not supported; the message lists the names.
     """
     try:
         return PIXEL_FORMATS[name]
     except KeyError:
-        raise CameraSettingError(
+        raise InputError(
             f"pixel format {name!r} is not supported: choose one of {', '.join(sorted(PIXEL_FORMATS))}"
         ) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +16,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..luminance import CommonError, Invalid, LuminanceMap
 from ..session.files import write_whole
+from .exr_picture import exr_channels, exr_header
+from .npy_picture import npy_header
+from .stored_image import MAX_PIXELS, require_size
 
 #: Value of the key ``format`` of the metadata of every file, and the version this program writes and reads.
 FORMAT, VERSION = "labcdp-luminance", 1
@@ -76,24 +78,55 @@ def load_luminance(path: str | Path) -> tuple[LuminanceMap, dict[str, Any]]:
         If the file cannot be read or is not one of these, or of another version.
     """
     path = Path(path)
-    read = {".npz": _from_npz, ".exr": _from_exr}.get(_suffix(path), _from_tiff)
+    _suffix(path)
     try:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"luminance {path} cannot be read: {error.strerror or error}") from error
+    return read_luminance(data, path, MAX_PIXELS)
+
+
+def read_luminance(data: bytes, path: Path, max_pixels: int) -> tuple[LuminanceMap, dict[str, Any]]:
+    """Read the bytes of a file that `save_luminance` wrote, as `load_luminance`.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    path : Path
+        For messages.
+    max_pixels : int
+        Pixels from which it is refused before it is decoded.
+
+    Raises
+    ------
+    InputError
+        As `load_luminance`, or if it is larger.
+    """
+    read = {b"PK": _from_npz, b"v/": _from_exr}.get(data[:2], _from_tiff)
     try:
-        text, arrays = read(data)
+        text, arrays = read(data, path, max_pixels)
         values = json.loads(text)
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise ValueError("its metadata is not that of labcdp")
-    except (ValueError, KeyError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path} is no luminance map that labcdp saved ({error})") from error
-    if values.get("version") != VERSION:
-        raise InputError(
-            f"luminance {path} has version {values.get('version')!r}, this labcdp reads version {VERSION}: use the "
-            "labcdp that wrote it"
-        )
-    return _map(arrays, values), values
+        if values.get("version") != VERSION:
+            raise InputError(
+                f"luminance {path} has version {values.get('version')!r}, this labcdp reads version {VERSION}: use the "
+                "labcdp that wrote it"
+            )
+        return _map(arrays, values), values
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise _no_luminance(path, error) from error
+    # Damaged archives, codecs and directories raise what their libraries do.
+    except Exception as error:
+        raise _no_luminance(path, error) from error
+
+
+def _no_luminance(path: Path, error: Exception) -> InputError:
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    return InputError(f"{path} is no luminance map that labcdp saved ({reason})")
 
 
 def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any]:
@@ -159,7 +192,16 @@ def _npz(luminance: LuminanceMap, text: str) -> bytes:
     return file.getvalue()
 
 
-def _from_npz(data: bytes) -> tuple[str, dict[str, NDArray[Any]]]:
+def _from_npz(data: bytes, path: Path, max_pixels: int) -> tuple[str, dict[str, NDArray[Any]]]:
+    with zipfile.ZipFile(BytesIO(data)) as archive:
+        # A few kilobytes can hold an array of any size, so its header is read before.
+        for name in archive.namelist():
+            with archive.open(name) as member:
+                shape = npy_header(member)[0]
+            if len(shape) == 2:
+                require_size(path, shape[1], shape[0], max_pixels)
+            elif shape:
+                raise ValueError(f"{name} has the shape {shape}")
     with np.load(BytesIO(data), allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     return str(arrays.pop("metadata")), arrays
@@ -189,12 +231,14 @@ def _tiff(luminance: LuminanceMap, text: str) -> bytes:
     return file.getvalue()
 
 
-def _from_tiff(data: bytes) -> tuple[str, dict[str, NDArray[Any]]]:
+def _from_tiff(data: bytes, path: Path, max_pixels: int) -> tuple[str, dict[str, NDArray[Any]]]:
     import tifffile
 
     with tifffile.TiffFile(BytesIO(data)) as tiff:
         if len(tiff.pages) != 4:
             raise ValueError(f"it has {len(tiff.pages)} pages, not 4")
+        for page in tiff.pages:
+            require_size(path, page.aspage().imagewidth, page.aspage().imagelength, max_pixels)
         names = ("luminance_cd_m2", "random_rel", "common_rel", "invalid")
         arrays = {name: page.asarray() for name, page in zip(names, tiff.pages, strict=True)}
         return str(tiff.pages.first.description), arrays
@@ -214,15 +258,9 @@ def _exr(luminance: LuminanceMap, text: str) -> bytes:
         return Path(name).read_bytes()
 
 
-def _from_exr(data: bytes) -> tuple[str, dict[str, NDArray[Any]]]:
-    import OpenEXR
-
-    with TemporaryDirectory() as folder:
-        name = Path(folder) / "luminance.exr"
-        name.write_bytes(data)
-        with OpenEXR.File(str(name)) as file:
-            channels = {key: channel.pixels.copy() for key, channel in file.channels().items()}
-            text = str(file.header()["labcdp"])
+def _from_exr(data: bytes, path: Path, max_pixels: int) -> tuple[str, dict[str, NDArray[Any]]]:
+    text = str(exr_header(path, max_pixels)["labcdp"])
+    channels = exr_channels(path, max_pixels)
     channels["luminance_cd_m2"] = channels.pop("Y")
     return text, channels | {"invalid": channels["invalid"].astype(np.uint8)}
 

@@ -1,0 +1,108 @@
+"""Frames of DN whose file, or video, says little about them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..frame import CameraIdentity, Frame
+from ..pixel_format import pixel_format
+from .picture_options import PictureOptions
+from .saturation import Scale, guessed_scale
+
+#: Exposure of pictures of which nobody says it; proportional values do not depend on it.
+NO_EXPOSURE_S = 1.0
+#: Camera of pictures of which nobody says it.
+UNKNOWN_CAMERA = CameraIdentity("unknown", "unknown", "unknown")
+
+
+def frame_of_pixels(
+    dn: NDArray[np.unsignedinteger[Any]], options: PictureOptions, timestamp: datetime, frame_id: int = 0
+) -> Frame:
+    """Frame of DN that come without any statement, such as those of a video.
+
+    Parameters
+    ----------
+    dn : ndarray of uint8 or uint16, shape (height, width)
+        The DN.
+    options : PictureOptions
+        What is known about them. A bit depth or a pixel format of more than 8 bits counts for 16-bit DN only.
+    timestamp : datetime
+        When they were taken, with time zone.
+    frame_id : int
+        Number of the frame.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit the DN.
+    """
+    bits = 8 * dn.dtype.itemsize
+    told = options.bit_depth is not None or options.pixel_format is not None
+    # A guess for each frame of a video could change from one to the next.
+    scale = scale_of(dn, bits, options, "the picture") if told else Scale(bits, 2.0**bits - 1)
+    return make_frame(dn, scale, options, timestamp, frame_id)
+
+
+def scale_of(values: NDArray[Any], bits: int, options: PictureOptions, source: str) -> Scale:
+    """Bits and saturation of DN: as the file states them, and where it has 16 bits for any depth, as told or guessed.
+
+    Parameters
+    ----------
+    values : ndarray of uint8 or uint16
+        The DN, or colours.
+    bits : int
+        Bits the file states.
+    options : PictureOptions
+        Bit depth, or a pixel format that says it.
+    source : str
+        What messages call the picture.
+
+    Raises
+    ------
+    InputError
+        If a value is beyond the bits that were told.
+    """
+    if bits != 16:
+        return Scale(bits, 2.0**bits - 1)
+    told = options.bit_depth
+    if told is None and options.pixel_format is not None:
+        told = pixel_format(options.pixel_format).bit_depth
+    if told is None:
+        return guessed_scale(values, bits)
+    largest = int(values.max())
+    if largest >= 2**told:
+        raise InputError(
+            f"{source} has values up to {largest}, {told} bits end at {2**told - 1}: give the bit depth it was written "
+            "with"
+        )
+    return Scale(told, 2.0**told - 1)
+
+
+def make_frame(
+    dn: NDArray[np.unsignedinteger[Any]], scale: Scale, options: PictureOptions, timestamp: datetime, frame_id: int = 0
+) -> Frame:
+    """Frame of DN of a scale; a pixel format of another depth does not count."""
+    given = None if options.pixel_format is None else pixel_format(options.pixel_format)
+    fits = given is not None and given.bit_depth == scale.bits
+    top = 2.0**scale.bits - 1
+    saturation_dn = scale.saturation_dn if options.saturation_dn is None else min(options.saturation_dn, top)
+    return Frame(
+        dn=dn,
+        exposure_s=options.exposure_s or NO_EXPOSURE_S,
+        gain_db=options.gain_db or 0.0,
+        bit_depth=scale.bits,
+        saturation_dn=saturation_dn,
+        black_level_dn=options.black_level_dn or 0.0,
+        pixel_format=given.name if fits and given is not None else f"Mono{scale.bits}",
+        colour_filter=given.colour_filter if fits and given is not None else None,
+        temperature_c=None,
+        timestamp=timestamp,
+        camera_timestamp_ns=0,
+        frame_id=frame_id,
+        camera=options.camera or UNKNOWN_CAMERA,
+    )

@@ -1,0 +1,119 @@
+"""StoredImage: the values of an image file before anything is made of them, and the check of its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .exif import ExifFacts
+
+#: How values follow light: in proportion, or by the curve of IEC 61966-2-1 (sRGB).
+Encoding = Literal["linear", "srgb"]
+#: Pixels from which an image is refused before it is decoded, unless a caller allows more.
+MAX_PIXELS = 250_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class StoredImage:
+    """Values of an image file.
+
+    Parameters
+    ----------
+    values : ndarray of uint8, uint16 or float32, shape (height, width) or (height, width, 3)
+        Grey, or red, green and blue.
+    bits : int or None
+        Bits of the scale of integers as the file states it; None for floats.
+    encoding : {'linear', 'srgb'}
+        How values follow light, as the file or its kind suggests.
+    facts : ExifFacts
+        What the file says about how it was taken.
+    notes : tuple of str
+        What was done to the values.
+    cd_m2_per_value : float or None
+        Luminance of the value 1, of float files that state it.
+    """
+
+    values: NDArray[Any]
+    bits: int | None
+    encoding: Encoding = "linear"
+    facts: ExifFacts = field(default_factory=ExifFacts)
+    notes: tuple[str, ...] = ()
+    cd_m2_per_value: float | None = None
+
+    @property
+    def coloured(self) -> bool:
+        """Whether there are three values a pixel."""
+        return self.values.ndim == 3
+
+
+def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
+    """Refuse an image by the size its header announces, before memory is taken for it.
+
+    Raises
+    ------
+    InputError
+        If it has no pixel, or more than `max_pixels`.
+    """
+    if width < 1 or height < 1:
+        raise InputError(f"{path} announces {width} x {height} pixels: it is damaged, save it again")
+    if width * height > max_pixels:
+        raise InputError(
+            f"{path} announces {width} x {height} pixels, more than the limit of {max_pixels / 1e6:g} megapixels: it "
+            "is damaged or not meant for this; raise the limit if it is really that large"
+        )
+
+
+def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, tuple[str, ...]]:
+    """Integers of any type as uint8 or uint16, the bits of their type, and notes.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or above 65535, which no DN is.
+    """
+    if values.dtype == np.bool_:
+        return values.astype(np.uint8), 1, ()
+    if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
+        return values.astype(values.dtype.newbyteorder("="), copy=False), 8 * values.dtype.itemsize, ()
+    low, high = int(values.min()), int(values.max())
+    if low < 0 or high > 65535:
+        raise InputError(
+            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to 65535; save luminance and the "
+            "like as floats"
+        )
+    return values.astype(np.uint16), 16, (f"{values.dtype.name} values taken as DN of 16 bits",)
+
+
+def real_numbers(values: NDArray[Any], path: Path) -> NDArray[np.float32]:
+    """Floats of any type as float32.
+
+    Raises
+    ------
+    InputError
+        If a finite value is too large for it.
+    """
+    with np.errstate(over="ignore"):
+        result: NDArray[np.float32] = values.astype(np.float32)
+    if values.dtype.itemsize > 4 and not (np.isfinite(result) == np.isfinite(values)).all():
+        raise InputError(f"{path} has values beyond {np.finfo(np.float32).max:.3g}: give them in a larger unit")
+    return result
+
+
+def without_alpha(values: NDArray[Any], opaque: float) -> tuple[NDArray[Any], str]:
+    """Colours or grey of an image whose last channel is opacity, and a note on what was left out."""
+    share = float(np.mean(values[..., -1] != opaque))
+    note = "alpha left out" if share == 0 else f"alpha left out, though {share:.3g} of the pixels are not opaque"
+    colours = values[..., :-1]
+    return (colours[..., 0] if colours.shape[-1] == 1 else colours), note
+
+
+def grey_if_colourless(values: NDArray[Any]) -> NDArray[Any]:
+    """Grey, shape (height, width), of colours that are all grey; else the colours as they are."""
+    red = values[..., 0]
+    colourless = np.array_equal(red, values[..., 1]) and np.array_equal(red, values[..., 2])
+    return red if colourless else values

@@ -36,7 +36,7 @@ from labcdp.calibration.flat_field import measure_fall_off
 from labcdp.calibration.pixel_statistics import pixel_statistics
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.contrast import cdp, cdp_with_common_errors
-from labcdp.evaluate.session import paired_errors
+from labcdp.evaluate.pair import paired_errors
 from labcdp.frame import CameraIdentity, Frame
 from labcdp.reading import MeterIdentity, Reading
 from labcdp.roi import Roi

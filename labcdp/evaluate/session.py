@@ -31,6 +31,7 @@ from ..spectral_mismatch import mismatch_warning
 from ..spectral_table import ONLY, SpectralTable
 from .guess import guessed_conversion
 from .observe import ObservedSession
+from .pair import paired_errors
 from .recorded import by_exposure, lens_of, shows
 from .target_map import target_map
 
@@ -371,26 +372,6 @@ def _contrast_row(
         frame_number=bright_record.number,
         dark_frame_number=dark_record.number,
     )
-
-
-def paired_errors(
-    bright_map: LuminanceMap, bright: Roi, dark_map: LuminanceMap, dark: Roi
-) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Errors that two regions share, and those of each that are alike for its pixels only."""
-    pairs = [
-        (_finite(x.relative), _finite(y.relative))
-        for x, y in zip(bright_map.common_of(bright), dark_map.common_of(dark), strict=True)
-    ]
-    nothing = np.zeros(())
-    of_bright = [(_finite(error.relative), nothing) for error in bright_map.slow_of(bright)]
-    of_dark = [(nothing, _finite(error.relative)) for error in dark_map.slow_of(dark)]
-    return [*pairs, *of_bright, *of_dark]
-
-
-def _finite(relative: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
-    """Put 0 where a pixel is exactly at the darkness: it has no relative error, and nothing is seen there."""
-    values = np.asarray(relative, dtype=float)
-    return np.where(np.isfinite(values), values, 0.0)
 
 
 def _ratio_less_one(bright: float, dark: float) -> float:

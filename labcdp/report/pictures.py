@@ -58,7 +58,7 @@ def target_figure(evaluation: SessionEvaluation) -> bytes:
         norm=LogNorm(darkest, brightest),
         extent=_extent(evaluation.map),
     )
-    _name_regions(figure, axes, [row.region for row in evaluation.patches])
+    name_regions(figure, axes, [row.region for row in evaluation.patches])
     return png(figure)
 
 
@@ -79,7 +79,8 @@ def _extent(image: LuminanceMap) -> tuple[float, float, float, float]:
     return 0.0, float(width * image.step), float(height * image.step), 0.0
 
 
-def _name_regions(figure: Figure, axes: Axes, regions: list[Roi]) -> None:
+def name_regions(figure: Figure, axes: Axes, regions: list[Roi]) -> None:
+    """Draw regions with their names, or with numbers where a name does not fit, and the names beside the picture."""
     from matplotlib.patches import Polygon
 
     for region in regions:

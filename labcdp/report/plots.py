@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..calibration import PatchResidual
-    from ..contrast import CdpResult, ContrastDistribution
+    from ..contrast import ContrastDistribution, DetectionResult
     from ..evaluate import ContrastRow, SessionEvaluation
 
 
@@ -117,7 +117,7 @@ def contrast_figure(row: ContrastRow, simulated: bool) -> bytes:
 
 def contrasts_figure(
     distribution: ContrastDistribution,
-    result: CdpResult,
+    result: DetectionResult,
     title: str,
     simulated: str = "",
     reference: tuple[float, str] | None = None,
@@ -131,8 +131,8 @@ def contrasts_figure(
     ----------
     distribution : ContrastDistribution
         The contrasts.
-    result : CdpResult
-        CDP of the same regions.
+    result : CdpResult or NeighbourCdp
+        CDP of the same pixels.
     title : str
         First line above the plot; the second is the CDP.
     simulated : str
@@ -171,7 +171,7 @@ def contrasts_figure(
     return png(figure)
 
 
-def _drawn_contrasts(distribution: ContrastDistribution, result: CdpResult) -> tuple[float, float, float]:
+def _drawn_contrasts(distribution: ContrastDistribution, result: DetectionResult) -> tuple[float, float, float]:
     """Lowest and highest contrast that are drawn, and the share of pairs above the latter."""
     low, high = result.interval
     edges, cumulative = distribution.edges, distribution.cumulative

@@ -40,7 +40,12 @@ _SAME = 1e-12
 
 
 def stage_figure(
-    title: str, native: Distribution, native_label: str, luminance: Distribution, simulated: bool = True
+    title: str,
+    native: Distribution,
+    native_label: str,
+    luminance: Distribution,
+    simulated: bool = True,
+    luminance_label: str = "luminance in cd/m²",
 ) -> bytes:
     """Draw cumulative probability and density of a stage's values, and beside them the same in cd/m^2.
 
@@ -58,6 +63,8 @@ def stage_figure(
         The same values as luminance of the scene, in cd/m^2.
     simulated : bool
         Whether the picture says that the chain is simulated.
+    luminance_label : str
+        What stands below the luminance, for pictures without a scale.
 
     Returns
     -------
@@ -67,7 +74,7 @@ def stage_figure(
     figure = _figure(10.0, 4.6, simulated)
     panels = figure.subplots(1, 2, sharey=True)
     for panel, values, text in zip(
-        panels, (native, luminance), (printable(native_label), "luminance in cd/m²"), strict=True
+        panels, (native, luminance), (printable(native_label), luminance_label), strict=True
     ):
         _draw_distribution(panel, values)
         label(panel, text, "probability" if values is native else "", "")

@@ -13,6 +13,8 @@ from .simulation_tables import detection_table, signal_table
 from .tables import Table, contrast_table, summary_table
 from .thesis_results import figure_table, thesis_table, thesis_values, write_thesis
 from .twin_results import write_twin
+from .video_archive import write_archive
+from .video_files import load_video, write_video
 
 __all__ = [
     "Table",
@@ -22,6 +24,7 @@ __all__ = [
     "detection_table",
     "figure_table",
     "load_netcdf",
+    "load_video",
     "map_notes",
     "map_values",
     "prepare_folder",
@@ -32,6 +35,7 @@ __all__ = [
     "thesis_table",
     "thesis_values",
     "usable_table",
+    "write_archive",
     "write_calibration_report",
     "write_characterisation",
     "write_map",
@@ -39,4 +43,5 @@ __all__ = [
     "write_simulation",
     "write_thesis",
     "write_twin",
+    "write_video",
 ]

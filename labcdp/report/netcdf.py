@@ -1,4 +1,4 @@
-"""Maps as NetCDF files."""
+"""Maps, and other labelled results, as NetCDF files."""
 
 from __future__ import annotations
 
@@ -45,6 +45,24 @@ def save_netcdf(dataset: Dataset, path: str | PathLike[str]) -> None:
 def netcdf_bytes(dataset: Dataset) -> bytes:
     """Return the content of the file that `save_netcdf` writes; raises InputError as it does."""
     check_map(dataset)
+    return dataset_bytes(dataset, "map")
+
+
+def dataset_bytes(dataset: Dataset, what: str) -> bytes:
+    """Return any labelled result as content of a NetCDF-4 file; equal results give equal bytes.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Its attributes are texts and numbers.
+    what : str
+        What it is, for messages.
+
+    Raises
+    ------
+    InputError
+        If it holds what NetCDF cannot.
+    """
     encoding = {
         name: _NUMBERS for name, variable in dataset.data_vars.items() if variable.ndim and variable.dtype.kind in "iuf"
     }
@@ -52,7 +70,7 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
         return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(
-            f"the map holds what NetCDF cannot ({_one_line(error)}): give attributes that are texts or numbers"
+            f"the {what} holds what NetCDF cannot ({_one_line(error)}): give attributes that are texts or numbers"
         ) from error
 
 
@@ -74,25 +92,36 @@ def load_netcdf(path: str | PathLike[str]) -> Dataset:
     InputError
         If the file is missing, cannot be read, is damaged, or is no map of labcdp.
     """
-    import xarray as xr
-
-    path = Path(path)
-    try:
-        # Bytes, so that an error of the file system is told from one of the format.
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give the path of a map (.nc)") from error
-    try:
-        dataset = xr.load_dataset(data, engine="netcdf4")
-    except Exception as error:  # damage can surface as almost any error of the libraries
-        raise InputError(
-            f"{path} is damaged or no NetCDF file ({_one_line(error)}): restore it from a copy, or make the map again"
-        ) from error
+    dataset = read_dataset(Path(path), "map")
     try:
         check_map(dataset)
     except InputError as error:
         raise InputError(f"{path} is no map of labcdp: {error}") from error
     return dataset
+
+
+def read_dataset(path: Path, what: str) -> Dataset:
+    """Read any labelled result into memory and close the file; `what` it should be is told in messages.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or is damaged.
+    """
+    import xarray as xr
+
+    try:
+        # Bytes, so that an error of the file system is told from one of the format.
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): give the path of a {what} (.nc)") from error
+    try:
+        return xr.load_dataset(data, engine="netcdf4")
+    except Exception as error:  # damage can surface as almost any error of the libraries
+        raise InputError(
+            f"{path} is damaged or no NetCDF file ({_one_line(error)}): restore it from a copy, or make the {what} "
+            "again"
+        ) from error
 
 
 def _one_line(error: Exception) -> str:

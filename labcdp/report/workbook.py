@@ -28,7 +28,7 @@ _SCALE = ("F5B895", "FFFFFF", "8FC3E8")
 _LINE_POINTS = 15.0
 
 #: Time of all entries in the file, so that equal content is equal in every byte; the earliest a ZIP file can hold.
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _without_times(data: bytes, properties: Any) -> bytes:
     with zipfile.ZipFile(BytesIO(data)) as old, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as new:
         for name in old.namelist():
             content = tostring(properties.to_tree()) if name == "docProps/core.xml" else old.read(name)
-            entry = zipfile.ZipInfo(name, _ZIP_TIME)
+            entry = zipfile.ZipInfo(name, ZIP_TIME)
             entry.compress_type = zipfile.ZIP_DEFLATED
             new.writestr(entry, content)
     return file.getvalue()

@@ -1,0 +1,212 @@
+"""Command rois: the page on which the regions of an image are drawn, and regions found without it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import typer
+
+from ..errors import InputError
+from .contrasts import CONTRAST_HELP, parse_contrasts
+from .picture_options import BITS_OPTION, EXPOSURE_OPTION, FORMAT_OPTION, GAIN_OPTION, SIZE_OPTION, picture_options
+from .terminal import JSON_OPTION, print_json, say
+
+if TYPE_CHECKING:
+    from ..evaluate.light import PictureConversion
+    from ..regions import Shape
+    from ..roi_page.files import DrawingFiles
+    from ..roi_page.page_image import PageImage
+    from ..roi_page.server import Address
+    from ..sources.picture import PictureOptions
+
+
+def rois(
+    file: Path = typer.Argument(
+        metavar="FILE", help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump."
+    ),
+    output: Path | None = typer.Option(
+        None,
+        "--output",
+        "-o",
+        help="File of regions to write: .json, or for ImageJ .zip or .roi. Default: the file of --roi, else beside the "
+        "image, for example picture.rois.json.",
+    ),
+    roi: Path | None = typer.Option(
+        None, help="Regions to begin with: .json of labcdp, .roi or .zip of ImageJ. Default: what --output holds."
+    ),
+    calibration: Path | None = typer.Option(
+        None, help="Calibration file, as labcdp calibrate saved it, for values in cd/m^2."
+    ),
+    camera: Path | None = typer.Option(
+        None, help="Camera specification (TOML) for values in cd/m^2 where there is no calibration."
+    ),
+    encoding: Literal["linear", "srgb"] | None = typer.Option(
+        None, help="How values follow light; default: what the kind of file suggests."
+    ),
+    exposure: str | None = EXPOSURE_OPTION,
+    gain_db: float | None = GAIN_OPTION,
+    bit_depth: int | None = BITS_OPTION,
+    pixel_format: str | None = FORMAT_OPTION,
+    size: str | None = SIZE_OPTION,
+    contrast: list[str] = typer.Option(["100%"], "--contrast", help=CONTRAST_HELP),
+    detect: Literal["checkerboard", "step-chart", "superpixels"] | None = typer.Option(
+        None, help="Find regions and propose them; on the page a person confirms them."
+    ),
+    page: bool = typer.Option(True, "--page/--no-page", help="Without the page, --detect writes what it finds."),
+    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any that is free."),
+    address: str = typer.Option(
+        "127.0.0.1", help="Address the page is served on. The default is reached from this computer, or through ssh."
+    ),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Draw regions of an image by mouse, on a page in the browser.
+
+    The page shows DN and cd/m^2 under the pointer, the mean of each region, and the CDP of two regions. labcdp prints
+    the address of the page, and what to type where the browser runs on another computer. Ctrl-C ends it. What is not
+    saved then is kept beside the output, and the same command goes on with it.
+    """
+    from ..evaluate.light import picture_conversion
+    from ..roi_page.files import DrawingFiles
+
+    contrasts = parse_contrasts(contrast)
+    if not page and detect is None:
+        raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
+    target = _output(file, output, roi)
+    conversion = picture_conversion(calibration, camera, encoding)
+    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
+    image = _image(file, conversion, options)
+    files = DrawingFiles(target, image.size)
+    found = () if detect is None else _found(image, detect)
+    start = _start(files, roi)
+    if not page:
+        _write(files, start, found, as_json)
+        return
+    _serve(image, files, start, found, contrasts, _Place(address, port), as_json)
+
+
+@dataclass(frozen=True)
+class _Place:
+    address: str
+    port: int
+
+
+@dataclass(frozen=True)
+class _Files:
+    """What there is to begin with: in the output, in another file, and drawn before but not saved."""
+
+    saved: tuple[Shape, ...]
+    read: tuple[Shape, ...]
+    kept: tuple[Shape, ...]
+
+
+def _output(file: Path, output: Path | None, roi: Path | None) -> Path:
+    target = output or roi or file.with_name(f"{file.stem}.rois.json")
+    if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
+        raise InputError(f"{target.parent} may not be written to: give --output in another folder")
+    return target
+
+
+def _image(file: Path, conversion: PictureConversion, options: PictureOptions) -> PageImage:
+    from ..roi_page.page_image import PageImage
+    from ..sources.picture import read_picture
+
+    return PageImage.of(read_picture(file, options), conversion)
+
+
+def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "superpixels"]) -> tuple[Shape, ...]:
+    from ..roi_page.proposals import propose
+
+    return propose(image, detect)
+
+
+def _start(files: DrawingFiles, roi: Path | None) -> _Files:
+    from ..regions import load_regions
+
+    saved = load_regions(files.output, files.size) if files.output.exists() else ()
+    read = () if roi is None or roi == files.output else load_regions(roi, files.size)
+    return _Files(saved, read, files.kept())
+
+
+def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json: bool) -> None:
+    from ..roi_page.drawing import Drawing
+
+    before = start.read or start.saved
+    drawing = Drawing.of(files.size, before).proposed(found).accepted()
+    files.save(files.output, drawing.shapes)
+    names = [shape.name for shape in drawing.shapes[len(before) :]]
+    if as_json:
+        print_json({"written": str(files.output), "found": names, "regions": [one.name for one in drawing.rois]})
+        return
+    say(f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them found")
+    say(f"Nobody has confirmed them: look at them with labcdp rois FILE --roi {files.output}")
+
+
+def _serve(
+    image: PageImage,
+    files: DrawingFiles,
+    start: _Files,
+    found: tuple[Shape, ...],
+    contrasts: tuple[float, ...],
+    place: _Place,
+    as_json: bool,
+) -> None:
+    from ..roi_page.drawing import Drawing, History
+    from ..roi_page.measurements import Measurements
+    from ..roi_page.server import Server
+    from ..roi_page.workspace import Start
+
+    history = History(Drawing.of(files.size, start.read or start.saved))
+    if start.kept:
+        history = history.changed(Drawing.of(files.size, start.kept))
+    begin = Start(history, start.saved, start.read, found)
+    server = Server(Measurements(image, contrasts), files, begin, place.address, place.port)
+    shown: list[Address] = []
+
+    def ready(where: Address) -> None:
+        shown.append(where)
+        _tell(image, files, start, where)
+
+    server.run(ready)
+    lines = server.workspace.last_words()
+    if as_json:
+        print_json(_result(server.workspace, files, shown))
+    else:
+        for line in lines:
+            say(line)
+
+
+def _result(workspace: Any, files: DrawingFiles, shown: list[Address]) -> dict[str, Any]:
+    kept = files.unsaved.exists() and workspace.unsaved
+    return {
+        "page": shown[0].url if shown else None,
+        "saved": [str(path) for path in dict.fromkeys(workspace.written)],
+        "unsaved": workspace.unsaved,
+        "kept_in": str(files.unsaved) if kept else None,
+        "regions": [one.name for one in workspace.drawing.rois],
+    }
+
+
+def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) -> None:
+    width, height = image.size
+    say(f"{image.name}: {width} x {height} pixels")
+    for warning in image.warnings:
+        say(f"Warning: {warning}")
+    if start.kept:
+        n = _count(len(start.kept))
+        say(f"The page goes on with {n} drawn before and not saved; Undo leads back to the file")
+    elif start.read and start.saved:
+        say(f"Warning: {files.output} is there and is replaced when you save")
+    say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")
+    say(f"Open: {where.url}")
+    if where.loopback:
+        say(f"From another computer, first there: {where.tunnel}")
+    else:
+        say("Warning: the page can be reached over the network, and is not encrypted: whoever reads along gets in")
+    say("Ctrl-C ends the page")
+
+
+def _count(n: int) -> str:
+    return f"{n} region{'' if n == 1 else 's'}"

@@ -1,0 +1,1 @@
+"""The page on which regions are drawn by mouse."""

@@ -13,18 +13,22 @@ from . import (
     acquire,
     bench,
     characterise,
+    contrast_map,
     demo,
     devices,
     doctor,
     history,
+    image,
     import_files,
     luminance,
     meter,
+    rois,
     session,
     simulation,
     spectra,
     twin,
     verify,
+    video,
 )
 from .terminal import log_to_terminal, say
 
@@ -54,6 +58,10 @@ app.command("characterise")(characterise.characterise)
 app.command("verify")(verify.verify)
 app.command("twin")(twin.twin)
 app.command("history")(history.history)
+app.command("rois")(rois.rois)
+app.command("image")(image.image)
+app.command("image-map")(contrast_map.image_map)
+app.command("video")(video.video)
 app.command("simulate-bench")(bench.simulate_bench)
 app.command("spectra")(spectra.spectra)
 app.command("presets")(simulation.presets)

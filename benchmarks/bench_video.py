@@ -1,0 +1,126 @@
+"""Throughput of labcdp's evaluation of a video over that of OpenCV decoding and converting to grey alone.
+
+Run ``python benchmarks/bench_video.py``, or with videos of your own as arguments. Without any it makes a drive-like
+scene of 1920 x 1080 pixels in each codec that OpenCV can write here. Both passes take turns in this run and each
+decodes the whole file; ratios are of the medians, so they hold on any machine with as many cores.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from statistics import median
+
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labcdp.evaluate.video import evaluate_video
+from labcdp.evaluate.video_settings import VideoSettings
+from labcdp.roi import Roi
+
+REPEATS = 3
+N_FRAMES = int(os.environ.get("N_FRAMES", "250"))
+HEIGHT, WIDTH = 1080, 1920
+#: Pixels that the camera sways to each side.
+SWAY = 64
+ROIS = (Roi.rectangle("bright", 410, 505, 80, 90), Roi.rectangle("dark", 560, 505, 80, 90))
+CODECS = (("avc1", "mp4"), ("mp4v", "mp4"), ("MJPG", "avi"), ("FFV1", "mkv"))
+TEN = tuple(round(0.1 * n, 1) for n in range(1, 11))
+#: What is measured: name, contrasts, regions, method.
+RUNS: tuple[tuple[str, tuple[float, ...], tuple[Roi, ...]], ...] = (
+    ("pixel to pixel, 1 contrast", (1.0,), ()),
+    ("pixel to pixel, 10 contrasts", TEN, ()),
+    ("two regions by KCF, 1 contrast", (1.0,), ROIS),
+    ("two regions by KCF, 10 contrasts", TEN, ROIS),
+)
+
+
+def scene() -> Callable[[int], NDArray[np.uint8]]:
+    """Return a camera that sways before a textured scene with two patches, and its noise."""
+    rng = np.random.default_rng(1)
+    size = (HEIGHT + 2 * SWAY, WIDTH + 2 * SWAY)
+    ground = cv2.GaussianBlur(rng.normal(0, 1, size).astype(np.float32), (0, 0), 6)
+    ground = 90 + 25 * ground / ground.std()
+    for left, value in ((400, 190), (550, 40)):
+        patch = np.s_[495 + SWAY : 605 + SWAY, left + SWAY : left + 100 + SWAY]
+        ground[patch] = value + 0.1 * (ground[patch] - 90)
+    noise = rng.normal(0, 2, (HEIGHT + 64, WIDTH + 64)).astype(np.float32)
+
+    def frame(number: int) -> NDArray[np.uint8]:
+        y, x = SWAY + round(8 * np.sin(number / 23)), SWAY + round((SWAY - 2) * np.sin(number / 40))
+        dy, dx = rng.integers(0, 64, 2)
+        image = ground[y : y + HEIGHT, x : x + WIDTH] + noise[dy : dy + HEIGHT, dx : dx + WIDTH]
+        return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+
+    return frame
+
+
+def make(folder: Path) -> list[Path]:
+    made = []
+    for codec, suffix in CODECS:
+        path = folder / f"{codec.strip()}.{suffix}"
+        flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 25, (WIDTH, HEIGHT), flags)
+        if not writer.isOpened():
+            print(f"{codec}: OpenCV cannot write it here")
+            continue
+        frame = scene()
+        for number in range(N_FRAMES):
+            writer.write(frame(number))
+        writer.release()
+        made.append(path)
+    return made
+
+
+def decode(path: Path) -> int:
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    n = 0
+    while True:
+        there, image = capture.read()
+        if not there:
+            return n
+        cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        n += 1
+
+
+def measure(path: Path) -> None:
+    n = decode(path)
+    size = path.stat().st_size / n / 1000
+    for name, contrasts, rois in RUNS:
+        actions = (partial(decode, path), partial(evaluate_video, path, VideoSettings(contrasts, rois)))
+        times: tuple[list[float], list[float]] = ([], [])
+        for _ in range(REPEATS):
+            for taken, action in zip(times, actions, strict=True):
+                start = time.perf_counter()
+                action()
+                taken.append((time.perf_counter() - start) / n * 1e3)
+        alone, whole = map(median, times)
+        print(
+            f"{path.name:12} {size:6.0f} kB  {name:34} decode and grey {alone:6.2f} ms, whole {whole:6.2f} ms a frame, "
+            f"throughput x {alone / whole:.2f}",
+            flush=True,
+        )
+
+
+def main() -> None:
+    print(f"{datetime.now(UTC):%Y-%m-%d}, {os.cpu_count()} cores, OpenCV {cv2.__version__}")
+    if sys.argv[1:]:
+        for name in sys.argv[1:]:
+            measure(Path(name))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        for path in make(Path(folder)):
+            measure(path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,314 @@
+"""Two regions of a video's frame: their luminance, contrast and CDP, at the speed of a video."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import hypot, isfinite, nan, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..contrast import Distribution, Epsilon, csnr, snr, weber_contrast
+from ..contrast.pairs import bright_and_dark
+from ..contrast.uncertainty import confidence_interval, unbiased_variance
+from ..errors import InputError
+from ..frame import Frame
+from ..luminance import LuminanceMap, Window
+from ..roi import Roi
+from .light import PictureConversion
+from .pair_region import REASONS, noise_inflation
+from .video_table import proportional_light
+from .video_tally import ManyContrasts, Tally
+
+_Array = NDArray[np.float64]
+#: A window begins and ends at an even pixel, so that it holds whole groups of a colour filter.
+_GROUP = 2
+
+
+@dataclass(frozen=True)
+class PairOfFrame:
+    """What a frame says about two regions; of what belongs to a region, the first one's comes first.
+
+    Parameters
+    ----------
+    cdp, standard_uncertainty, low, high, below, above : list of float
+        One for each contrast: CDP, its standard uncertainty and 95 % interval by pixels, whose noise may be correlated,
+        and calibration, and the shares of pairs with a lower and a higher contrast.
+    contrast, contrast_standard_uncertainty : float
+        Weber contrast of the means.
+    csnr : float
+        Mean over standard deviation of the contrasts of all pairs of pixels.
+    mean, mean_standard_uncertainty, snr : list of float
+        Of the regions.
+    invalid_shares : list of dict
+        Share of the pixels of a region that are not valid for a reason.
+    """
+
+    cdp: list[float]
+    standard_uncertainty: list[float]
+    low: list[float]
+    high: list[float]
+    below: list[float]
+    above: list[float]
+    contrast: float
+    contrast_standard_uncertainty: float
+    csnr: float
+    mean: list[float]
+    mean_standard_uncertainty: list[float]
+    snr: list[float]
+    invalid_shares: list[dict[str, float]]
+
+
+def evaluate_frame_pair(
+    frame: Frame, conversion: PictureConversion, rois: Sequence[Roi], contrasts: Sequence[float], epsilon: Epsilon
+) -> PairOfFrame:
+    """Evaluate two regions of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame; only rows and columns around the regions are converted.
+    conversion : PictureConversion
+        To light.
+    rois : sequence of two Roi
+        The regions, in any order.
+    contrasts : sequence of float
+        Contrasts to be detected.
+    epsilon : float or DetectionInterval
+        Their tolerance.
+
+    Raises
+    ------
+    InputError
+        If a region lies outside the frame or holds no pixel, the regions have pixels in common, or neither has a pixel
+        above 0.
+    CalibrationError
+        If the conversion is not for such frames.
+
+    Notes
+    -----
+    All values are those of `labcdp.evaluate.pair.evaluate_pair`; what is uncertain about them is estimated in two
+    shorter ways, as there are many frames. The correlation of the noise is looked for in the pixels and not in what
+    each contrast makes of them, which is the most it can be (see `labcdp.contrast.cdp_correlated`). And an error of the
+    calibration counts for a region as one number, its mean over the region's pixels, weighted by their light.
+    """
+    first, second = (_Region.of(frame, conversion, roi) for roi in rois)
+    _require_apart(first, second)
+    bright_light, dark_light, name = bright_and_dark(first.light, second.light)
+    bright, dark = (first, second) if name == "a" else (second, first)
+    many = ManyContrasts.of(contrasts, epsilon)
+    tally = many.tally(bright_light, dark_light)
+    relative = _relative_errors(bright, dark)
+    together = hypot(*((1 + x) / (1 + y) - 1 for x, y in relative)) if relative else 0.0
+    by_calibration = np.zeros(len(contrasts))
+    if 0 < together < np.inf:
+        changes = [many.inside(_scaled(bright_light, 1 + s * together), dark_light) - tally.inside for s in (1, -1)]
+        by_calibration = np.mean(np.square(changes), axis=0)
+    contrast = float(weber_contrast(bright.mean, dark.mean))
+    by_pixels, effective_size = _by_pixels(tally, bright, dark)
+    standard = [sqrt(v + c) for v, c in zip(by_pixels, by_calibration, strict=True)]
+    intervals = [
+        confidence_interval(share, one**2, effective_size)
+        for share, one in zip(tally.inside.tolist(), standard, strict=True)
+    ]
+    return PairOfFrame(
+        cdp=tally.inside.tolist(),
+        standard_uncertainty=standard,
+        low=[low for low, _ in intervals],
+        high=[high for _, high in intervals],
+        below=tally.below.tolist(),
+        above=tally.above.tolist(),
+        contrast=contrast,
+        contrast_standard_uncertainty=(1 + contrast)
+        * hypot(bright.random / bright.mean, dark.random / dark.mean, *(x - y for x, y in relative))
+        if isfinite(contrast)
+        else nan,
+        csnr=csnr(bright_light, dark_light).value,
+        mean=[region.mean for region in (first, second)],
+        mean_standard_uncertainty=[region.standard_uncertainty for region in (first, second)],
+        snr=[snr(region.light).value for region in (first, second)],
+        invalid_shares=[region.invalid_shares for region in (first, second)],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """A region, and the rows and columns of the map that hold it."""
+
+    roi: Roi
+    window: Window
+    mask: NDArray[np.bool_]
+    map: LuminanceMap
+    light: Distribution
+
+    @classmethod
+    def of(cls, frame: Frame, conversion: PictureConversion, roi: Roi) -> _Region:
+        group = _GROUP if frame.colour_filter is not None else 1
+        shape = (frame.shape[0] // group, frame.shape[1] // group)
+        region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
+        window, mask = region.window(shape), _mask(region, shape)
+        found = conversion.convert(frame, window)
+        return cls(roi, window, mask, found, _light(frame, conversion, roi, window, mask, found))
+
+    @cached_property
+    def mean(self) -> float:
+        return self.light.mean
+
+    @property
+    def size(self) -> int:
+        assert self.light.size is not None
+        return self.light.size
+
+    @cached_property
+    def inflation(self) -> float:
+        """Factor of the variance of a mean by the correlation of the pixels."""
+        return noise_inflation(self.map.luminance_cd_m2.astype(np.float64), self.mask)
+
+    @cached_property
+    def random(self) -> float:
+        """Standard uncertainty of the mean by the pixels alone; nan for one."""
+        if self.size < 2:
+            return nan
+        off = self.light.values - self.mean
+        return sqrt(float(self.light.weights @ off**2) / (self.size - 1) * self.inflation / self.size)
+
+    @cached_property
+    def shared(self) -> list[float]:
+        """Relative errors of the mean that the whole image shares, in the order of the calibration."""
+        return [self._mean_of(error.relative) for error in self.map.common]
+
+    @cached_property
+    def own(self) -> list[float]:
+        """Relative errors of the mean that the region shares with no other."""
+        slow = self.map.slow_cd_m2
+        dark = float(np.mean(np.broadcast_to(slow, self.mask.shape)[self.mask])) if np.ndim(slow) else float(slow)
+        errors = [self.map.slow_rel, dark / abs(self.mean) if self.mean else 0.0]
+        return [error for error in errors if error]
+
+    def _mean_of(self, relative: NDArray[np.floating[Any]] | float) -> float:
+        if np.ndim(relative) == 0:
+            return float(relative)
+        light = self.map.luminance_cd_m2[self.mask].astype(float)
+        errors = np.asarray(relative)[self.mask] * light
+        finite = np.isfinite(errors)
+        return float(errors[finite].sum() / light.sum()) if finite.any() and light.sum() else 0.0
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty of the mean."""
+        return hypot(self.random, *(error * self.mean for error in (*self.shared, *self.own)))
+
+    @property
+    def invalid_shares(self) -> dict[str, float]:
+        flags = self.map.invalid[self.mask]
+        if not flags.any():
+            return {}
+        shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()}
+        return {name: share for name, share in shares.items() if share}
+
+
+def _by_pixels(tally: Tally, bright: _Region, dark: _Region) -> tuple[list[float], float]:
+    """Variances by the pixels for the correlation of their noise, and how many independent pixels know as much."""
+    variances = []
+    for share, of_bright, of_dark in zip(tally.inside.tolist(), tally.per_bright, tally.per_dark, strict=True):
+        scatters = [
+            float(region.light.weights @ (shares - share) ** 2) / region.size**2
+            for region, shares in ((bright, of_bright), (dark, of_dark))
+        ]
+        inflations = [bright.inflation, dark.inflation]
+        total = sum(scatters)
+        # All pairs agree and tell nothing about correlation where nothing scatters.
+        factor = sum(map(float.__mul__, scatters, inflations)) / total if total > 0 else max(inflations)
+        variances.append(
+            factor * unbiased_variance(share, of_dark, dark.light.weights, of_bright, bright.light.weights)
+        )
+    return variances, min(bright.size / bright.inflation, dark.size / dark.inflation)
+
+
+def _relative_errors(bright: _Region, dark: _Region) -> list[tuple[float, float]]:
+    """Errors of both regions for one standard uncertainty of each thing that is not known."""
+    return [
+        # What is equal has cancelled, however large.
+        *((x, y) for x, y in zip(bright.shared, dark.shared, strict=True) if x != y),
+        *((error, 0.0) for error in bright.own),
+        *((0.0, error) for error in dark.own),
+    ]
+
+
+def _scaled(light: Distribution, factor: float) -> Distribution:
+    return Distribution(light.values * factor, light.weights.astype(np.int64))
+
+
+def _light(
+    frame: Frame,
+    conversion: PictureConversion,
+    roi: Roi,
+    window: Window,
+    mask: NDArray[np.bool_],
+    found: LuminanceMap,
+) -> Distribution:
+    """How often each light occurs in a region."""
+    values = found.luminance_cd_m2[mask]
+    if frame.colour_filter is None:
+        dn = frame.dn[window][mask]
+        levels = Distribution.from_array(dn, f"region {roi.name!r}")
+        exact = proportional_light(levels.values, frame, conversion)
+        if exact is not None:
+            return Distribution(exact, levels.weights.astype(np.int64))
+        by_level = _by_level(dn, values)
+        if by_level is not None:
+            return by_level
+    return Distribution.from_array(values, f"region {roi.name!r}")
+
+
+def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: NDArray[np.floating[Any]]) -> Distribution | None:
+    """Distribution of 8-bit pixels whose light follows from the DN alone, without sorting; None for any other."""
+    if dn.dtype != np.uint8:
+        return None
+    of_level = np.zeros(256)
+    of_level[dn] = light
+    if not np.array_equal(of_level[dn], light):
+        return None
+    counts = np.bincount(dn, minlength=256)
+    levels = np.flatnonzero(counts)
+    values = of_level[levels]
+    if not np.isfinite(values).all():
+        return None
+    if not (np.diff(values) > 0).all():
+        # Several DN may have one light, and a response may fall.
+        values, place = np.unique(values, return_inverse=True)
+        return Distribution(values, np.bincount(place, weights=counts[levels]).astype(np.int64))
+    return Distribution(values, counts[levels])
+
+
+@lru_cache(maxsize=16)
+def _mask(roi: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of a region; that of one that stays is kept."""
+    mask = roi.mask(shape)
+    mask.flags.writeable = False
+    return mask
+
+
+def _require_apart(first: _Region, second: _Region) -> None:
+    """Refuse regions that have pixels in common."""
+    parts = []
+    for x, y in zip(first.window, second.window, strict=True):
+        start, stop = max(x.start, y.start), min(x.stop, y.stop)
+        if start >= stop:
+            return
+        parts.append((start, stop))
+    inside = [
+        region.mask[
+            tuple(
+                slice(start - own.start, stop - own.start)
+                for (start, stop), own in zip(parts, region.window, strict=True)
+            )
+        ]
+        for region in (first, second)
+    ]
+    common = int(np.count_nonzero(inside[0] & inside[1]))
+    if common:
+        raise InputError(f"regions {first.roi.name!r} and {second.roi.name!r} have {common} pixels in common")

@@ -1,0 +1,84 @@
+"""Light by DN of a video's frames, if nothing but the DN decides it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frame import Frame
+from .light import PictureConversion
+
+
+def proportional_light(dn: NDArray[Any], frame: Frame, conversion: PictureConversion) -> NDArray[np.float64] | None:
+    """Light of DN where it is in proportion to them, as exactly as the DN are.
+
+    The contrast of two integers often lies on an end of the interval, which counts. Maps of light are in float32, whose
+    rounding would throw a coin then.
+
+    Parameters
+    ----------
+    dn : ndarray of int
+        DN of a frame.
+    frame : Frame
+        The frame.
+    conversion : PictureConversion
+        Its conversion.
+
+    Returns
+    -------
+    ndarray of float64 or None
+        In the unit of the conversion; None if light is not in proportion to the DN.
+    """
+    if conversion.unit != "relative" or conversion.options.encoding == "srgb" or frame.colour_filter is not None:
+        return None
+    return np.asarray((dn - frame.black_level_dn) / (2**frame.bit_depth - 1), dtype=np.float64)
+
+
+def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
+    """Light of each DN of frames such as this one.
+
+    Frames of all DN, each at many places, are converted to see it: fall-off, flat field or dark pattern make the light
+    depend on the place, veiling glare on the rest of the picture.
+
+    Parameters
+    ----------
+    frame : Frame
+        One of the frames.
+    conversion : PictureConversion
+        Their conversion.
+
+    Returns
+    -------
+    ndarray of float, shape (256,), or None
+        None for frames of more than 8 bits or with a colour filter, or if more than the DN decides.
+
+    Raises
+    ------
+    CalibrationError
+        If the conversion is not for such frames.
+    """
+    if frame.dn.dtype != np.uint8 or frame.colour_filter is not None or frame.dn.size < 512:
+        return None
+    exact = proportional_light(np.arange(256), frame, conversion)
+    if exact is not None:
+        return exact
+    table: NDArray[np.floating[Any]] | None = None
+    for highest in (255, 63):
+        dn = _any_places(np.resize(np.arange(highest + 1, dtype=np.uint8), frame.shape))
+        light = conversion.convert(frame.with_pixels(dn)).luminance_cd_m2
+        of_level = np.zeros(highest + 1, light.dtype)
+        of_level[dn] = light
+        if not np.array_equal(of_level[dn], light):
+            return None
+        if table is None:
+            table = of_level
+        elif not np.array_equal(table[: highest + 1], of_level):
+            return None
+    return table
+
+
+def _any_places(dn: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Put values where they have nothing to do with rows and columns."""
+    return np.random.default_rng(0).permutation(dn.ravel()).reshape(dn.shape)

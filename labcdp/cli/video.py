@@ -198,6 +198,7 @@ def _several(
     from ..evaluate.video_configuration import video_configuration
     from ..evaluate.video_reference import make_reference
     from ..report.folder import prepare_folder
+    from ..report.video_archive import write_archive
 
     prepare_folder(folder)
     tasks = archive_tasks(paths, folder)
@@ -210,6 +211,7 @@ def _several(
             *where,
             progress=lambda done, total, _outcome: bars.update("Videos", done, total),
         )
+    write_archive(result, folder)
     _tell_archive(result, folder, as_json)
     failures = [Failure(str(outcome.task.video), outcome.error) for outcome in result.failures]
     end_batch(failures, len(result.outcomes), "videos")

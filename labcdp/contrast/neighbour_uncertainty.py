@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .distribution import weighted_sum
 
 #: Fewer rows or columns than this do not tell how rows and columns scatter.
-_FEWEST_LINES = 8
+FEWEST_LINES = 8
 
 
 def variance_of_neighbours(marks: NDArray[np.integer[Any]], share: float) -> float:
@@ -45,7 +45,7 @@ def variance_of_neighbours(marks: NDArray[np.integer[Any]], share: float) -> flo
     90 % at 20, 83 % at 12 and 74 to 79 % at 8, as so few lines say little of their scatter. A scene that varies over
     the image counts as scatter, so that the variance is then too large rather than too small.
     """
-    if min(marks.shape) < _FEWEST_LINES:
+    if min(marks.shape) < FEWEST_LINES:
         return nan
     pairs = np.full(marks.shape, 2.0)
     pairs[:, -1] -= 1

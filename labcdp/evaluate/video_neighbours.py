@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..contrast import Epsilon, NeighbourCdp
 from ..contrast.interval import AskedContrast
-from ..contrast.neighbour_uncertainty import _FEWEST_LINES
+from ..contrast.neighbour_uncertainty import FEWEST_LINES
 from ..contrast.pairs import RELATIVE_TOLERANCE
 from ..contrast.uncertainty import confidence_interval
 from ..errors import InputError
@@ -158,7 +158,7 @@ class NeighbourTables:
         pairs, n_below, up_to = kept.right.size + kept.below.size, below[low], below[high + 1]
         cdp = (up_to - n_below) / pairs
         variance = nan
-        if min(kept.marks.shape) >= _FEWEST_LINES:
+        if min(kept.marks.shape) >= FEWEST_LINES:
             variance = _variance(_Sums.of(kept, low, high), cdp) if 0 < cdp < 1 else 0.0
         return NeighbourCdp(
             cdp=cdp,

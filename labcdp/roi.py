@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 
@@ -68,6 +68,42 @@ class Roi:
         x0, y0, x1, y1 = self.bounds
         return (x0 + x1) / 2, (y0 + y1) / 2
 
+    @property
+    def area(self) -> float:
+        """Area of the polygon in square pixels; near the number of its pixels, if it does not cross itself."""
+        x, y = np.array(self.corners).T
+        # From the first corner: far from the origin the products would lose digits.
+        x, y = x - x[0], y - y[0]
+        return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+
+    def moved(self, dx: float, dy: float) -> Roi:
+        """Return the region `dx` pixels further right and `dy` further down."""
+        return Roi(self.name, tuple((x + dx, y + dy) for x, y in self.corners))
+
+    def transformed(self, matrix: ArrayLike) -> Roi:
+        """Return the region as a map of the plane takes its corners elsewhere.
+
+        Parameters
+        ----------
+        matrix : array_like, shape (2, 3) or (3, 3)
+            An affine map, or a homography, for columns (x, y, 1).
+
+        Raises
+        ------
+        InputError
+            If the matrix has another shape, or takes a corner to infinity or beyond.
+        """
+        m = np.asarray(matrix, dtype=np.float64)
+        if m.shape not in ((2, 3), (3, 3)):
+            raise InputError(f"a map of the plane is a 2 x 3 or 3 x 3 matrix, got the shape {m.shape}")
+        places = m @ np.array([(x, y, 1.0) for x, y in self.corners]).T
+        if len(m) == 3:
+            # One sign for all: corners on both sides of the horizon make no region.
+            if not ((places[2] > 0).all() or (places[2] < 0).all()):
+                raise InputError(f"region {self.name!r} is taken to infinity: give a homography that keeps it in sight")
+            places = places[:2] / places[2]
+        return Roi(self.name, tuple((float(x), float(y)) for x, y in places.T))
+
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Rows and columns of an image of `shape` (height, width) that hold the whole region.
 
@@ -95,14 +131,22 @@ class Roi:
         """
         rows, columns = self.window(shape)
         x = np.arange(columns.start, columns.stop) + 0.5
-        y = (np.arange(rows.start, rows.stop) + 0.5)[:, None]
-        inside = np.zeros((y.size, x.size), dtype=np.bool_)
-        for (xa, ya), (xb, yb) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
-            if ya == yb:
-                continue
-            # Even-odd rule: a horizontal ray to the right crosses this edge.
-            crosses = (ya > y) != (yb > y)
-            inside ^= crosses & (x < xa + (y - ya) * (xb - xa) / (yb - ya))
+        y = np.arange(rows.start, rows.stop) + 0.5
+        # Even-odd rule: a pixel is inside if its horizontal ray to the right crosses an odd number of edges. Only the
+        # rows that an edge spans are looked at, so that many corners cost little.
+        xa, ya = np.array(self.corners).T
+        xb, yb = np.roll(xa, -1), np.roll(ya, -1)
+        first = np.searchsorted(y, np.minimum(ya, yb))
+        count = np.searchsorted(y, np.maximum(ya, yb)) - first
+        edge = np.repeat(np.arange(xa.size), count)
+        row = np.arange(edge.size) - np.repeat(np.cumsum(count) - count, count) + first[edge]
+        ya, xa = ya[edge], xa[edge]
+        crossing = xa + (y[row] - ya) * (xb[edge] - xa) / (yb[edge] - ya)
+        # Along all rows in one line, the pixels between one crossing and the next are outside and inside in turn: each
+        # row has an even number of crossings.
+        turns = np.sort(row * x.size + np.searchsorted(x, crossing))
+        lengths = np.diff(turns, prepend=0, append=y.size * x.size)
+        inside = np.repeat(np.arange(lengths.size) % 2 == 1, lengths).reshape(y.size, x.size)
         if not inside.any():
             raise InputError(f"region {self.name!r} holds no pixel: make it larger")
         return inside

@@ -1,0 +1,68 @@
+"""Polygons of regions: whether one crosses itself, and what is left within its edges."""
+
+from __future__ import annotations
+
+import re
+from math import isfinite
+from typing import Any
+
+from ..errors import InputError
+from ..roi import Roi
+
+
+def require_simple(roi: Roi) -> None:
+    """Refuse a region whose edges cross or touch each other, or that has no area.
+
+    Raises
+    ------
+    InputError
+        Saying where they cross.
+    """
+    import shapely
+
+    polygon = shapely.Polygon(roi.corners)
+    if polygon.is_valid and polygon.area > 0:
+        return
+    if shapely.MultiPoint(roi.corners).convex_hull.area == 0:
+        raise InputError(f"region {roi.name!r} has no area: its corners lie on one line; draw it again")
+    place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
+    where = f" at x {float(place[1]):.6g}, y {float(place[2]):.6g}" if place else ""
+    raise InputError(f"region {roi.name!r} crosses itself{where}: give its corners in order around it")
+
+
+def inset(roi: Roi, margin_px: float) -> Roi:
+    """Return what of a region lies at least `margin_px` from its edges, under the same name.
+
+    Parameters
+    ----------
+    roi : Roi
+        A region whose edges do not cross.
+    margin_px : float
+        Distance from the edges in pixels, at least 0.
+
+    Raises
+    ------
+    InputError
+        If the region crosses itself, the margin is negative or no number, nothing is left, or more than one piece is.
+    """
+    if not (isfinite(margin_px) and margin_px >= 0):
+        raise InputError(f"the margin at the edges of region {roi.name!r} is {margin_px:g} pixels: give at least 0")
+    require_simple(roi)
+    if margin_px == 0:
+        return roi
+    import shapely
+
+    # Mitred corners: a rectangle stays one, and nothing within the margin is kept at an inward corner.
+    left: Any = shapely.Polygon(roi.corners).buffer(-margin_px, join_style="mitre")
+    pieces = [piece for piece in getattr(left, "geoms", [left]) if piece.area > 0]
+    if not pieces:
+        raise InputError(
+            f"nothing of region {roi.name!r} is left {margin_px:g} pixels from its edges: "
+            "give a smaller margin or a larger region"
+        )
+    if len(pieces) > 1:
+        raise InputError(
+            f"region {roi.name!r} falls into {len(pieces)} pieces {margin_px:g} pixels from its edges: "
+            "give a smaller margin, or draw the pieces as regions of their own"
+        )
+    return Roi(roi.name, tuple(pieces[0].exterior.coords[:-1]))

@@ -1,0 +1,289 @@
+"""ImageJ's and Fiji's files of regions: .roi with one, .zip with any number.
+
+ImageJ counts the edges of pixels and not their centres, as labcdp does: the rectangle (10, 20, 5, 4) begins at the
+left edge of column 10 and holds 5 x 4 pixels. Ovals and polygons hold the pixels whose centres they hold.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from io import BytesIO
+from math import atan2, cos, degrees, hypot, radians, sin
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..roi import Roi
+from .geometry import require_simple
+from .shapes import MOST_REGIONS, EllipseShape, PolygonShape, RectangleShape, Shape
+
+if TYPE_CHECKING:
+    from roifile import ImagejRoi
+
+#: More bytes of one region (100 000 corners have 1.2 million), or of all regions in a .zip, are taken for a bomb.
+_MOST_BYTES_OF_REGION = 4 * 2**20
+_MOST_BYTES = 64 * 2**20
+
+#: Whole coordinates that the file's 16 bits can hold.
+_LOWEST, _HIGHEST = -5000, 60535
+
+# Numbers of types, subtypes and options: RoiDecoder.java of ImageJ, https://github.com/imagej/ImageJ.
+_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED = 0, 1, 2, 7, 8
+_WITHOUT_AREA = {3: "line", 4: "freehand line", 5: "segmented line", 6: "empty selection", 9: "angle", 10: "point"}
+_ELLIPSE, _ROTATED_RECTANGLE = 3, 5
+_NO_REGION = {1: "text", 2: "arrow", 4: "image"}
+_SPLINE, _SUB_PIXEL = 1, 128
+
+_BROKEN = (ValueError, TypeError, IndexError, OverflowError, MemoryError, RuntimeError, AssertionError, struct.error)
+
+
+def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
+    """Read an ImageJ file.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    name : str
+        What a single region without a name of its own is called.
+
+    Raises
+    ------
+    InputError
+        Naming the region, if one is damaged or has no area, or the file is larger than a region file can be.
+    """
+    if data[:4] == b"Iout":
+        return (_shape(data, name),)
+    entries = list(_entries(data))
+    shapes = [_shape(content, entry) for entry, content in entries]
+    # ImageJ's list shows the names of the entries, which differ; a name in a region may be left from its copy.
+    times = Counter(shape.name for shape in shapes)
+    return tuple(
+        _renamed(shape, entry) if times[shape.name] > 1 else shape
+        for shape, (entry, _) in zip(shapes, entries, strict=True)
+    )
+
+
+def imagej_file(shapes: Sequence[Shape], several: bool) -> bytes:
+    """Write shapes as ImageJ does, as a .zip if `several`; the rectangles of grids become regions of their own.
+
+    Raises
+    ------
+    InputError
+        If one region does not fit into ImageJ's range, or there are several for a .roi file.
+    """
+    single = [part for shape in shapes for part in _parts(shape)]
+    if not several:
+        if len(single) > 1:
+            raise InputError(f"a .roi file holds one region, these are {len(single)}: give a name in .zip or .json")
+        return _imagej(single[0])
+    buffer = BytesIO()
+    taken: set[str] = set()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for shape in single:
+            entry = _entry_name(shape.name, taken)
+            # A date of its own, so that the same regions make the same file.
+            archive.writestr(zipfile.ZipInfo(f"{entry}.roi", (1980, 1, 1, 0, 0, 0)), _imagej(shape))
+    return buffer.getvalue()
+
+
+def _entries(data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Give name and content of each region in a .zip."""
+    left = _MOST_BYTES
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith(".roi") and "__MACOSX" not in name]
+            if len(names) > MOST_REGIONS:
+                raise InputError(f"it holds {len(names)} regions: give at most {MOST_REGIONS}")
+            if not names:
+                raise InputError("it holds no .roi file: save the regions in ImageJ's ROI Manager (More > Save)")
+            for name in names:
+                with archive.open(name) as file:
+                    content = file.read(min(_MOST_BYTES_OF_REGION, left) + 1)
+                left -= len(content)
+                if len(content) > _MOST_BYTES_OF_REGION or left < 0:
+                    raise InputError(
+                        f"{name!r} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more than "
+                        f"{_MOST_BYTES // 2**20} MiB: these are no regions"
+                    )
+                yield name[: -len(".roi")], content
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, struct.error) as error:
+        raise InputError(f"it is a damaged .zip file ({error}): save it again in ImageJ") from error
+
+
+def _shape(data: bytes, entry: str) -> Shape:
+    """Read one region."""
+    from roifile import ImagejRoi
+
+    where = f"ImageJ region {entry!r}"
+    if len(data) < 64 or data[:4] != b"Iout":
+        raise InputError(f"{where} is damaged or none: save it again in ImageJ")
+    kind, subtype = data[6], int.from_bytes(data[48:50], "big")
+    if kind in _WITHOUT_AREA or subtype in _NO_REGION:
+        what = _NO_REGION.get(subtype) or _WITHOUT_AREA[kind]
+        raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")
+    if kind not in (_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED) or subtype not in (
+        0,
+        _ELLIPSE,
+        _ROTATED_RECTANGLE,
+    ):
+        raise InputError(f"{where} is of the unknown kind {kind}, {subtype}: draw it as a polygon")
+    if int.from_bytes(data[36:40], "big", signed=True) > 0:
+        raise InputError(f"{where} is made of several: split it in ImageJ's ROI Manager (More > Split)")
+    try:
+        read = ImagejRoi.frombytes(data)
+    except _BROKEN as error:
+        raise InputError(f"{where} is damaged ({error}): save it again in ImageJ") from error
+    name = _clean(read.name) or _clean(entry)
+    where = f"ImageJ region {name!r}"
+    if kind in (_RECTANGLE, _OVAL):
+        return _box(read, name, where)
+    if kind == _FREEHAND and subtype:
+        return _turned(read, name)
+    if read.options & _SPLINE:
+        raise InputError(f"{where} is a fitted spline: make it a polygon (Edit > Selection > Interpolate)")
+    return _polygon(read, name, where)
+
+
+def _box(read: ImagejRoi, name: str, where: str) -> Shape:
+    if read.roitype == _RECTANGLE and read.rounded_rect_arc_size > 0:
+        raise InputError(f"{where} is a rectangle with rounded corners: draw it as a polygon")
+    if read.subpixelrect:
+        box = (read.xd, read.yd, read.widthd, read.heightd)
+    else:
+        box = (read.left, read.top, read.right - read.left, read.bottom - read.top)
+    return RectangleShape(name, *box) if read.roitype == _RECTANGLE else EllipseShape(name, *box)
+
+
+def _turned(read: ImagejRoi, name: str) -> Shape:
+    """Read a rotated rectangle or ellipse: the middles of two opposite sides, or the ends of the long axis."""
+    dx, dy = read.x2 - read.x1, read.y2 - read.y1
+    width = hypot(dx, dy)
+    # One float in the place of three fields of arrows and rounded rectangles.
+    fields = read.arrow_style_or_aspect_ratio, read.arrow_head_size, read.rounded_rect_arc_size
+    (parameter,) = struct.unpack(">f", struct.pack(">BBh", *fields))
+    shape, height = (
+        (EllipseShape, parameter * width) if read.subtype == _ELLIPSE else (RectangleShape, float(parameter))
+    )
+    x, y = (read.x1 + read.x2 - width) / 2, (read.y1 + read.y2 - height) / 2
+    return shape(name, x, y, width, height, degrees(atan2(dy, dx)))
+
+
+def _polygon(read: ImagejRoi, name: str, where: str) -> Shape:
+    corners = [(float(x), float(y)) for x, y in read.coordinates()]
+    if len(corners) < 3:
+        raise InputError(f"{where} has {len(corners)} corners: draw it again")
+    shape = PolygonShape(name, tuple(corners))
+    return shape if read.roitype == _POLYGON else _without_spikes(shape)
+
+
+def _without_spikes(shape: PolygonShape) -> PolygonShape:
+    """Take off what a shaky hand adds to a freehand region: ways there and back, which hold no pixel."""
+    import shapely
+
+    drawn = shapely.Polygon(shape.corners)
+    if drawn.is_valid:
+        return shape
+    mended = shapely.make_valid(drawn)
+    areas = [part for part in getattr(mended, "geoms", [mended]) if part.area > 0]
+    if len(areas) != 1 or areas[0].geom_type != "Polygon" or len(areas[0].interiors):
+        require_simple(Roi(shape.name, shape.corners))
+    return PolygonShape(shape.name, tuple(areas[0].exterior.coords[:-1]))
+
+
+def _clean(name: str) -> str:
+    return " ".join("".join(c if c.isprintable() else " " for c in name).split())
+
+
+def _renamed(shape: Shape, entry: str) -> Shape:
+    return replace(shape, name=_clean(entry) or shape.name)
+
+
+def _parts(shape: Shape) -> tuple[Shape, ...]:
+    if shape.kind != "grid":
+        return (shape,)
+    boxes = [(roi.name, *roi.bounds) for roi in shape.rois()]
+    return tuple(RectangleShape(name, x0, y0, x1 - x0, y1 - y0) for name, x0, y0, x1, y1 in boxes)
+
+
+def _entry_name(name: str, taken: set[str]) -> str:
+    """Return a name for a file in a .zip that no other has; a slash would make a folder."""
+    base = name.replace("/", "_").replace("\\", "_")
+    entry, number = base, 1
+    while entry.lower() in taken:
+        number += 1
+        entry = f"{base}-{number}"
+    taken.add(entry.lower())
+    return entry
+
+
+def _imagej(shape: Shape) -> bytes:
+    """Write one region; raises InputError where ImageJ's range does not hold it."""
+    from roifile import ROI_OPTIONS, ROI_SUBTYPE, ROI_TYPE, ImagejRoi
+
+    (region,) = shape.rois()
+    x0, y0, x1, y1 = region.bounds
+    if min(x0, y0) < _LOWEST or max(x1, y1) > _HIGHEST:
+        raise InputError(
+            f"region {shape.name!r} spans x {x0:g} to {x1:g}, y {y0:g} to {y1:g}: ImageJ holds coordinates from "
+            f"{_LOWEST} to {_HIGHEST}"
+        )
+    if isinstance(shape, PolygonShape) or (isinstance(shape, RectangleShape | EllipseShape) and shape.angle_deg != 0):
+        written = _corners(region.corners)
+        if not isinstance(shape, PolygonShape):
+            written.roitype = ROI_TYPE.FREEHAND
+            written.subtype = ROI_SUBTYPE.ELLIPSE if isinstance(shape, EllipseShape) else ROI_SUBTYPE.ROTATED_RECT
+            _write_turned(written, shape)
+    else:
+        assert isinstance(shape, RectangleShape | EllipseShape)
+        written = ImagejRoi()
+        written.roitype = ROI_TYPE.OVAL if isinstance(shape, EllipseShape) else ROI_TYPE.RECT
+        box = (shape.x, shape.y, shape.width, shape.height)
+        written.left, written.top, written.right, written.bottom = (round(v) for v in (x0, y0, x1, y1))
+        if not all(v.is_integer() for v in box):
+            written.options = ROI_OPTIONS.SUB_PIXEL_RESOLUTION
+            written.xd, written.yd, written.widthd, written.heightd = box
+    # The file counts UTF-16 units, and characters beyond the first 65536 have two.
+    written.name = "".join(c if ord(c) < 2**16 else "\ufffd" for c in shape.name)
+    data: bytes = written.tobytes()
+    return data
+
+
+def _corners(corners: Sequence[tuple[float, float]]) -> ImagejRoi:
+    """Make a polygon, of whole coordinates if it has such, else of 32-bit floats beside them."""
+    import numpy as np
+    from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi
+
+    exact = np.array(corners)
+    whole = np.rint(exact).astype(np.int32)
+    left, top = whole.min(axis=0)
+    right, bottom = whole.max(axis=0)
+    written = ImagejRoi()
+    written.roitype = ROI_TYPE.POLYGON
+    written.left, written.top, written.right, written.bottom = int(left), int(top), int(right), int(bottom)
+    written.integer_coordinates = whole - (left, top)
+    written.n_coordinates = len(whole)
+    if not (whole == exact).all():
+        written.options = ROI_OPTIONS.SUB_PIXEL_RESOLUTION
+        written.subpixel_coordinates = exact.astype(np.float32)
+    return written
+
+
+def _write_turned(written: ImagejRoi, shape: RectangleShape | EllipseShape) -> None:
+    """Fill in axis and other size; an ellipse's axis is its longer one."""
+    along, across, angle = shape.width, shape.height, radians(shape.angle_deg)
+    if isinstance(shape, EllipseShape):
+        if across > along:
+            along, across, angle = across, along, angle + radians(90)
+        parameter = across / along
+    else:
+        parameter = across
+    x, y = shape.x + shape.width / 2, shape.y + shape.height / 2
+    dx, dy = along / 2 * cos(angle), along / 2 * sin(angle)
+    written.x1, written.y1, written.x2, written.y2 = x - dx, y - dy, x + dx, y + dy
+    fields = struct.unpack(">BBh", struct.pack(">f", parameter))
+    written.arrow_style_or_aspect_ratio, written.arrow_head_size, written.rounded_rect_arc_size = fields

@@ -1,0 +1,115 @@
+"""Region files: JSON of labcdp, and ImageJ's .roi and .zip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+
+from ..errors import InputError
+from ..session.files import write_whole
+from .imagej import imagej_file, parse_imagej
+from .region_json import ImageSize, parse_regions, regions_json
+from .shapes import Shape, rois_of
+
+#: A file of regions that is larger than this is none.
+_MOST_BYTES = 64 * 2**20
+
+#: What the suffix of a file to be written may be.
+REGION_SUFFIXES = (".json", ".roi", ".zip")
+
+
+def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None) -> tuple[Shape, ...]:
+    """Read regions from a file of labcdp (JSON) or ImageJ (.roi, or .zip of several); the content tells which.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    image_size : (int, int) or None
+        Width and height, in pixels, of the image that the regions are meant for; checked where given.
+
+    Returns
+    -------
+    tuple of Shape
+        At least one, with names of their own; their polygons do not cross themselves.
+
+    Raises
+    ------
+    InputError
+        Naming the file, and region and key, if it cannot be read, is no region file, holds no region or one that
+        cannot be used, or belongs to an image of another size, or a region reaches out of the image.
+    """
+    path = Path(path)
+    data = _read(path)
+    try:
+        if data[:4] in (b"Iout", b"PK\x03\x04", b"PK\x05\x06"):
+            shapes, drawn_on = parse_imagej(data, path.stem), None
+        else:
+            shapes, drawn_on = parse_regions(_text(data))
+        rois = rois_of(shapes)
+        if image_size is not None:
+            width, height = image_size
+            if drawn_on is not None and drawn_on != (width, height):
+                raise InputError(
+                    f"the regions belong to an image of {drawn_on[0]} x {drawn_on[1]} pixels, this one has "
+                    f"{width} x {height}: draw them on this image"
+                )
+            for roi in rois:
+                roi.window((height, width))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return shapes
+
+
+def save_regions(path: str | PathLike[str], shapes: Iterable[Shape], image_size: ImageSize | None = None) -> None:
+    """Write regions: JSON (.json), ImageJ's file of one region (.roi), or of any number (.zip).
+
+    Parameters
+    ----------
+    path : path-like
+        The file; one that is there is replaced.
+    shapes : iterable of Shape
+        At least one. ImageJ has no grids: their rectangles are written one by one.
+    image_size : (int, int) or None
+        Width and height of the image they belong to, in pixels; only JSON keeps it.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these, the regions cannot be used (see `rois_of`), there are several for a .roi file,
+        or the file cannot be written.
+    """
+    path, shapes = Path(path), tuple(shapes)
+    suffix = path.suffix.lower()
+    if suffix not in REGION_SUFFIXES:
+        raise InputError(f"{path} ends in {suffix!r}: give a name in {', '.join(REGION_SUFFIXES)}")
+    rois_of(shapes)
+    try:
+        data = regions_json(shapes, image_size).encode() if suffix == ".json" else imagej_file(shapes, suffix == ".zip")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    try:
+        write_whole(path.parent, path.name, data)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): check the folder and the disk") from error
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check the path") from error
+    if not data:
+        raise InputError(f"{path} is empty: give a file with regions")
+    if len(data) > _MOST_BYTES:
+        raise InputError(f"{path} has more than {_MOST_BYTES // 2**20} MiB: it is no region file")
+    return data
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError("it is neither JSON nor an ImageJ file of regions (.roi or .zip)") from error

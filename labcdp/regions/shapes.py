@@ -1,0 +1,281 @@
+"""Shapes a person draws or a file holds, and the polygons they stand for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from math import ceil, cos, isfinite, pi, radians, sin, sqrt
+from numbers import Real
+from typing import Any, ClassVar, TypeAlias
+
+from ..errors import InputError
+from ..roi import Roi
+from .geometry import require_simple
+
+#: Largest distance of an ellipse from the polygon that stands for it, in pixels, and the most corners that has.
+_SAGITTA_PX = 0.01
+_MOST_CORNERS_OF_ELLIPSE = 4096
+
+#: More regions, or corners of one, are taken for a mistake.
+MOST_REGIONS = 10_000
+MOST_CORNERS = 100_000
+
+_Corner: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PolygonShape:
+    """A polygon.
+
+    Parameters
+    ----------
+    name : str
+        What messages and tables call the region.
+    corners : tuple of (float, float)
+        At least three (x, y) corners in pixels, in order around the region.
+
+    Raises
+    ------
+    InputError
+        If the name or a corner cannot be used.
+    """
+
+    kind: ClassVar[str] = "polygon"
+    name: str
+    corners: tuple[_Corner, ...]
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        corners = self.corners
+        if not (isinstance(corners, Sequence) and 3 <= len(corners) <= MOST_CORNERS):
+            raise InputError(
+                f"region {self.name!r}: corners is {shown(corners)}: give a list of 3 to {MOST_CORNERS} [x, y] corners"
+            )
+        object.__setattr__(self, "corners", tuple(self._corner(at, corner) for at, corner in enumerate(corners)))
+
+    def _corner(self, at: int, corner: object) -> _Corner:
+        key = f"corners[{at}]"
+        if not (isinstance(corner, Sequence) and not isinstance(corner, str) and len(corner) == 2):
+            raise InputError(f"region {self.name!r}: {key} is {shown(corner)}: give the two numbers [x, y]")
+        return _number(self.name, f"{key}[0]", corner[0]), _number(self.name, f"{key}[1]", corner[1])
+
+    def rois(self) -> tuple[Roi, ...]:
+        """Return the polygon as the one region."""
+        return (Roi(self.name, self.corners),)
+
+
+@dataclass(frozen=True)
+class _Box:
+    """What rectangle and ellipse have in common: a box, and how far it is turned about its middle."""
+
+    name: str
+    x: float
+    y: float
+    width: float
+    height: float
+    angle_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        _check_box(self)
+
+    def _turned(self, corners: Iterable[_Corner]) -> tuple[_Corner, ...]:
+        """Turn corners, given from the middle of the box, and put them where the box is."""
+        angle = radians(self.angle_deg)
+        c, s = cos(angle), sin(angle)
+        x, y = self.x + self.width / 2, self.y + self.height / 2
+        return tuple((x + c * dx - s * dy, y + s * dx + c * dy) for dx, dy in corners)
+
+
+@dataclass(frozen=True)
+class RectangleShape(_Box):
+    """A rectangle, upright or turned.
+
+    Parameters
+    ----------
+    name : str
+        What messages and tables call the region.
+    x, y : float
+        Upper left corner before the rectangle is turned, in pixels; an image begins at (0, 0).
+    width, height : float
+        Size in pixels.
+    angle_deg : float
+        Turn about its middle, clockwise as the image is seen (from x to y), in degrees.
+
+    Raises
+    ------
+    InputError
+        If the name cannot be used, a number is not finite, or width or height is not positive.
+    """
+
+    kind: ClassVar[str] = "rectangle"
+
+    def rois(self) -> tuple[Roi, ...]:
+        """Return the rectangle as the one region."""
+        if self.angle_deg == 0:
+            # Not through the middle: a corner on a pixel's edge stays exactly there.
+            return (Roi.rectangle(self.name, self.x, self.y, self.width, self.height),)
+        a, b = self.width / 2, self.height / 2
+        return (Roi(self.name, self._turned(((-a, -b), (a, -b), (a, b), (-a, b)))),)
+
+
+@dataclass(frozen=True)
+class EllipseShape(_Box):
+    """An ellipse that fills a box; parameters and errors are those of `RectangleShape` for the box."""
+
+    kind: ClassVar[str] = "ellipse"
+
+    def rois(self) -> tuple[Roi, ...]:
+        """Return the ellipse as the one region: a polygon with corners on it, no edge 0.01 pixels from it."""
+        a, b = self.width / 2, self.height / 2
+        # The edge over an angle of 2 pi / n stays within a (1 - cos(pi / n)) of the arc. A multiple of 4, so that the
+        # region reaches the sides of its box.
+        n = 4 * ceil(pi * sqrt(max(a, b) / (2 * _SAGITTA_PX)) / 4)
+        n = max(16, min(n, _MOST_CORNERS_OF_ELLIPSE))
+        angles = (2 * pi * i / n for i in range(n))
+        return (Roi(self.name, self._turned((a * cos(t), b * sin(t)) for t in angles)),)
+
+
+@dataclass(frozen=True)
+class GridShape:
+    """Rows and columns of equal upright rectangles; they are called NAME-r1c1, NAME-r1c2 and so on.
+
+    Parameters
+    ----------
+    name : str
+        What the names of the regions begin with.
+    x, y : float
+        Upper left corner of the whole grid in pixels.
+    width, height : float
+        Size of the whole grid in pixels.
+    rows, columns : int
+        How many rectangles there are below and beside each other.
+    gap : float
+        Distance between neighbouring rectangles in pixels.
+
+    Raises
+    ------
+    InputError
+        If the name cannot be used, a number is out of its range, or the gaps leave nothing of the rectangles.
+    """
+
+    kind: ClassVar[str] = "grid"
+    name: str
+    x: float
+    y: float
+    width: float
+    height: float
+    rows: int
+    columns: int
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        _check_box(self)
+        for key in ("rows", "columns"):
+            value: object = getattr(self, key)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise InputError(f"region {self.name!r}: {key} is {shown(value)}: give a whole number of at least 1")
+        if self.rows * self.columns > MOST_REGIONS:
+            raise InputError(
+                f"region {self.name!r}: {self.rows} rows of {self.columns} columns are "
+                f"{self.rows * self.columns} regions: give at most {MOST_REGIONS}"
+            )
+        if self.gap < 0:
+            raise InputError(f"region {self.name!r}: gap is {self.gap:g}: give at least 0 pixels")
+        width, height = self._cell
+        if not (width > 0 and height > 0):
+            raise InputError(
+                f"region {self.name!r}: gaps of {self.gap:g} pixels leave nothing of {self.rows} x {self.columns} "
+                f"rectangles in {self.width:g} x {self.height:g} pixels: give a smaller gap"
+            )
+
+    @property
+    def _cell(self) -> tuple[float, float]:
+        return (
+            (self.width - self.gap * (self.columns - 1)) / self.columns,
+            (self.height - self.gap * (self.rows - 1)) / self.rows,
+        )
+
+    def rois(self) -> tuple[Roi, ...]:
+        """Return the rectangles, row by row."""
+        width, height = self._cell
+        return tuple(
+            Roi.rectangle(
+                f"{self.name}-r{row + 1}c{column + 1}",
+                self.x + column * (width + self.gap),
+                self.y + row * (height + self.gap),
+                width,
+                height,
+            )
+            for row in range(self.rows)
+            for column in range(self.columns)
+        )
+
+
+Shape: TypeAlias = PolygonShape | RectangleShape | EllipseShape | GridShape
+
+
+def rois_of(shapes: Iterable[Shape]) -> tuple[Roi, ...]:
+    """Return the regions of shapes, in their order.
+
+    Raises
+    ------
+    InputError
+        If there is none, there are more than 10 000, two have the same name, or a polygon crosses itself or has no
+        area.
+    """
+    rois: list[Roi] = []
+    for shape in shapes:
+        rois.extend(shape.rois())
+        if len(rois) > MOST_REGIONS:
+            raise InputError(f"there are more than {MOST_REGIONS} regions: give fewer")
+    if not rois:
+        raise InputError("there is no region: give at least one")
+    name, times = Counter(roi.name for roi in rois).most_common(1)[0]
+    if times > 1:
+        raise InputError(f"{times} regions have the name {name!r}: give each its own")
+    for roi in rois:
+        require_simple(roi)
+    return tuple(rois)
+
+
+def check_name(name: object) -> None:
+    """Refuse what is no name for a region: it has printable characters and no space at its ends; raises InputError."""
+    if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable():
+        raise InputError(f"the name of a region is {shown(name)}: give printable text without spaces at its ends")
+
+
+def _check_box(shape: Any) -> None:
+    """Make the numbers of a shape with a box floats, and refuse what is no finite number or has no size."""
+    for field in fields(shape):
+        if field.name not in ("name", "rows", "columns"):
+            object.__setattr__(shape, field.name, _number(shape.name, field.name, getattr(shape, field.name)))
+    for key in ("width", "height"):
+        value = getattr(shape, key)
+        if not value > 0:
+            raise InputError(f"region {shape.name!r}: {key} is {value:g}: give a number of pixels above 0")
+
+
+def _number(name: str, key: str, value: object) -> float:
+    if type(value) is not bool and isinstance(value, Real):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = float("inf")
+        if isfinite(number):
+            return number
+    raise InputError(f"region {name!r}: {key} is {shown(value)}: give a finite number")
+
+
+def shown(value: object) -> str:
+    """Return a value as messages show it: as JSON has it, and short."""
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "null"}[value]
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list | tuple) and len(value) > 4:
+        return f"a list of {len(value)}"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,129 @@
+"""Alignment of a template with a view, to a fraction of a pixel, whatever the light, and if part of it is covered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import Matrix
+from .level import GainOffset, Level
+from .template import Template, gradients
+from .view import View
+
+#: Residual of a pixel that is still found again: times the noise, and in parts of the structure.
+_AGREES_NOISE, _AGREES_STRUCTURE = 2.5, 0.25
+#: Trust that is kept in a patch and its edge whatever is learnt.
+_TRUST_KEPT = 0.7
+#: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
+_LEARNT_AT_FIRST, _LEARNT_AT_MOST = 4, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A template found in a view.
+
+    Parameters
+    ----------
+    to_view : ndarray of float, shape (3, 3)
+        Template pixels to view pixels.
+    quality : float
+        Share of the template's structure that is found again, 0 to 1: each pixel counts with its deviation
+        from the template's mean and its gradient, and with how far it was seen to move with the region so far; it is
+        found again as far as the view, after gain and offset, agrees with it but for noise.
+    light : (float, float)
+        Gain and offset of the view's DN over the template's.
+    covered : float
+        Share of the region's own pixels that do not agree with the rest of them.
+    in_image : float
+        Share of the template's pixels that lie in the image.
+    agrees : ndarray of float32, shape (n,)
+        How far each template pixel is found again, 0 to 1; nan outside the image.
+    """
+
+    to_view: Matrix
+    quality: float
+    light: tuple[float, float]
+    covered: float
+    in_image: float
+    agrees: NDArray[np.float32]
+
+
+class Aligner:
+    """Aligns one template: Gauss-Newton steps on robustly weighted residuals (inverse compositional).
+
+    Parameters
+    ----------
+    template : Template
+        What to align.
+    planar : bool
+        False for shift, scale and rotation; True for any view of a flat target (homography).
+
+    Notes
+    -----
+    S. Baker and I. Matthews, Lucas-Kanade 20 years on: a unifying framework, Int. J. Comput. Vis. 56, 2004. Gain and
+    offset are found together with each step. Steps that the image does not determine are damped, so a target that is
+    alike in one direction (a disc turned, a bar shifted along) stays as predicted there.
+    """
+
+    def __init__(self, template: Template, *, planar: bool) -> None:
+        self.template = template
+        self._levels = [Level(template, planar, coarse) for coarse in (True, False)]
+        structure = template.values - template.values.mean()
+        dx, dy = gradients(template.values)
+        self._carries = (np.abs(structure) + 2 * np.hypot(dx, dy)).ravel()
+        self._trust = template.trust.ravel()
+        self._trust_least = _TRUST_KEPT * self._trust**2
+        self._learnt = _LEARNT_AT_FIRST
+        self._spread_trust()
+
+    def align(self, view: View, to_view: Matrix, light: GainOffset | None = None) -> Fit | None:
+        """Improve a guess `to_view` (template pixels to view pixels); None if it leads nowhere.
+
+        `light` is a guess of gain and offset, as of the frame before.
+        """
+        guesses: tuple[GainOffset | None, ...] = (None,) if light is None else (light, None)
+        for level, steps in zip(self._levels, (8, 5), strict=True):
+            improved = level.improve(view, to_view, steps, guesses)
+            if improved is None:
+                return None
+            to_view, found = improved
+            guesses = ((found.gain, found.offset),)
+        return self._judge(view, to_view, guesses)
+
+    def _judge(self, view: View, to_view: Matrix, guesses: Sequence[GainOffset | None]) -> Fit | None:
+        """Say how well a template fits where it is put; None if hardly any of it is in the image."""
+        level = self._levels[-1]
+        values, seen = level.sample(view, to_view)
+        light = level.first_light(values, seen, guesses)
+        if light is None:
+            return None
+        gain, residuals = light.gain, light.residuals
+        template = self.template
+        noise = template.noise_dn * hypot(1, 1 / gain)
+        allowed = hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * template.structure_dn)
+        agrees = (1 / (1 + (residuals / allowed) ** 4)).astype(np.float32)
+        carries = self._carries * self._trust**2
+        quality = float(np.vdot(carries * seen, agrees) / max(float(carries.sum()), 1e-9))
+        inside = template.inside & seen
+        covered = 0.0
+        if np.count_nonzero(inside) >= 4:
+            own = residuals[inside]
+            covered = float((np.abs(own - np.median(own)) > 1.5 * allowed).mean())
+        agrees[~seen] = np.nan
+        return Fit(to_view, quality, (gain, light.offset), covered, float(seen.mean()), agrees)
+
+    def learn(self, fit: Fit) -> None:
+        """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
+        self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
+        known = np.isfinite(fit.agrees)
+        learnt = self._trust + (fit.agrees - self._trust) / self._learnt
+        self._trust = np.where(known, np.maximum(learnt, self._trust_least), self._trust)
+        self._spread_trust()
+
+    def _spread_trust(self) -> None:
+        for level in self._levels:
+            level.trust_in(self._trust.reshape(self.template.shape))

@@ -1,0 +1,208 @@
+"""One region followed from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..roi import Roi
+from .alignment import Aligner, Fit
+from .geometry import Matrix, carried, inverse, local_scale, scaling, shift, transform
+from .movers import make_mover
+from .search import candidates
+from .template import make_template
+from .tracker import TrackedRoi
+from .view import View, view_around
+
+#: Quality below which a region is lost, and from which it is found again.
+LOST_BELOW, FOUND_FROM = 0.55, 0.75
+#: Quality at which no other guess is tried.
+_GOOD = 0.85
+#: Share of a region whose own pixels may differ before nothing is to be measured in it.
+COVERED_MOST = 0.25
+#: Share of the template that must lie in the image.
+_IN_IMAGE_LEAST = 0.4
+#: Largest change of size from frame to frame, and over all.
+_SIZE_STEP, _SIZE_LEAST, _SIZE_MOST = 1.25, 0.2, 6.0
+#: Largest change of its shape from frame to frame: stretched, turned (rad), tilted (perspective over half its size).
+_STRETCH_STEP, _TURN_STEP, _TILT_STEP = 1.1, 0.25, 0.05
+#: Pixels around the expected place that are looked at: in parts of the window, and at least.
+_REACH, _REACH_LEAST = 0.5, 24.0
+#: Share of the last step in the motion that is expected next.
+_LAST_STEP = 0.6
+
+
+class Follower:
+    """Finds one region in frame after frame.
+
+    In each frame a guess (the motion so far, and what the method's mover says) is aligned with the first frame's
+    template. If too little of it is found again, the surroundings are searched.
+    """
+
+    def __init__(self, method: str, grey: NDArray[np.uint8], roi: Roi) -> None:
+        self._first = roi
+        self._template = make_template(grey, roi)
+        self._aligner = Aligner(self._template, planar=method == "homography")
+        self._mover = make_mover(method, self._template)
+        self._from_first = inverse(self._template.to_image)
+        self._to_image = self._template.to_image
+        self._velocity = np.zeros(2)
+        self._light = (1.0, 0.0)
+        self._lost_for = 0
+        self._held: Matrix | None = None
+        self._result = TrackedRoi(roi, 1.0, False, "")
+        view = self._view(grey, self._to_image)
+        if view is not None:
+            self._mover.settle(view, view.from_image @ self._to_image)
+
+    @property
+    def seen(self) -> bool:
+        """Whether the place is known in this frame."""
+        return self._lost_for == 0
+
+    @property
+    def motion(self) -> Matrix:
+        """Pixels of the first frame to those of the frame in which it was last seen."""
+        moved: Matrix = self._to_image @ self._from_first
+        return moved
+
+    def follow(self, grey: NDArray[np.uint8], change: str) -> None:
+        """Look for it in the next frame; `change` is what became of the scene as a whole."""
+        if change == "blank":
+            # What cannot be seen for a moment is not given up.
+            self._result = TrackedRoi(self._result.roi, 0.0, True, "the frame is blank")
+            return
+        if not self.seen:
+            self._lost_for += 1
+            self._result = replace(self._result, quality=0.0)
+            return
+        need = FOUND_FROM if change == "cut" else LOST_BELOW
+        middle = self._middle(self._to_image)
+        expected = shift(*self._velocity) @ self._to_image
+        view = self._view(grey, expected)
+        if view is None:
+            self._lose("it left the image", 0.0)
+            return
+        best = self._best(view, expected, need)
+        if best is None or best.quality < need:
+            found = f"{best.quality:.0%}" if best is not None else "nothing"
+            why = "the scene changed at once, and " if change == "cut" else ""
+            self._lose(f"{why}{found} of the structure around it is found again", best.quality if best else 0.0)
+            return
+        self._accept(view, best, middle)
+
+    def look_again(self, grey: NDArray[np.uint8], told: list[Matrix]) -> None:
+        """Look for it after it was lost: where it was, and where its motion `told` by others puts it."""
+        need = FOUND_FROM
+        places = [motion @ self._template.to_image for motion in told]
+        if self._held is not None:
+            places.insert(0, self._held)
+        for place in places:
+            view = self._view(grey, place)
+            fit = None if view is None else self._aligner.align(view, view.from_image @ place, self._light)
+            if view is not None and fit is not None and fit.quality >= need and self._possible(view, fit):
+                self._hold(view, fit)
+                return
+        self._held = None
+        view = self._view(grey, self._to_image, min(1 + 0.25 * self._lost_for, 3.0))
+        if view is None:
+            return
+        fits = [self._aligner.align(view, guess, self._light) for guess in candidates(view, self._template, 3)]
+        good = [fit for fit in fits if fit is not None and fit.quality >= need and self._possible(view, fit)]
+        if good:
+            self._hold(view, max(good, key=lambda fit: fit.quality))
+
+    @property
+    def result(self) -> TrackedRoi:
+        """What is to be told of this frame."""
+        return self._result
+
+    def _hold(self, view: View, fit: Fit) -> None:
+        """Take it for found if it is seen in two frames in a row."""
+        place = inverse(view.from_image) @ fit.to_view
+        if self._held is None:
+            self._held = place
+            return
+        self._held = None
+        self._velocity = np.zeros(2)
+        self._accept(view, fit, self._middle(place))
+
+    def _best(self, view: View, expected: Matrix, need: float) -> Fit | None:
+        """Best alignment from the expected place, the mover's proposal, and if need be a search."""
+        guess = view.from_image @ expected
+        proposal = self._mover.propose(view, guess)
+        starts = [guess] if proposal is None else [proposal, guess]
+        best: Fit | None = None
+        for start in starts:
+            best = self._better(view, best, self._aligner.align(view, start, self._light))
+            if best is not None and best.quality >= _GOOD:
+                return best
+        for start in candidates(view, self._template, 2):
+            best = self._better(view, best, self._aligner.align(view, start, self._light))
+        return best
+
+    def _better(self, view: View, best: Fit | None, other: Fit | None) -> Fit | None:
+        if other is None or not self._possible(view, other):
+            return best
+        return other if best is None or other.quality > best.quality else best
+
+    def _possible(self, view: View, fit: Fit) -> bool:
+        """Whether the target can have got there: not suddenly of another size, and in the image."""
+        if fit.in_image < _IN_IMAGE_LEAST:
+            return False
+        to_image = inverse(view.from_image) @ fit.to_view
+        height, width = self._template.shape
+        to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
+        changed = to_centred @ inverse(self._to_image) @ to_image @ inverse(to_centred)
+        changed /= changed[2, 2]
+        # Where it went does not matter here, but how its shape changed.
+        linear = changed[:2, :2] - np.outer(changed[:2, 2], changed[2, :2])
+        long, short = np.linalg.svd(linear, compute_uv=False)
+        size = (long * short) ** 0.5
+        turned = np.arctan2(linear[1, 0] - linear[0, 1], linear[0, 0] + linear[1, 1])
+        frames = 1 + min(self._lost_for, 3)
+        over_all = local_scale(to_image, (width / 2, height / 2)) * self._template.reduction
+        return bool(
+            1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
+            and long / short < _STRETCH_STEP**frames
+            and abs(turned) < _TURN_STEP * frames
+            and np.abs(changed[2, :2]).max() < _TILT_STEP * frames
+            and _SIZE_LEAST < over_all < _SIZE_MOST
+        )
+
+    def _accept(self, view: View, fit: Fit, middle: NDArray[np.float64]) -> None:
+        self._mover.settle(view, fit.to_view)
+        self._to_image = inverse(view.from_image) @ fit.to_view
+        self._to_image = self._to_image / self._to_image[2, 2]
+        step = self._middle(self._to_image) - middle
+        self._velocity = _LAST_STEP * step + (1 - _LAST_STEP) * self._velocity
+        self._lost_for = 0
+        self._light = fit.light
+        self._aligner.learn(fit)
+        roi = carried(self._first, self.motion)
+        height, width = view.image_shape
+        x0, y0, x1, y1 = roi.bounds
+        if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
+            self._result = TrackedRoi(self._result.roi, fit.quality, True, "it leaves the image")
+        elif fit.covered > COVERED_MOST:
+            why = f"{fit.covered:.0%} of its own pixels differ from the rest: something covers it"
+            self._result = TrackedRoi(roi, fit.quality, True, why)
+        else:
+            self._result = TrackedRoi(roi, fit.quality, False, "")
+
+    def _lose(self, reason: str, quality: float) -> None:
+        self._lost_for += 1
+        self._held = None
+        self._result = TrackedRoi(self._result.roi, quality, True, reason)
+
+    def _middle(self, to_image: Matrix) -> NDArray[np.float64]:
+        height, width = self._template.shape
+        middle: NDArray[np.float64] = transform(to_image, np.array([(width / 2, height / 2)]))[0]
+        return middle
+
+    def _view(self, grey: NDArray[np.uint8], to_image: Matrix, wider: float = 1.0) -> View | None:
+        height, width = self._template.shape
+        size = max(self._template.shape) * local_scale(to_image, (width / 2, height / 2))
+        return view_around(grey, self._template, to_image, wider * max(_REACH * size, _REACH_LEAST))

@@ -1,0 +1,56 @@
+"""Regions followed through a video, each by its own template, and with the help of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..roi import Roi
+from .follower import Follower
+from .geometry import Matrix, inverse
+from .scene import SceneWatch
+from .tracker import TrackedRoi, grey_frame
+
+
+class FollowingTracker:
+    """Follows each region; one that is lost is also looked for where the others say it should be."""
+
+    def __init__(self, method: str, grey: NDArray[np.uint8], rois: Sequence[Roi]) -> None:
+        self._shape = (grey.shape[0], grey.shape[1])
+        self._followers = tuple(Follower(method, grey, roi) for roi in rois)
+        self._scene = SceneWatch(grey)
+        # Motion of each region in terms of each other one, from when both were last seen.
+        self._between: dict[tuple[int, int], Matrix] = {}
+        self._remember()
+
+    def update(self, grey: NDArray[np.uint8]) -> tuple[TrackedRoi, ...]:
+        """Find the regions in the next frame; see `Tracker`."""
+        frame = grey_frame(grey, self._shape)
+        change = self._scene.look(frame)
+        for follower in self._followers:
+            follower.follow(frame, change)
+        if change != "blank":
+            for number, follower in enumerate(self._followers):
+                if not follower.seen:
+                    follower.look_again(frame, self._told(number))
+        self._remember()
+        return tuple(follower.result for follower in self._followers)
+
+    def _told(self, number: int) -> list[Matrix]:
+        """Where the regions that are seen say that another one is, nearest region first."""
+        there = self._followers[number]
+        near = sorted(
+            (other for other, follower in enumerate(self._followers) if other != number and follower.seen),
+            key=lambda other: np.hypot(*np.subtract(self._followers[other].result.roi.centre, there.result.roi.centre)),
+        )
+        return [self._followers[o].motion @ self._between[number, o] for o in near[:2] if (number, o) in self._between]
+
+    def _remember(self) -> None:
+        seen = [number for number, follower in enumerate(self._followers) if follower.seen]
+        back = {number: inverse(self._followers[number].motion) for number in seen}
+        for a in seen:
+            for b in seen:
+                if a != b:
+                    self._between[a, b] = back[b] @ self._followers[a].motion

@@ -1,0 +1,65 @@
+"""Plane transforms as 3 x 3 matrices on (x, y, 1), in pixels with the corner of the image at (0, 0)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..roi import Roi
+
+Matrix = NDArray[np.float64]
+
+
+def shift(x: float, y: float) -> Matrix:
+    """Matrix that moves by (`x`, `y`)."""
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+
+
+def scaling(x: float, y: float | None = None) -> Matrix:
+    """Matrix that scales by `x` and `y` (both by `x` without `y`) around the origin."""
+    return np.diag([x, x if y is None else y, 1.0])
+
+
+def around(matrix: Matrix, x: float, y: float) -> Matrix:
+    """Matrix that does around (`x`, `y`) what `matrix` does around the origin."""
+    return shift(x, y) @ matrix @ shift(-x, -y)
+
+
+def inverse(matrix: Matrix) -> Matrix:
+    """Inverse of a matrix, by cofactors: several times as fast as a general solver.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If there is none.
+    """
+    a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
+    p, q, r = e * i - f * h, f * g - d * i, d * h - e * g
+    determinant = a * p + b * q + c * r
+    if determinant == 0:
+        raise np.linalg.LinAlgError("Singular matrix")
+    cofactors = [p, c * h - b * i, b * f - c * e, q, a * i - c * g, c * d - a * f, r, b * g - a * h, a * e - b * d]
+    return np.array(cofactors).reshape(3, 3) / determinant
+
+
+def transform(matrix: Matrix, points: NDArray[Any]) -> NDArray[np.float64]:
+    """Points, shape (n, 2), moved by `matrix`."""
+    moved = points @ matrix[:, :2].T + matrix[:, 2]
+    result: NDArray[np.float64] = moved[:, :2] / moved[:, 2:]
+    return result
+
+
+def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
+    """Square root of the factor by which `matrix` enlarges areas at `point`; nan where it mirrors."""
+    w = float(matrix[2, 0] * point[0] + matrix[2, 1] * point[1] + matrix[2, 2])
+    area = float(np.linalg.det(matrix)) / w**3
+    return area**0.5 if area > 0 else float("nan")
+
+
+def carried(roi: Roi, matrix: Matrix) -> Roi:
+    """Region whose corners are moved by `matrix`."""
+    corners = transform(matrix, np.array(roi.corners))
+    return Roi(roi.name, tuple((float(x), float(y)) for x, y in corners))

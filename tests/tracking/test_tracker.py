@@ -1,0 +1,177 @@
+"""What every method promises: input, results, the same each time."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labcdp.errors import InputError
+from labcdp.roi import Roi
+from labcdp.tracking import METHODS, make_tracker
+from labcdp.tracking.simulated import Moment, SimulatedVideo, pose
+
+FOLLOWING = tuple(method for method in METHODS if method != "fixed")
+
+
+def moving(t):
+    return Moment(pose(90 + 2.5 * t, 70 + t, 1 + 0.01 * t))
+
+
+@pytest.fixture(scope="module")
+def video():
+    return list(SimulatedVideo(moving, n_frames=6, size=(240, 160)).frames())
+
+
+def scene(shape=(120, 160), seed=1):
+    import cv2
+
+    noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+@pytest.mark.parametrize("method", FOLLOWING)
+def test_regions_are_carried_with_their_target(method, video):
+    tracker = make_tracker(method, video[0].grey, video[0].rois)
+
+    for frame in video[1:]:
+        for found, truth in zip(tracker.update(frame.grey), frame.rois, strict=True):
+            assert found.roi.name == truth.name
+            assert np.abs(np.subtract(found.roi.corners, truth.corners)).max() < 0.5
+            assert not found.lost
+            assert found.quality > 0.9
+
+
+def test_fixed_regions_stay_and_tell_what_changed(video):
+    tracker = make_tracker("fixed", video[0].grey, video[0].rois)
+
+    same = tracker.update(video[0].grey)
+    later = tracker.update(video[5].grey)
+
+    assert [found.roi for found in same] == [found.roi for found in later] == list(video[0].rois)
+    assert [found.quality for found in same] == pytest.approx([1, 1])
+    assert all(found.quality < 0.9 and not found.lost for found in later)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_video_gives_the_same_result(method, video):
+    import cv2
+
+    results = []
+    for seed in (1, 2):
+        cv2.setRNGSeed(seed)
+        tracker = make_tracker(method, video[0].grey, video[0].rois)
+        results.append([tracker.update(frame.grey) for frame in video[1:]])
+
+    assert results[0] == results[1]
+
+
+def test_the_frame_given_is_not_changed(video):
+    first, second = (frame.grey.copy() for frame in video[:2])
+    tracker = make_tracker("kcf", first, video[0].rois)
+    tracker.update(second)
+
+    assert np.array_equal(first, video[0].grey)
+    assert np.array_equal(second, video[1].grey)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_frames_of_another_size_or_type_are_refused(method):
+    grey = scene()
+    tracker = make_tracker(method, grey, [Roi.rectangle("sign", 40, 40, 30, 30)])
+
+    with pytest.raises(InputError, match=r"a frame has 80 x 120 pixels, the first one had 160 x 120: start anew"):
+        tracker.update(grey[:, :80])
+    with pytest.raises(InputError, match=r"type uint16: give a grey image of two dimensions and 8 bit"):
+        tracker.update(grey.astype(np.uint16))
+    with pytest.raises(InputError, match=r"shape \(120, 160, 3\)"):
+        tracker.update(np.stack([grey] * 3, axis=2))
+
+
+def test_bad_arguments_are_refused():
+    grey = scene()
+    sign = Roi.rectangle("sign", 40, 40, 30, 30)
+
+    with pytest.raises(InputError, match=r"unknown tracking method 'mosse': give one of kcf, csrt, flow, homography"):
+        make_tracker("mosse", grey, [sign])
+    with pytest.raises(InputError, match=r"no region to follow"):
+        make_tracker("kcf", grey, [])
+    with pytest.raises(InputError, match=r"2 regions are called 'sign'"):
+        make_tracker("kcf", grey, [sign, sign])
+    with pytest.raises(InputError, match=r"region 'far' spans x 150 to 180"):
+        make_tracker("fixed", grey, [Roi.rectangle("far", 150, 40, 30, 30)])
+    with pytest.raises(InputError, match=r"type uint16"):
+        make_tracker("kcf", grey.astype(np.uint16), [sign])
+
+
+@pytest.mark.parametrize("method", FOLLOWING)
+def test_a_region_without_structure_around_it_is_refused(method):
+    sign = Roi.rectangle("sign", 70, 50, 20, 20)
+    constant = np.full((120, 160), 90, np.uint8)
+    only_a_line = constant.copy()
+    only_a_line[:, 80:] = 150
+    noise = np.clip(np.random.default_rng(1).normal(90, 5, (120, 160)), 0, 255).astype(np.uint8)
+
+    for image in (constant, only_a_line, noise):
+        with pytest.raises(InputError, match=r"region 'sign' cannot be followed: in it and 48 pixels around it"):
+            make_tracker(method, image, [sign])
+
+
+def test_fixed_needs_no_structure():
+    constant = np.full((120, 160), 90, np.uint8)
+    tracker = make_tracker("fixed", constant, [Roi.rectangle("sign", 70, 50, 20, 20)])
+
+    assert tracker.update(constant)[0].quality == 1.0
+    assert tracker.update(scene())[0].quality == 0.0
+
+
+@pytest.mark.parametrize("method", FOLLOWING)
+@pytest.mark.parametrize(
+    "corner_and_size",
+    [(60, 40, 4, 4), (0, 0, 30, 20), (130, 90, 30, 30), (5, 20, 150, 60), (20, 20, 100, 6)],
+    ids=["tiny", "upper left", "lower right", "half the image", "narrow"],
+)
+def test_odd_regions_are_followed(method, corner_and_size):
+    big = scene((160, 200), seed=4)
+    roi = Roi.rectangle("odd", *corner_and_size)
+    tracker = make_tracker(method, np.ascontiguousarray(big[20:140, 20:180]), [roi])
+
+    # The window moves up and left over the scene, so the region moves down and right; those at the end go out.
+    x, y = roi.corners[0]
+    for step in (1, 2, 3):
+        found = tracker.update(np.ascontiguousarray(big[20 - step : 140 - step, 20 - step : 180 - step]))[0]
+        if max(roi.bounds[2] + step - 160, roi.bounds[3] + step - 120) > 0:
+            assert found.lost
+            assert "leaves the image" in found.reason
+        else:
+            assert not found.lost
+            assert found.roi.corners[0] == pytest.approx((x + step, y + step), abs=0.3)
+
+
+def test_many_regions_are_followed_together():
+    big = scene((160, 200), seed=5)
+    places = [(row, column) for row in range(3) for column in range(4)]
+    rois = [Roi.rectangle(f"{row}.{column}", 20 + 30 * column, 20 + 30 * row, 20, 20) for row, column in places]
+    tracker = make_tracker("kcf", np.ascontiguousarray(big[20:140, 20:180]), rois)
+
+    found = tracker.update(np.ascontiguousarray(big[18:138, 23:183]))
+
+    assert [one.roi.name for one in found] == [roi.name for roi in rois]
+    for one, roi in zip(found, rois, strict=True):
+        assert one.roi.centre == pytest.approx((roi.centre[0] - 3, roi.centre[1] + 2), abs=0.2)
+
+
+@settings(max_examples=15)
+@given(
+    x=st.floats(0, 100), y=st.floats(0, 60), width=st.floats(1, 60), height=st.floats(1, 60), seed=st.integers(0, 999)
+)
+def test_what_is_returned_lies_in_the_image(x, y, width, height, seed):
+    roi = Roi.rectangle("any", x, y, width, height)
+    try:
+        tracker = make_tracker("flow", scene(seed=1), [roi])
+    except InputError:
+        return
+    for number in range(3):
+        found = tracker.update(scene(seed=seed + number))[0]
+        assert 0 <= found.quality <= 1
+        assert found.roi.mask((120, 160)).any()
+        assert bool(found.reason) or not found.lost

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..errors import CalibrationError, InputError
+from ..errors import InputError
+from .picture_options import seconds
 from .terminal import JSON_OPTION, print_json, say
 
 if TYPE_CHECKING:
     from ..calibration.bracket import Bracket
     from ..calibration.store import AnyCalibration
+    from ..evaluate.light import PictureConversion
     from ..frame import Frame
-    from ..session import FrameRecord, Session, SessionConfiguration
+    from ..session import FrameRecord, Session
 
 #: What the reasons are called for a person.
 _REASONS = {
@@ -35,14 +37,15 @@ class _Selected:
 
     frames: Sequence[Frame]
     names: Sequence[str]
-    configuration: SessionConfiguration | None = None
+    warnings: tuple[str, ...]
 
 
 def luminance(
     calibration: Path = typer.Argument(help="Calibration file, as labcdp calibrate saved it."),
     files: list[Path] = typer.Argument(
         metavar="SESSION | FILE...",
-        help="Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW.",
+        help="Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, "
+        "or other pictures that say their exposure.",
     ),
     output: Path = typer.Option(
         ..., "--output", "-o", help="File to write: .tif or .exr (float images), or .npz (everything, for labcdp)."
@@ -64,16 +67,14 @@ def luminance(
     """
     from ..calibration.bracket import bracket_luminance
     from ..calibration.store import file_sha256, load_any
-    from ..evaluate.session import mismatch
     from ..sources.luminance_file import SUFFIXES, metadata, save_luminance
 
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(f"--output {output} has no known end: give a name that ends in {', '.join(SUFFIXES)}")
     loaded = load_any(calibration)
-    selected = _selected(files, frame, exposure, patch, loaded)
-    warnings = [] if selected.configuration is None else mismatch(selected.configuration, loaded)
+    selected = _selected(files, frame, exposure, patch, calibration, loaded)
     result = bracket_luminance(loaded, selected.frames)
-    warnings += _temperature_warnings(loaded, selected.frames)
+    warnings = [*selected.warnings, *_temperature_warnings(loaded, selected.frames)]
     about = {
         "calibration": {
             "file": calibration.name,
@@ -109,23 +110,36 @@ def _temperature_warnings(loaded: AnyCalibration, frames: Sequence[Frame]) -> li
 
 
 def _selected(
-    files: Sequence[Path], numbers: Sequence[int], exposures: Sequence[str], patch: str | None, loaded: AnyCalibration
+    files: Sequence[Path],
+    numbers: Sequence[int],
+    exposures: Sequence[str],
+    patch: str | None,
+    calibration: Path,
+    loaded: AnyCalibration,
 ) -> _Selected:
     folders = [path for path in files if path.is_dir()]
     if folders and len(files) > 1:
         raise InputError(f"{folders[0]} is a folder and not alone: give one session, or files of frames")
     if folders:
-        return _of_session(folders[0], numbers, exposures, patch)
+        return _of_session(folders[0], numbers, exposures, patch, loaded)
     if numbers or patch is not None:
         raise InputError("--frame and --patch choose among the frames of a session: give its folder, or leave them out")
-    frames = [_of_file(path, loaded) for path in files]
-    kept = [(f, str(p)) for f, p in zip(frames, files, strict=True) if _wanted(f.exposure_s, exposures)]
+    from ..evaluate.light import calibrated_conversion
+
+    conversion = calibrated_conversion(loaded, calibration.name)
+    read = [(str(path), *_of_file(path, conversion)) for path in files]
+    kept = [one for one in read if _wanted(one[1].exposure_s, exposures)]
     if not kept:
-        raise InputError(f"no file has the exposure {' or '.join(exposures)}: {_exposures(frames)} are there")
-    return _Selected([f for f, _ in kept], [name for _, name in kept])
+        there = _exposures([frame for _, frame, _ in read])
+        raise InputError(f"no file has the exposure {' or '.join(exposures)}: {there} are there")
+    warnings = dict.fromkeys(warning for _, _, found in kept for warning in found)
+    return _Selected([frame for _, frame, _ in kept], [name for name, _, _ in kept], tuple(warnings))
 
 
-def _of_session(path: Path, numbers: Sequence[int], exposures: Sequence[str], patch: str | None) -> _Selected:
+def _of_session(
+    path: Path, numbers: Sequence[int], exposures: Sequence[str], patch: str | None, loaded: AnyCalibration
+) -> _Selected:
+    from ..evaluate.session import mismatch
     from ..session import Session
 
     session = Session.open(path)
@@ -155,44 +169,27 @@ def _of_session(path: Path, numbers: Sequence[int], exposures: Sequence[str], pa
     return _Selected(
         [session.load(record) for record in chosen],
         [record.file.name for record in chosen],
-        session.configuration,
+        tuple(mismatch(session.configuration, loaded)),
     )
 
 
-def _of_file(path: Path, loaded: AnyCalibration) -> Frame:
-    from ..session.frame_file import frame_from_tiff
+def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[str, ...]]:
+    """Read a frame from a file, and what to mind about it."""
+    from ..sources import read_picture
 
-    if path.suffix.lower() in (".tif", ".tiff"):
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path} cannot be read ({error.strerror}): give a file you can read") from error
-        return frame_from_tiff(data, str(path))
-    from ..sources import FileDefaults, read_raw
-
-    taken = read_raw(path, FileDefaults(None, loaded.state.gain_db, loaded.state.camera))
-    f_number = taken.f_number
-    if f_number is not None and not isclose(f_number, loaded.lens.f_number, rel_tol=0.01):
-        raise CalibrationError(
-            f"{path} was taken with f/{f_number:g}, the calibration is for f/{loaded.lens.f_number:g}: use this "
-            "f-number, or calibrate the other"
+    picture = read_picture(path, conversion.options)
+    frame = conversion.frame_of(picture)
+    if not picture.exposure_known:
+        raise InputError(
+            f"{path} does not say its exposure time: give frames that labcdp recorded or camera RAW, or this picture "
+            "alone to labcdp image --exposure"
         )
-    return taken.frame
+    return frame, conversion.warnings(picture)
 
 
 def _wanted(exposure_s: float, exposures: Sequence[str]) -> bool:
     # Cameras apply an exposure in steps of their own.
-    return not exposures or any(isclose(exposure_s, _seconds(text), rel_tol=0.01) for text in exposures)
-
-
-def _seconds(text: str) -> float:
-    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("s", 1.0)):
-        if text.endswith(unit):
-            try:
-                return float(text.removesuffix(unit)) * scale
-            except ValueError:
-                break
-    raise InputError(f"--exposure is {text!r}: give a number with s, ms or us, for example 8ms")
+    return not exposures or any(isclose(exposure_s, seconds(text, "--exposure"), rel_tol=0.01) for text in exposures)
 
 
 def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:

@@ -25,14 +25,19 @@ if TYPE_CHECKING:
 
 def rois(
     file: Path = typer.Argument(
-        metavar="FILE", help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump."
+        metavar="FILE",
+        help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump; or a video, a folder of numbered "
+        "images, a recorded session.",
+    ),
+    frame: str | None = typer.Option(
+        None, help="Frame of a video to draw on, for example 250, 10s or 1:30; default: the first."
     ),
     output: Path | None = typer.Option(
         None,
         "--output",
         "-o",
         help="File of regions to write: .json, or for ImageJ .zip or .roi. Default: the file of --roi, else beside the "
-        "image, for example picture.rois.json.",
+        "image or video, for example picture.rois.json.",
     ),
     roi: Path | None = typer.Option(
         None, help="Regions to begin with: .json of labcdp, .roi or .zip of ImageJ. Default: what --output holds."
@@ -62,7 +67,7 @@ def rois(
     ),
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Draw regions of an image by mouse, on a page in the browser.
+    """Draw regions of an image or of a video's frame by mouse, on a page in the browser.
 
     The page shows DN and cd/m^2 under the pointer, the mean of each region, and the CDP of two regions. labcdp prints
     the address of the page, and what to type where the browser runs on another computer. Ctrl-C ends it. What is not
@@ -74,10 +79,11 @@ def rois(
     contrasts = parse_contrasts(contrast)
     if not page and detect is None:
         raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
+    _require_of_kind(file, frame, pixel_format or size)
     target = _output(file, output, roi)
     conversion = picture_conversion(calibration, camera, encoding)
     options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
-    image = _image(file, conversion, options)
+    image = _image(file, frame, conversion, options)
     files = DrawingFiles(target, image.size)
     found = () if detect is None else _found(image, detect)
     start = _start(files, roi)
@@ -103,16 +109,32 @@ class _Files:
 
 
 def _output(file: Path, output: Path | None, roi: Path | None) -> Path:
-    target = output or roi or file.with_name(f"{file.stem}.rois.json")
+    name = file.name if file.is_dir() else file.stem
+    target = output or roi or file.parent / f"{name or 'video'}.rois.json"
     if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
         raise InputError(f"{target.parent} may not be written to: give --output in another folder")
     return target
 
 
-def _image(file: Path, conversion: PictureConversion, options: PictureOptions) -> PageImage:
-    from ..roi_page.page_image import PageImage
-    from ..sources.picture import read_picture
+def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:
+    """Refuse options of videos for pictures, and of raw dumps for videos."""
+    from ..roi_page.video_image import is_video
 
+    if is_video(file):
+        if of_dumps is not None:
+            raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
+    elif frame is not None:
+        raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
+
+
+def _image(file: Path, frame: str | None, conversion: PictureConversion, options: PictureOptions) -> PageImage:
+    from ..roi_page.page_image import PageImage
+    from ..roi_page.video_image import is_video, video_image
+    from ..sources.picture import read_picture
+    from ..sources.video_selection import Position
+
+    if is_video(file):
+        return video_image(file, Position.parse(frame or "0", "--frame"), conversion, options)
     return PageImage.of(read_picture(file, options), conversion)
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import log10, nan, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from .image import image_array, mask_array
+from .lags import Lags, both_signs, lags_of_mask
 
 #: A correlation counts from so many times sqrt(log10(n) / n) on, unless so many lags in a row are below it
 #: (Politis 2003, with the constants he recommends).
 _SIGNIFICANT, _LAGS_BELOW = 2.0, 5
+
+#: Lags that are looked at first.
+_FEW_LAGS = 12
 
 #: Standard deviations from which the correlation along whole rows or columns counts: chance alone in 1 % of cases.
 _LINE_SIGNIFICANT = 2.3
@@ -68,66 +72,93 @@ def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) ->
     """Inflation as `variance_inflation` of pixels less their mean, 0 outside the mask; nan if all are 0."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    products, pairs = _over_lags(scores[window]), np.rint(_over_lags(mask[window].astype(np.float64)))
-    n, scatter = float(pairs[0, 0]), float(products[0, 0])
+    products, pairs = Lags(scores[window]), lags_of_mask(mask[window])
+    n, scatter = pairs.at_0, products.at_0
     if not scatter > 0:
         return nan
-    weights = _weights_of_lags(products, pairs, mask[window].shape)
-    summed = float((weights * pairs).sum()) / n**2
+    weights = _weights_of_lags(products, pairs)
+    summed = weights.sum_of(pairs) / n**2
     if summed >= 1:
         return 1.0
-    correlated = float((weights * products).sum()) / scatter
-    return max(correlated * (1 - 1 / n) / (1 - summed), 1.0)
+    return max(weights.sum_of(products) / scatter * (1 - 1 / n) / (1 - summed), 1.0)
 
 
-def _weights_of_lags(
-    products: NDArray[np.float64], pairs: NDArray[np.float64], shape: tuple[int, ...]
-) -> NDArray[np.float64]:
-    """Choose how much each lag (dy, dx) counts, 0 to 1, for a region of `shape`; arrays as from `_over_lags`."""
-    n = pairs[0, 0]
-    correlation = np.where(pairs > 0, products / np.maximum(pairs, 1), 0) / (products[0, 0] / n)
-    down = _axis(correlation[:, 0], shape[0], n)
-    right = _axis(correlation[0], shape[1], n)
-    near: NDArray[np.float64] = np.outer(down.weights, right.weights)
-    weights = near
-    for axis, line, line_pairs, across, number in (
-        (down, products[:, 0], pairs[:, 0], right.weights[None, :], 0),
-        (right, products[0], pairs[0], down.weights[:, None], 1),
-    ):
-        far = axis.lags > 2 * (axis.reach + 1)
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """How much each lag (dy, dx) counts, 0 to 1.
+
+    Parameters
+    ----------
+    down, right : ndarray of float
+        By the lag along each axis, from 0; lags beyond the last count nothing. The weight of a lag is their product.
+    all_down, all_right : bool
+        Whether all lags along the axis count as lag 0 along it does.
+    """
+
+    down: NDArray[np.float64]
+    right: NDArray[np.float64]
+    all_down: bool
+    all_right: bool
+
+    def sum_of(self, lags: Lags) -> float:
+        """Weighted sum over all lags."""
+        down, right = both_signs(self.down), both_signs(self.right)
+        if not (self.all_down or self.all_right):
+            return float(down @ lags.near(self.down.size, self.right.size) @ right)
+        total = 0.0
+        if self.all_down:
+            total += float(lags.summed(0).near(1, self.right.size)[0] @ right)
+        if self.all_right:
+            total += float(lags.summed(1).near(self.down.size, 1)[:, 0] @ down)
+        if self.all_down and self.all_right:
+            # The larger one of both weights is their sum less the smaller one.
+            smaller = np.minimum.outer(down, right)
+            total -= float((smaller * lags.near(self.down.size, self.right.size)).sum())
+        return total
+
+
+def _weights_of_lags(products: Lags, pairs: Lags) -> _Weights:
+    """Choose how much each lag counts."""
+    reaches = tuple(_reach(products, pairs, axis) for axis in (0, 1))
+    # Only lag 0 counts where none is significant.
+    down, right = (
+        np.clip(2 - np.arange(2 * (reach + 1)) / (reach + 1), 0, 1) if reach else np.ones(1) for reach in reaches
+    )
+    counts = down.size, right.size
+    known_pairs = pairs.near(*counts)
+    correlation = np.where(known_pairs > 0, products.near(*counts) / np.maximum(known_pairs, 1), 0)
+    correlation *= np.outer(both_signs(down), both_signs(right)) * pairs.at_0 / products.at_0
+    whole = []
+    for axis, reach in enumerate(reaches):
+        far_pairs = round(_far(pairs, axis, 2 * (reach + 1)))
         # Variance of the sum of far products (Bartlett's formula, summed over lags along the line), in scatter^2.
-        variance = 2 * line_pairs[far].sum() * float(((near * correlation).sum(axis=number) ** 2).sum())
-        if line[far].sum() * n / products[0, 0] > _LINE_SIGNIFICANT * sqrt(variance):
-            weights = np.maximum(weights, across)
-    return weights
+        variance = 2 * far_pairs * float((correlation.sum(axis=axis) ** 2).sum())
+        far = _far(products, axis, 2 * (reach + 1)) * pairs.at_0 / products.at_0
+        whole.append(far_pairs > 0 and far > _LINE_SIGNIFICANT * sqrt(variance))
+    return _Weights(down, right, *whole)
 
 
-class _Axis(NamedTuple):
-    lags: NDArray[np.intp]
-    reach: int
-    weights: NDArray[np.float64]
-
-
-def _axis(correlation: NDArray[np.float64], length: int, n: float) -> _Axis:
-    """Choose the lags along an axis that count, up to a quarter of its `length`."""
-    lags = np.abs(np.fft.fftfreq(correlation.size, 1 / correlation.size).round().astype(np.intp))
+def _reach(products: Lags, pairs: Lags, axis: int) -> int:
+    """Last lag along an axis before so many in a row that do not count, up to a quarter of its length."""
+    n = pairs.at_0
     least = _SIGNIFICANT * sqrt(log10(n) / n)
+    most = products.shape[axis] // 4
     reach = 0
-    for lag in range(1, length // 4 + 1):
-        if abs(correlation[lag]) > least:
-            reach = lag
-        elif lag - reach >= _LAGS_BELOW:
-            break
-    weights = np.clip(2 - lags / (reach + 1), 0, 1) if reach else (lags == 0).astype(np.float64)
-    return _Axis(lags, reach, weights)
+    # Noise of cameras reaches a few pixels.
+    for asked in (min(_FEW_LAGS, most), most):
+        line_pairs = pairs.line(axis, asked + 1)
+        correlation = np.where(line_pairs > 0, products.line(axis, asked + 1) / np.maximum(line_pairs, 1), 0)
+        significant = np.abs(correlation) * n / products.at_0 > least
+        reach = 0
+        for lag in range(1, asked + 1):
+            if significant[lag]:
+                reach = lag
+            elif lag - reach >= _LAGS_BELOW:
+                return reach
+    return reach
 
 
-def _over_lags(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of the products of all pairs of pixels at each lag (dy, dx), negative lags at the ends as in an FFT."""
-    from scipy import fft
-
-    # Padded so far that no lag wraps around.
-    shape = [fft.next_fast_len(2 * length, real=True) for length in values.shape]
-    spectrum = fft.rfft2(values, shape)
-    products: NDArray[np.float64] = fft.irfft2(np.abs(spectrum) ** 2, shape)
-    return products
+def _far(lags: Lags, axis: int, last: int) -> float:
+    """Sum over all lags along an axis beyond the `last`."""
+    near = lags.line(axis, min(last + 1, lags.shape[axis]))
+    return lags.summed(axis).at_0 - float(2 * near.sum() - near[0])

@@ -1,4 +1,4 @@
-"""Tables of light by DN: from the parameters of a camera, or relative to the highest DN."""
+"""Tables of light by DN: from the parameters of a camera, or relative to the end of the scale of DN."""
 
 from __future__ import annotations
 
@@ -43,7 +43,10 @@ class _Setting:
 
 
 def relative_light(frame: Frame, encoding: Encoding) -> DnLight:
-    """Light of a frame's DN relative to the highest one; its noise is taken to be that of rounding.
+    """Light of a frame's DN relative to the end of their scale; its noise is taken to be that of rounding.
+
+    Linear DN are divided by 2 to the power of their bits, which is exact in float32: the contrast of two integers that
+    lies on an end of the interval stays there. The highest DN is just below 1. Decoded sRGB is 1 at the highest DN.
 
     Parameters
     ----------
@@ -80,7 +83,8 @@ def specified_light(
 
 @lru_cache(maxsize=16)
 def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
-    linear = decoded_table(setting.bit_depth, encoding)
+    n = 2**setting.bit_depth
+    linear = np.arange(n) / n if encoding == "linear" else decoded_table(setting.bit_depth, encoding)
     black = np.interp(setting.black_level_dn, np.arange(linear.size), linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * _steps(linear)
     return DnLight((linear - black).astype(np.float32), noise.astype(np.float32), setting.saturated)

@@ -84,16 +84,31 @@ class PictureConversion:
             return picture.luminance
         if picture.frame is None:
             return self._of_floats(picture)
-        reason = self.converter.refusal(picture)
-        if reason is not None:
-            raise CalibrationError(f"{picture.path}: {reason}")
+        frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(f"{picture.path} does not say its exposure time: give it with --exposure")
         encoding: Encoding = "linear" if picture.coloured else picture.encoding
         try:
-            return self.converter.luminance(picture.frame, encoding, WHOLE, picture.f_number, picture.clipped)
+            return self.converter.luminance(frame, encoding, WHOLE, picture.f_number, picture.clipped)
         except CalibrationError as error:
             raise CalibrationError(f"{picture.path}: {error}") from error
+
+    def frame_of(self, picture: Picture) -> Frame:
+        """Return the DN of a picture if they are such as the conversion is for.
+
+        Raises
+        ------
+        CalibrationError
+            If the picture is not of the camera or setting of the lens the calibration is for.
+        InputError
+            If it holds no DN.
+        """
+        if picture.frame is None:
+            raise InputError(f"{picture.path} holds no DN, but floats: give a picture as the camera recorded it")
+        reason = self.converter.refusal(picture)
+        if reason is not None:
+            raise CalibrationError(f"{picture.path}: {reason}")
+        return picture.frame
 
     def warnings(self, picture: Picture) -> tuple[str, ...]:
         """Say in plain words what to mind about the map of a picture."""
@@ -170,7 +185,13 @@ def _by_calibration(path: Path, encoding: Encoding | None) -> PictureConversion:
 
     if encoding == "srgb":
         raise InputError("the encoding is srgb: a calibration knows how the DN follow light, leave the encoding out")
-    loaded = load_any(path)
+    return calibrated_conversion(load_any(path), path.name, encoding)
+
+
+def calibrated_conversion(
+    loaded: AnyCalibration, name: str, encoding: Literal["linear"] | None = None
+) -> PictureConversion:
+    """Conversion by a calibration that was loaded from the file `name`."""
     state = loaded.state
     options = PictureOptions(
         exposure_s=loaded.exposures_s[0] if len(loaded.exposures_s) == 1 else None,
@@ -182,7 +203,7 @@ def _by_calibration(path: Path, encoding: Encoding | None) -> PictureConversion:
         black_level_dn=state.black_level_dn,
         encoding=encoding,
     )
-    description = f"calibration {path.name} of {state.camera}, {loaded.lens}, in {loaded.source_spectrum}"
+    description = f"calibration {name} of {state.camera}, {loaded.lens}, in {loaded.source_spectrum}"
     return PictureConversion("cd/m^2", description, options, _Calibrated(loaded))
 
 

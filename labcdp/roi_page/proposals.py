@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any, Literal, get_args
 
@@ -52,67 +53,32 @@ def propose(image: PageImage, method: Method, size_px: int | None = None) -> tup
     Raises
     ------
     InputError
-        If nothing is found, or the size is out of range.
+        If nothing is found, or more than `MOST_PROPOSALS`, or the size is out of range.
     """
-    light = np.asarray(image.luminance.luminance_cd_m2)
-    if method == "superpixels":
-        return _superpixels(image, light, default_size_px(image) if size_px is None else size_px)
     from ..regions import detect_checkerboard, detect_step_chart
 
-    found = detect_checkerboard(light) if method == "checkerboard" else detect_step_chart(light)
-    return tuple(_enlarged(shape, image.luminance.step) for shape in found)
+    light, step = np.asarray(image.luminance.luminance_cd_m2), image.luminance.step
+    found: Iterable[Shape]
+    if method == "superpixels":
+        asked_px = default_size_px(image) if size_px is None else size_px
+        found = _superpixels(light, max(1, round(asked_px / step)))
+    else:
+        found = detect_checkerboard(light) if method == "checkerboard" else detect_step_chart(light)
+    return tuple(_enlarged(shape, step) for shape in found)
 
 
-def _superpixels(image: PageImage, light: NDArray[Any], size_px: int) -> tuple[Shape, ...]:
-    from ..regions.superpixels import superpixel_labels
+def _superpixels(light: NDArray[Any], size_px: int) -> tuple[Shape, ...]:
+    from ..regions.superpixel_proposals import propose_regions
 
-    step = image.luminance.step
-    width, height = image.size
-    expected = width * height / max(size_px, 1) ** 2
-    if expected > MOST_PROPOSALS:
-        least = int(np.ceil(np.sqrt(width * height / MOST_PROPOSALS)))
+    found = propose_regions(light, size_px)
+    if not found:
+        raise InputError("no even area is as large as half a superpixel: give a smaller size, or draw the regions")
+    if len(found) > MOST_PROPOSALS:
         raise InputError(
-            f"superpixels of {size_px} pixels would be about {expected:.0f} proposals: give a size of at least {least}"
+            f"{len(found)} regions are found, and nobody confirms more than {MOST_PROPOSALS}: give a larger size of "
+            "superpixels"
         )
-    labels = superpixel_labels(light, max(1, round(size_px / step)))
-    return tuple(PolygonShape(f"superpixel {at + 1}", corners) for at, corners in enumerate(outlines(labels, step)))
-
-
-def outlines(labels: NDArray[np.int32], step: int = 1) -> list[tuple[tuple[float, float], ...]]:
-    """Return a polygon around each label that holds exactly the centres of its pixels.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (height, width)
-        0 to n - 1; the pixels of each are connected along rows and columns.
-    step : int
-        Pixels of the image, along each side, that one label stands for.
-
-    Returns
-    -------
-    list of tuple of (float, float)
-        Corners (x, y) for each label, a quarter of a pixel within its edges: so no polygon touches itself where two of
-        its pixels meet at a corner. What a label surrounds completely is in its polygon too.
-    """
-    import shapely
-
-    height, width = labels.shape
-    starts = np.flatnonzero(np.diff(labels, axis=1, prepend=-1).ravel())
-    ends = np.append(starts[1:], height * width)
-    rows = starts // width
-    ends = np.minimum(ends, (rows + 1) * width)
-    of_run = labels.ravel()[starts]
-    # All pixels of a row that follow each other with one label, as a box.
-    edges = (starts - rows * width, rows, ends - rows * width, rows + 1)
-    boxes = shapely.box(*(step * edge for edge in edges))
-    order = np.argsort(of_run, kind="stable")
-    groups = np.split(boxes[order], np.flatnonzero(np.diff(of_run[order])) + 1)
-    result = []
-    for group in groups:
-        area: Any = shapely.Polygon(shapely.union_all(group).exterior)
-        inner: Any = area.buffer(-0.25, join_style="mitre")
-        result.append(tuple((round(x, 2), round(y, 2)) for x, y in inner.exterior.coords[:-1]))
-    return result
+    return found
 
 
 def _enlarged(shape: Shape, step: int) -> Shape:

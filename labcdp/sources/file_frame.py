@@ -85,7 +85,6 @@ def exposure_of(path: Path, stated_s: float | None, defaults: FileDefaults) -> f
     return exposure_s
 
 
-def camera_of(vendor: str, model: str, serial: str, defaults: FileDefaults) -> CameraIdentity:
-    """Identity as a file states it; what it leaves empty is taken from `defaults`."""
-    known = defaults.camera
-    return CameraIdentity(vendor or known.vendor, model or known.model, serial or known.serial)
+def camera_of(vendor: str, model: str, serial: str, known: CameraIdentity) -> CameraIdentity:
+    """Identity as a file states it; what it leaves empty is taken from what is known of the camera."""
+    return replace(known, vendor=vendor or known.vendor, model=model or known.model, serial=serial or known.serial)

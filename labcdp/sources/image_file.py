@@ -86,7 +86,7 @@ def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults
         timestamp=facts.taken or datetime.fromtimestamp(path.stat().st_mtime, UTC),
         camera_timestamp_ns=0,
         frame_id=0,
-        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults),
+        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults.camera),
     )
     return FileFrame(
         path, frame, facts.f_number, facts.focal_length_m, sha256, facts.exposure_s is not None, bool(facts.model)

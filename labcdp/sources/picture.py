@@ -19,7 +19,7 @@ from . import exr_picture, jpeg_picture, npy_picture, png_picture, tiff_picture
 from .colour import luminance_dn
 from .dump_picture import read_dump
 from .exr_layout import require_whole
-from .file_frame import FileDefaults, read_bytes
+from .file_frame import FileDefaults, camera_of, read_bytes
 from .luminance_file import FORMAT as LUMINANCE
 from .luminance_file import read_luminance
 from .picture_frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, frame_of_pixels, make_frame, scale_of
@@ -251,4 +251,4 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
 
 def _camera(stored: StoredImage, options: PictureOptions) -> CameraIdentity:
     facts, known = stored.facts, options.camera or UNKNOWN_CAMERA
-    return CameraIdentity(facts.vendor or known.vendor, facts.model or known.model, facts.serial or known.serial)
+    return camera_of(facts.vendor, facts.model, facts.serial, known)

@@ -81,7 +81,7 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int 
         timestamp=facts.taken or _changed(path),
         camera_timestamp_ns=0,
         frame_id=0,
-        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults),
+        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults.camera),
         plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
     )
     focal_length_mm = _positive(other.focal_length)

@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -56,6 +57,29 @@ def test_frame_files(labcdp, calibrated):
     assert "1 frame at 2 ms" in done.stderr
 
 
+def test_pictures_that_labcdp_did_not_record(labcdp, fails, calibrated, tmp_path):
+    with Session.open(example_session()) as session:
+        dn = session.load(session.frames("light")[0]).dn
+    cv2.imwrite(str(tmp_path / "a.png"), dn)
+    assert "a.png does not say its exposure time: give frames that labcdp recorded" in fails(
+        "luminance", calibrated, "a.png", "-o", "a.npz"
+    )
+    # As another program would write it: the exposure, tag 33434, as a rational, type 5.
+    tifffile.imwrite(tmp_path / "a.tif", dn, photometric="minisblack", extratags=[(33434, 5, 1, (1, 500), True)])
+    done = labcdp("luminance", calibrated, "a.tif", "-o", "a.npz", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["exposures_s"] == [0.002]
+    assert any("does not say its camera: it is taken for Allied Vision" in text for text in result["warnings"])
+    of_session = labcdp("luminance", calibrated, example_session(), "-o", "b.npz", "--frame", 1, "--json")
+    assert result["mean_cd_m2"] == json.loads(of_session.stdout)["mean_cd_m2"]
+    cv2.imwrite(str(tmp_path / "colours.png"), np.dstack([dn] * 3))
+    assert "colours.png: it is coloured, and the calibration is for the DN of the sensor" in fails(
+        "luminance", calibrated, "colours.png", "-o", "a.npz"
+    )
+    assert "a.npz holds no DN, but floats" in fails("luminance", calibrated, "a.npz", "-o", "c.npz")
+
+
 def test_a_frame_warmer_than_the_dark_frames_is_told(labcdp, calibrated, tmp_path):
     with Session.open(example_session()) as session, Session.create(tmp_path / "warm", session.configuration) as warm:
         frame = session.load(max(session.frames("light"), key=lambda record: record.exposure_s))
@@ -74,7 +98,9 @@ def test_bad_input_is_one_line(fails, calibrated, tmp_path):
         "luminance", calibrated, session, "-o", "a.npz", "--frame", 99
     )
     assert "it has 2ms, 8ms, 32ms" in fails("luminance", calibrated, session, "-o", "a.npz", "--exposure", "5ms")
-    assert "give a number with s, ms or us" in fails("luminance", calibrated, session, "-o", "a.npz", "--exposure", "5")
+    assert "give a number above 0 with s, ms or us" in fails(
+        "luminance", calibrated, session, "-o", "a.npz", "--exposure", "5"
+    )
     assert "of patch 'P' alone" in fails("luminance", calibrated, session, "-o", "a.npz", "--patch", "P")
     assert "give one session" in fails("luminance", calibrated, session, session, "-o", "a.npz")
     assert "cannot be read" in fails("luminance", calibrated, "no.tif", "-o", "a.npz")

@@ -359,7 +359,7 @@ def test_contrasts_hold_without_any_parameter(tmp_path, relative):
     dn = np.array([[1000, 2000, 500]], dtype=np.uint16)
     picture = read_picture(written(tmp_path / "a.png", dn), PictureOptions(bit_depth=12))
     seen = relative.luminance(picture)
-    np.testing.assert_allclose(seen.luminance_cd_m2, dn / 4095, rtol=1e-6)
+    assert (seen.luminance_cd_m2 == dn / 4096).all()
     np.testing.assert_allclose(seen.random_rel, 1 / np.sqrt(12) / dn, rtol=1e-5)
     assert relative.unit_of(picture) == "relative"
     assert seen.common == ()
@@ -374,10 +374,10 @@ def test_green_pixels_stand_for_a_bayer_pattern(tmp_path, relative):
         seen = relative.luminance(picture)
         assert seen.step == 2
         assert seen.shape == (2, 3)
-        assert seen.luminance_cd_m2[0, 0] == pytest.approx(sum(green) / 2 / 4095, rel=1e-6)
-        assert seen.luminance_cd_m2[1, 2] == pytest.approx((sum(green) / 2 + 16) / 4095, rel=1e-6)
+        assert seen.luminance_cd_m2[0, 0] == sum(green) / 2 / 4096
+        assert seen.luminance_cd_m2[1, 2] == (sum(green) / 2 + 16) / 4096
         # Two pixels have less noise than one.
-        assert seen.random_rel[1, 2] * seen.luminance_cd_m2[1, 2] * 4095 == pytest.approx(np.sqrt(1 / 24), rel=1e-4)
+        assert seen.random_rel[1, 2] * seen.luminance_cd_m2[1, 2] * 4096 == pytest.approx(np.sqrt(1 / 24), rel=1e-4)
         assert any("only the green pixels count" in text for text in relative.warnings(picture))
 
 
@@ -505,7 +505,7 @@ def test_a_window_of_a_relative_frame_is_a_part_of_its_map(relative, truth, pixe
 def test_frames_follow_the_encoding_that_was_chosen():
     frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
     linear, srgb = (picture_conversion(None, None, encoding).convert(frame) for encoding in ("linear", "srgb"))
-    assert linear.luminance_cd_m2[0, 0] == pytest.approx(128 / 255, rel=1e-6)
+    assert linear.luminance_cd_m2[0, 0] == 128 / 256
     assert srgb.luminance_cd_m2[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
 
 

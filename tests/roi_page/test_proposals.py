@@ -1,15 +1,12 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from labcdp.errors import InputError
 from labcdp.luminance import LuminanceMap
-from labcdp.regions import PolygonShape, rois_of
-from labcdp.roi import Roi
-from labcdp.roi_page.drawing import Drawing
+from labcdp.regions import rois_of
+from labcdp.roi_page import proposals
 from labcdp.roi_page.page_image import PageImage
-from labcdp.roi_page.proposals import default_size_px, outlines, propose
+from labcdp.roi_page.proposals import default_size_px, propose
 
 
 def bayer(light: np.ndarray) -> PageImage:
@@ -19,52 +16,37 @@ def bayer(light: np.ndarray) -> PageImage:
     return PageImage("a", dn, True, "RG", LuminanceMap(light, np.zeros_like(light), 0.0, none, step=2), "relative")
 
 
-@given(seed=st.integers(0, 10_000), colours=st.integers(1, 3))
-def test_outlines_hold_exactly_the_pixels_of_their_label(seed: int, colours: int) -> None:
-    from scipy.ndimage import label
-
-    # Connected areas of random pixels: with corners that touch, holes, and areas of a single pixel.
-    pixels = np.random.default_rng(seed).integers(0, colours, (9, 12))
-    labels, n = np.zeros(pixels.shape, dtype=np.int32), 0
-    for colour in range(colours):
-        found, count = label(pixels == colour)
-        labels[found > 0] = (found + n - 1)[found > 0]
-        n += count
-    polygons = outlines(labels)
-    assert len(polygons) == n
-    rois_of([PolygonShape(f"p{number}", corners) for number, corners in enumerate(polygons)])
-    for number, corners in enumerate(polygons):
-        roi = Roi("p", corners)
-        seen = np.zeros(labels.shape, dtype=bool)
-        seen[roi.window(labels.shape)] = roi.mask(labels.shape)
-        # What is surrounded completely is in it too: what cannot be reached from outside along rows and columns.
-        outside, _ = label(np.pad(labels != number, 1, constant_values=True))
-        filled = (outside != outside[0, 0])[1:-1, 1:-1]
-        assert (seen >= (labels == number)).all()
-        assert (seen <= filled | (labels == number)).all()
-
-
-def test_superpixels_of_a_colour_sensor_are_in_pixels_of_the_image_and_cover_it() -> None:
+def test_superpixels_of_a_colour_sensor_are_joined_and_in_pixels_of_the_image() -> None:
     light = np.random.default_rng(2).normal(100, 1, (60, 80)).astype(np.float32)
     light[:, 40:] *= 3
-    image = bayer(light)
-    found = propose(image, "superpixels", 20)
-    drawing = Drawing(image.size).proposed(found).accepted()
-    covered = np.zeros((120, 160), dtype=int)
-    for roi in drawing.rois:
-        covered[roi.window(covered.shape)] += roi.mask(covered.shape)
-    assert (covered == 1).all()
-    # No proposal reaches over the edge, at 80, by more than three pixels of the map.
-    for roi in drawing.rois:
-        x0, _, x1, _ = roi.bounds
-        assert not x0 < 74 < 86 < x1
+    found = propose(bayer(light), "superpixels", 20)
+    # The edge is at 80; each half is one region, less a margin.
+    assert len(found) == 2
+    left, right = sorted(roi.bounds for roi in rois_of(found))
+    assert left == pytest.approx((0, 0, 80, 120), abs=9)
+    assert right == pytest.approx((80, 0, 160, 120), abs=9)
+    assert left[2] < 80 < right[0]
 
 
-def test_too_many_proposals_are_refused_with_the_size_that_works() -> None:
-    image = bayer(np.random.default_rng(2).normal(100, 1, (300, 400)).astype(np.float32))
-    assert default_size_px(image) == 33
-    with pytest.raises(InputError, match=r"superpixels of 9 pixels would be about 5926 proposals.*at least 16"):
-        propose(image, "superpixels", 9)
+def test_more_proposals_than_a_person_confirms_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    squares = np.random.default_rng(2).uniform(50, 500, (6, 8)).repeat(20, axis=0).repeat(20, axis=1)
+    image = bayer(squares.astype(np.float32))
+    n = len(propose(image, "superpixels", 20))
+    assert 40 < n < 60
+    monkeypatch.setattr(proposals, "MOST_PROPOSALS", 40)
+    with pytest.raises(InputError, match=rf"{n} regions are found, .* more than 40: give a larger size"):
+        propose(image, "superpixels", 20)
+
+
+def test_nothing_large_enough_is_told() -> None:
+    # Of stripes as wide as a superpixel, less than half is left within the margin.
+    stripes = np.geomspace(1, 1000, 4, dtype=np.float32).repeat(6) * np.ones((6, 1), dtype=np.float32)
+    with pytest.raises(InputError, match=r"no even area is as large as half a superpixel: give a smaller size"):
+        propose(bayer(stripes), "superpixels", 12)
+
+
+def test_a_size_that_suits_the_image() -> None:
+    assert default_size_px(bayer(np.ones((300, 400), dtype=np.float32))) == 33
 
 
 def test_a_checkerboard_of_a_colour_sensor_is_found_where_it_is() -> None:

@@ -1,0 +1,52 @@
+"""Contrasts of two integers that lie exactly on an end of the interval, through a picture file in relative units."""
+
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+
+from labcdp.contrast import cdp_neighbours
+from labcdp.evaluate.image import ImageRequest, evaluate_image
+from labcdp.evaluate.light import picture_conversion
+from labcdp.regions import RectangleShape
+from labcdp.sources.picture import PictureOptions, read_picture
+
+#: Few enough values that many pairs of them have the contrasts 1/2, 1 or 3/2, the middle and ends of the intervals.
+DN = (21, 28, 42, 49, 63, 70, 98, 105, 147, 245)
+
+
+def detected(larger, smaller, contrast):
+    """Whether the Weber contrast of two integers lies from half to one and a half times the one asked for."""
+    return contrast / 2 <= Fraction(int(larger), int(smaller)) - 1 <= contrast * Fraction(3, 2)
+
+
+@pytest.fixture(params=[8, 12, 16])
+def picture(request, tmp_path):
+    """A picture of so many bits, whose right half is brighter."""
+    rng = np.random.default_rng(request.param)
+    dn = np.concatenate([rng.choice(DN[:7], (12, 10)), rng.choice(DN[3:], (12, 10))], axis=1)
+    dn = dn.astype(np.uint8 if request.param == 8 else np.uint16)
+    assert cv2.imwrite(str(tmp_path / "a.png"), dn)
+    return dn, read_picture(tmp_path / "a.png", PictureOptions(bit_depth=request.param))
+
+
+@pytest.mark.parametrize("contrast", [Fraction(1, 2), Fraction(1), Fraction(3)])
+def test_pixel_to_pixel_as_by_brute_force_on_the_integers(picture, contrast):
+    dn, taken = picture
+    pairs = [*zip(dn[:, :-1].flat, dn[:, 1:].flat, strict=True), *zip(dn[:-1].flat, dn[1:].flat, strict=True)]
+    expected = Fraction(sum(detected(max(pair), min(pair), contrast) for pair in pairs), len(pairs))
+    seen = picture_conversion(None, None, None).luminance(taken)
+    assert cdp_neighbours(seen.luminance_cd_m2, float(contrast)).cdp == float(expected)
+
+
+@pytest.mark.parametrize("contrast", [Fraction(1, 2), Fraction(1), Fraction(3)])
+def test_regions_as_by_brute_force_on_the_integers(picture, contrast):
+    dn, taken = picture
+    pairs = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]
+    expected = Fraction(sum(detected(*pair, contrast) for pair in pairs), len(pairs))
+    rois = [*RectangleShape("dark", 0, 0, 10, 12).rois(), *RectangleShape("bright", 10, 0, 10, 12).rois()]
+    seen = picture_conversion(None, None, None).luminance(taken)
+    found = evaluate_image(taken, seen, "relative", ImageRequest((float(contrast),), 0.5, tuple(rois)))
+    (pair,) = found.pairs
+    assert pair.result.results[0].result.cdp == pytest.approx(float(expected), rel=1e-14)

@@ -88,6 +88,9 @@ class LuminanceMap:
         The same for what is not in parts of the luminance (noise of a dark library).
     step : int
         Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
+    dn_step : function of a window, or None
+        What gets rows and columns and returns the difference of luminance from a DN to the next there; None if the map
+        is not of DN, or that is not known.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class LuminanceMap:
         fixed_rel: float = 0.0,
         fixed_cd_m2: ArrayOrMaker | float = 0.0,
         step: int = 1,
+        dn_step: Callable[[Window], NDArray[np.floating[Any]]] | None = None,
     ) -> None:
         shapes = {luminance_cd_m2.shape} | {v.shape for v in (random_rel, invalid) if isinstance(v, np.ndarray)}
         if isinstance(common, np.ndarray | float | int):
@@ -123,6 +127,7 @@ class LuminanceMap:
         self.step = step
         self._random_rel, self._common, self._invalid, self._common_rel = random_rel, common, invalid, common_rel
         self._fixed_cd_m2 = fixed_cd_m2
+        self._dn_step = dn_step
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -204,6 +209,10 @@ class LuminanceMap:
             of_darkness = slow_cd_m2 / np.abs(values)
         errors = (CommonError("fall-off", self.slow_rel), CommonError("darkness", of_darkness))
         return tuple(error for error in errors if np.any(error.relative))
+
+    def dn_step_in(self, window: Window) -> NDArray[np.floating[Any]] | None:
+        """Return the difference of luminance from a DN to the next in some rows and columns; None if not known."""
+        return None if self._dn_step is None else self._dn_step(window)
 
     def common_in(self, window: Window) -> tuple[CommonError, ...]:
         """Return the common errors of some rows and columns of the map."""

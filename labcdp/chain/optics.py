@@ -18,11 +18,12 @@ FloatArray = NDArray[np.floating[Any]]
 
 
 def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnification: float) -> float:
-    """Illuminance in lux on the optical axis for 1 cd/m^2: pi t / (4 N^2 (1 + m)).
+    """Illuminance in lux on the optical axis for 1 cd/m^2: pi t / (4 N^2 (1 + m)^2).
 
-    Equation 3.1 of the thesis with theta = 0. With N = 1 / (2 sin(theta')), the f-number of a lens that obeys
-    the sine condition, pi / (4 N^2) is exact for a distant scene. The form pi / (1 + 4 N^2) takes N for a
-    tangent; at f/1.4 the exact one is 13 % larger.
+    With N = 1 / (2 sin(theta')), the f-number of a lens that obeys the sine condition, pi / (4 N^2) is exact for a
+    distant scene. The form pi / (1 + 4 N^2) takes N for a tangent; at f/1.4 the exact one is 13 % larger. The image of
+    a near scene lies 1 + m times as far behind a symmetric lens, so the working f-number is N (1 + m) (S. F. Ray,
+    Applied Photographic Optics). Equation 3.1 of the thesis prints (1 + m) without the square; its values have m = 0.
 
     Parameters
     ----------
@@ -33,12 +34,14 @@ def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnifica
     magnification : float
         m, image size over object size; 0 for a distant scene.
     """
-    return pi * transmittance / (4 * f_number**2 * (1 + magnification))
+    return pi * transmittance / (4 * (f_number * (1 + magnification)) ** 2)
 
 
 @dataclass(frozen=True)
 class Optics:
-    """A lens centred on the sensor: equation 3.1 of the thesis, E = L t pi cos^4(theta) / (4 N^2 (1 + m)).
+    """A symmetric lens centred on the sensor: E = L t pi cos^4(theta) / (4 N^2 (1 + m)^2).
+
+    Equation 3.1 of the thesis, but with the square that it lacks (see `axial_illuminance_per_cd_m2`).
 
     Parameters
     ----------

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import shutil
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 from shlex import quote
-from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -27,8 +23,6 @@ if TYPE_CHECKING:
 
 #: Exit status of a program ended by Ctrl-C, also by the key that does the same more gently.
 _INTERRUPTED = 130
-
-_SAFE = "labcdp: stopped; what was recorded is safe, and the same command goes on with it"
 
 
 def _example(wanted: bool) -> None:
@@ -115,14 +109,10 @@ def record(
     from ..acquire import AcquisitionStoppedError
 
     try:
-        with _ending_cleanly():
-            return _record(path, source, wanted, choice, nobody)
+        return _record(path, source, wanted, choice, nobody)
     except AcquisitionStoppedError:
         # Said by the program's end, as after Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
-    except _EndedBySignal as ended:
-        say(_SAFE)
-        raise typer.Exit(128 + ended.number) from None
 
 
 def _record(
@@ -205,26 +195,3 @@ def _is_bare(session: Session) -> bool:
 
 def _holds_something(path: Path) -> bool:
     return path.exists() and not (path.is_dir() and not any(path.iterdir()))
-
-
-class _EndedBySignal(BaseException):
-    """The process was told to end; no error handler may take this for one."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
-
-
-@contextmanager
-def _ending_cleanly() -> Iterator[None]:
-    """Let the signals that end a process unwind it instead, so that what was taken goes to the disk; as Ctrl-C does."""
-
-    def end(number: int, _frame: FrameType | None) -> NoReturn:
-        raise _EndedBySignal(number)
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from io import TextIOWrapper
 
 import typer
@@ -30,6 +31,7 @@ from . import (
     verify,
     video,
 )
+from .ending import EndedBySignal, unwinding, what_is_left
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -70,6 +72,12 @@ app.command("sweep")(simulation.sweep)
 app.command("reproduce")(simulation.reproduce)
 
 
+class _Chosen:
+    """The command that is run, once it is known."""
+
+    command: str | None = None
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
@@ -80,10 +88,13 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     verbose: bool = typer.Option(False, "--verbose", "-v", help="Also tell what the devices do."),
     _: bool = typer.Option(False, "--version", help="Tell the version and stop.", is_eager=True, callback=_version),
 ) -> None:
     log_to_terminal(verbose)
+    if isinstance(context.obj, _Chosen):
+        context.obj.command = context.invoked_subcommand
 
 
 def main() -> None:
@@ -92,8 +103,10 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             # A terminal that does not know a character such as a superscript 2 shows a question mark.
             stream.reconfigure(errors="replace")
+    chosen = _Chosen()
     try:
-        app()
+        with unwinding():
+            app(obj=chosen)
         sys.stdout.flush()
     except MemoryError:
         say("labcdp: there is not enough memory for this: give fewer pixels or fewer values")
@@ -104,8 +117,12 @@ def main() -> None:
     except SystemExit as end:
         # Typer turns Ctrl-C into this status without a word.
         if end.code == _INTERRUPTED:
-            say("labcdp: stopped; what was recorded is safe, and the same command goes on with it")
+            say(what_is_left(chosen.command))
         raise
+    except EndedBySignal as ended:
+        with suppress(OSError):  # the terminal may be gone
+            say(what_is_left(chosen.command))
+        sys.exit(128 + ended.number)
     except BrokenPipeError:
         # The reader of a pipe went away, for example `head`.
         sys.stderr.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -11,6 +12,7 @@ import typer
 from ..errors import LabcdpError
 from .terminal import say
 
+_LOGGER = logging.getLogger(__name__)
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -50,7 +52,8 @@ def worked_through(
     Yields
     ------
     item, result or Failure
-        A failure where the work raised an error of labcdp, of the file system or of too little memory.
+        A failure where the work raised any error: those of labcdp and of the file system tell what to do, and of what
+        nobody foresaw the kind is told, as it should be reported. Ctrl-C ends the command.
     """
     for item in items:
         try:
@@ -61,6 +64,11 @@ def worked_through(
             yield item, Failure(name(item), f"it cannot be read ({_one_line(error)}): give a file you can read")
         except MemoryError:
             yield item, Failure(name(item), "there is not enough memory for it: give fewer pixels")
+        # One file out of thousands that a library trips over does not cost the results of the others.
+        except Exception as error:
+            _LOGGER.debug("%s failed", name(item), exc_info=True)
+            what = f"{type(error).__name__}: {_one_line(error)}" if str(error) else type(error).__name__
+            yield item, Failure(name(item), f"an unforeseen error ({what}): please report it, with this file")
 
 
 def end_batch(failures: Sequence[Failure], n_items: int, what: str = "files") -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from .picture_options import BITS_OPTION, EXPOSURE_OPTION, GAIN_OPTION, picture_options
+from .picture_options import BITS_OPTION, EXPOSURE_OPTION, FORMAT_OPTION, GAIN_OPTION, SIZE_OPTION, picture_options
 from .terminal import JSON_OPTION, fraction_of_percent, print_json, print_table, say
 
 if TYPE_CHECKING:
@@ -18,17 +18,22 @@ if TYPE_CHECKING:
 
 def image_map(
     file: Path = typer.Argument(
-        metavar="FILE", help="Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a luminance map of labcdp."
+        metavar="FILE", help="Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map of labcdp."
     ),
     calibration: Path | None = typer.Option(
         None,
         help="Calibration of the camera. Without it and without --camera, light is relative; contrasts still hold.",
     ),
     camera: Path | None = typer.Option(None, help="Camera specification (TOML), in place of a calibration."),
+    encoding: Literal["linear", "srgb"] | None = typer.Option(
+        None, help="How values follow light; default: what the kind of file suggests."
+    ),
     exposure: str | None = EXPOSURE_OPTION,
     gain_db: float | None = GAIN_OPTION,
     bit_depth: int | None = BITS_OPTION,
-    size: int = typer.Option(
+    pixel_format: str | None = FORMAT_OPTION,
+    size: str | None = SIZE_OPTION,
+    region_size: int = typer.Option(
         40, help="Side of the regions in pixels, 10 or more: about half the smallest object that matters."
     ),
     epsilon: str = typer.Option("50%", help="Tolerance of a contrast."),
@@ -46,29 +51,29 @@ def image_map(
     pixel of one side and one of the other show the contrast of the edge: warm colours are edges that get lost. Writes a
     picture, an interactive page, a spreadsheet with a row for each edge, NetCDF and JSON. Example:
 
-    labcdp image-map night.png --calibration camera.json --size 30 --minimum-contrast 20%
+    labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
     """
     from ..evaluate.contrast_map import ContrastMapSettings, contrast_map
     from ..evaluate.light import picture_conversion
-    from ..report import prepare_folder
     from ..report.contrast_map_results import write_contrast_map
     from ..report.contrast_map_wording import map_values, result_text, weakest_table
+    from ..report.folder import place_for_results
     from ..sources.picture import read_picture
 
     settings = ContrastMapSettings(
-        size,
+        region_size,
         fraction_of_percent(epsilon, "--epsilon"),
         fraction_of_percent(minimum_contrast, "--minimum-contrast"),
         detected,
     )
-    conversion = picture_conversion(calibration, camera, None)
-    picture = read_picture(file, picture_options(conversion.options, exposure, gain_db, bit_depth, None, None))
+    conversion = picture_conversion(calibration, camera, encoding)
+    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
     folder = output or Path(f"{file.stem}-contrast-map")
-    # Not after all the work.
-    prepare_folder(folder)
-    found = contrast_map(conversion.luminance(picture), settings)
-    source = _source(picture, conversion)
-    written = write_contrast_map(found, source, folder)
+    with place_for_results(folder):
+        picture = read_picture(file, options)
+        found = contrast_map(conversion.luminance(picture), settings)
+        source = _source(picture, conversion)
+        written = write_contrast_map(found, source, folder)
     if as_json:
         print_json({"written": [str(path) for path in written], **map_values(found, source)})
         return

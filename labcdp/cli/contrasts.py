@@ -11,6 +11,8 @@ from ..errors import InputError
 CONTRAST_HELP = (
     "Contrast to be detected, for example 1000%, or a range START:STOP:STEP, for example 10%:200%:10%; may be repeated."
 )
+#: Contrasts outside of this are taken for mistakes, in percent: light spans some 14 powers of ten.
+_LEAST_PERCENT, _MOST_PERCENT = Decimal("0.000000001"), Decimal(1_000_000_000)
 #: More are taken for a mistake in a range.
 _MOST_CONTRASTS = 10_000
 
@@ -33,7 +35,7 @@ def parse_contrasts(texts: Sequence[str], name: str = "--contrast") -> tuple[flo
     Raises
     ------
     InputError
-        If there is none, a text is neither of the two, or a value is not above 0.
+        If there is none, a text is neither of the two, or a value is not above 0, or beyond all contrasts.
     """
     from ..contrast import contrast_range
 
@@ -67,6 +69,8 @@ def _fraction(part: str, text: str, name: str) -> float:
         raise _refusal(text, name) from None
     if not (percent.is_finite() and percent > 0):
         raise InputError(f"{name} is {text!r}: give contrasts above 0%")
+    if not _LEAST_PERCENT <= percent <= _MOST_PERCENT:
+        raise InputError(f"{name} is {text!r}: give contrasts from {_LEAST_PERCENT:f}% to {_MOST_PERCENT:f}%")
     return float(percent / 100)
 
 

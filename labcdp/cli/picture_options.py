@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -13,8 +13,8 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..sources.picture import PictureOptions
 
-EXPOSURE_OPTION = typer.Option(None, "--exposure", help="Exposure time where a file does not say it, for example 5ms.")
-GAIN_OPTION = typer.Option(None, "--gain-db", help="Gain in dB where a file does not say it; default: 0.")
+EXPOSURE_OPTION = typer.Option(None, "--exposure", help="Exposure time, for example 5ms; default: as each file says.")
+GAIN_OPTION = typer.Option(None, "--gain-db", help="Gain in dB; default: as each file says, else 0.")
 BITS_OPTION = typer.Option(
     None, "--bit-depth", help="Bits of the values in files of 16 bits, for example 12; default: guessed.", min=1, max=16
 )
@@ -32,21 +32,22 @@ def picture_options(
     pixel_format: str | None,
     size: str | None,
 ) -> PictureOptions:
-    """Put what was typed over what a calibration or camera specification says.
+    """Put what was typed over what a calibration or camera specification says; it counts before what files say.
 
     Raises
     ------
     InputError
         If a text cannot be read, or a value is not possible.
     """
-    return replace(
-        options,
-        exposure_s=options.exposure_s if exposure is None else seconds(exposure, "--exposure"),
-        gain_db=options.gain_db if gain_db is None else gain_db,
-        bit_depth=options.bit_depth if bit_depth is None else bit_depth,
-        pixel_format=options.pixel_format if pixel_format is None else pixel_format,
-        size=options.size if size is None else _size(size),
-    )
+    values = {
+        "exposure_s": None if exposure is None else seconds(exposure, "--exposure"),
+        "gain_db": gain_db,
+        "bit_depth": bit_depth,
+        "pixel_format": pixel_format,
+        "size": None if size is None else _size(size),
+    }
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    return replace(options, **given, told=options.told | given.keys())
 
 
 def seconds(text: str, name: str) -> float:

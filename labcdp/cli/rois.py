@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -75,6 +76,7 @@ def rois(
     """
     from ..evaluate.light import picture_conversion
     from ..roi_page.files import DrawingFiles
+    from ..roi_page.lock import locked
 
     contrasts = parse_contrasts(contrast)
     if not page and detect is None:
@@ -86,23 +88,29 @@ def rois(
     image = _image(file, frame, conversion, options)
     files = DrawingFiles(target, image.size)
     found = () if detect is None else _found(image, detect)
-    start = _start(files, roi)
-    if not page:
-        _write(files, start, found, as_json)
-        return
-    _serve(image, files, start, found, contrasts, _Place(address, port), as_json)
+    with locked(target) as tell_others:
+        start = _start(files, roi)
+        if not page:
+            _write(files, start, found, as_json)
+            return
+        _serve(image, files, start, found, contrasts, _Place(address, port, tell_others), as_json)
 
 
 @dataclass(frozen=True)
 class _Place:
+    """Where the page is served, and what tells other processes of it."""
+
     address: str
     port: int
+    tell_others: Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class _Files:
     """What there is to begin with: in the output, in another file, and drawn before but not saved."""
 
+    #: Fingerprint of the output.
+    stored: str
     saved: tuple[Shape, ...]
     read: tuple[Shape, ...]
     kept: tuple[Shape, ...]
@@ -147,22 +155,39 @@ def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "supe
 def _start(files: DrawingFiles, roi: Path | None) -> _Files:
     from ..regions import load_regions
 
+    # Before it is read: what changes it in between is then noticed.
+    stored = files.fingerprint(files.output)
     saved = load_regions(files.output, files.size) if files.output.exists() else ()
     read = () if roi is None or roi == files.output else load_regions(roi, files.size)
-    return _Files(saved, read, files.kept())
+    return _Files(stored, saved, read, files.kept())
 
 
 def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json: bool) -> None:
+    from ..regions import new_shapes
     from ..roi_page.drawing import Drawing
 
     before = start.read or start.saved
-    drawing = Drawing.of(files.size, before).proposed(found).accepted()
-    files.save(files.output, drawing.shapes)
+    drawing = Drawing.of(files.size, before)
+    new = new_shapes(found, drawing.shapes)
+    if new:
+        drawing = drawing.proposed(new).accepted()
+    changed = drawing.shapes != start.saved
+    if changed:
+        if files.fingerprint(files.output) != start.stored:
+            raise InputError(f"{files.output} was changed by somebody else meanwhile: give the command again")
+        files.save(files.output, drawing.shapes)
     names = [shape.name for shape in drawing.shapes[len(before) :]]
+    n_known = len(found) - len(new)
     if as_json:
-        print_json({"written": str(files.output), "found": names, "regions": [one.name for one in drawing.rois]})
+        regions = [one.name for one in drawing.rois]
+        written = str(files.output) if changed else None
+        print_json({"written": written, "found": names, "known": n_known, "regions": regions})
         return
-    say(f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them found")
+    known = f"; {n_known} more were found that are there already" if new and n_known else ""
+    if changed:
+        say(f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them new{known}")
+    else:
+        say(f"Nothing written: {_count(n_known)} found, none of them new, {files.output} has them already")
     say(f"Nobody has confirmed them: look at them with labcdp rois FILE --roi {files.output}")
 
 
@@ -183,12 +208,13 @@ def _serve(
     history = History(Drawing.of(files.size, start.read or start.saved))
     if start.kept:
         history = history.changed(Drawing.of(files.size, start.kept))
-    begin = Start(history, start.saved, start.read, found)
+    begin = Start(history, start.saved, start.read, found, start.stored)
     server = Server(Measurements(image, contrasts), files, begin, place.address, place.port)
     shown: list[Address] = []
 
     def ready(where: Address) -> None:
         shown.append(where)
+        place.tell_others(where.place)
         _tell(image, files, start, where)
 
     server.run(ready)

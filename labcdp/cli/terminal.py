@@ -27,9 +27,10 @@ class _Say(logging.Handler):
 
 def log_to_terminal(verbose: bool) -> None:
     """Show the warnings, or with `verbose` all messages, of the parts that work with devices and files."""
-    # A damaged TIFF file is reported as an error of ours.
-    logging.getLogger("tifffile").addHandler(logging.NullHandler())
-    logging.getLogger("tifffile").propagate = False
+    # Damaged files are reported as errors of ours.
+    for name in ("tifffile", "roifile"):
+        logging.getLogger(name).addHandler(logging.NullHandler())
+        logging.getLogger(name).propagate = False
     library = logging.getLogger("labcdp")
     library.addHandler(logging.NullHandler())
     library.propagate = False

@@ -115,8 +115,8 @@ class CameraSpecification(Table):
     def electrons_per_cd_m2_s(self, f_number: float | None = None) -> float:
         """Photo-electrons a pixel on the axis collects in a second at 1 cd/m^2 behind the windscreen.
 
-        pi t / (4 N^2 (1 + m)) lux (the thesis' equation 3.1) times the electrons per lux, second and square metre of
-        the spectrum, times the pixel's area.
+        pi t / (4 N^2 (1 + m)^2) lux (`labcdp.chain.optics`) times the electrons per lux, second and square metre of the
+        spectrum, times the pixel's area.
         """
         per_lx_s = electron_radiance_per_cd_m2(self.spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
         return self.optics(f_number).axial_illuminance_per_cd_m2 * per_lx_s

@@ -201,6 +201,6 @@ def _warnings(found: ContrastMap) -> tuple[str, ...]:
     if found.blind_share > 0.5:
         warnings.append(
             f"in most places a contrast of {100 * found.settings.minimum_contrast:g} % could not be told from noise: "
-            "give a larger size, or a larger least contrast"
+            "give larger regions, or a larger least contrast"
         )
     return tuple(warnings)

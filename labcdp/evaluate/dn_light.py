@@ -13,6 +13,7 @@ from ..luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..vignetting import Vignetting
 
 _Maps = NDArray[np.float32]
+_Light = NDArray[np.float32] | NDArray[np.float64]
 #: Pixels that are looked up at a time: few enough to stay in the processor's cache.
 _BLOCK = 2**15
 #: Rows and columns of the two green pixels in each group of 2 x 2, by the pattern of the colour filter.
@@ -25,10 +26,13 @@ class DnLight:
 
     Parameters
     ----------
-    light : ndarray of float32, shape (n,)
-        Light by DN, on the optical axis, as seen through the windscreen but divided by its transmittance.
+    light : ndarray of float32 or float64, shape (n,)
+        Light by DN, on the optical axis, as seen through the windscreen but divided by its transmittance. The map has
+        the same type.
     noise : ndarray of float32, shape (n,)
         Standard deviation of a pixel's light by DN.
+    steps : ndarray of float32, shape (n,)
+        Difference of light from a DN to the next, by DN.
     flags : ndarray of uint8, shape (n,)
         `Invalid` flags by DN.
     vignetting : Vignetting or None
@@ -39,8 +43,9 @@ class DnLight:
         Errors that all pixels share.
     """
 
-    light: _Maps
+    light: _Light
     noise: _Maps
+    steps: _Maps
     flags: NDArray[np.uint8]
     vignetting: Vignetting | None = None
     glare_fraction: float = 0.0
@@ -73,7 +78,7 @@ class DnLight:
         ]
         light = _mean([part.of(self.light) for part in parts])
         if glare:
-            light -= np.float32(glare)
+            light = light - np.float32(glare)
 
         def random_rel() -> _Maps:
             squares = [np.square(part.of(self.noise)) for part in parts]
@@ -87,7 +92,10 @@ class DnLight:
                 flags[clipped[window]] |= Invalid.SATURATED.value
             return flags
 
-        return LuminanceMap(light, random_rel, self.common, invalid, step=step)
+        def dn_step(of_map: Window) -> _Light:
+            return _mean([part.within(of_map).of(self.steps) for part in parts])
+
+        return LuminanceMap(light, random_rel, self.common, invalid, step=step, dn_step=dn_step)
 
     def _glare(self, frame: Frame, inverse_v: _Maps | None) -> float:
         """Veiling light: behind the windscreen is t (L + g mean(L)), whose mean over the image is t (1 + g) mean(L)."""
@@ -107,7 +115,10 @@ class _Part:
     dn: NDArray[np.unsignedinteger[Any]]
     inverse_v: _Maps | None
 
-    def of(self, table: _Maps) -> _Maps:
+    def within(self, window: Window) -> _Part:
+        return _Part(self.dn[window], None if self.inverse_v is None else self.inverse_v[window])
+
+    def of(self, table: _Light) -> _Light:
         values = looked_up(table, self.dn)
         if self.inverse_v is not None:
             values *= self.inverse_v
@@ -135,7 +146,7 @@ def _places(frame: Frame) -> list[tuple[slice, slice]]:
     return [(slice(y, height, 2), slice(x, width, 2)) for y, x in _GREEN[frame.colour_filter]]
 
 
-def _mean(values: list[_Maps]) -> _Maps:
+def _mean(values: list[_Light]) -> _Light:
     return values[0] if len(values) == 1 else (values[0] + values[1]) / np.float32(2)
 
 

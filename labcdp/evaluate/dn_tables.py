@@ -86,8 +86,10 @@ def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
     n = 2**setting.bit_depth
     linear = np.arange(n) / n if encoding == "linear" else decoded_table(setting.bit_depth, encoding)
     black = np.interp(setting.black_level_dn, np.arange(linear.size), linear)
-    noise = np.sqrt(_ROUNDING_VARIANCE) * _steps(linear)
-    return DnLight((linear - black).astype(np.float32), noise.astype(np.float32), setting.saturated)
+    steps = _steps(linear)
+    noise = np.sqrt(_ROUNDING_VARIANCE) * steps
+    light = (linear - black).astype(np.float32)
+    return DnLight(light, noise.astype(np.float32), steps.astype(np.float32), setting.saturated)
 
 
 @lru_cache(maxsize=16)
@@ -96,29 +98,49 @@ def _specified(
 ) -> DnLight:
     top_dn = 2**specification.adc_bits - 1
     linear = decoded_table(setting.bit_depth, encoding)
-    dn = top_dn * linear
     black_dn = specification.black_dn
     if black_dn is None:
         black_dn = top_dn * float(np.interp(setting.black_level_dn, np.arange(linear.size), linear))
     k_dn_per_e = specification.system_gain_dn_per_e(setting.gain_db)
-    electrons = (dn - black_dn) / k_dn_per_e
     dark_e = specification.dark_electrons(setting.exposure_s, setting.temperature_c)
     per_cd_m2 = specification.electrons_per_cd_m2_s(f_number) * setting.exposure_s
     per_cd_m2 *= specification.windscreen_transmittance
+    dn = top_dn * linear
     # Photons and dark electrons are one Poisson process.
-    noise_e2 = np.maximum(electrons, 0) + specification.read_noise_e**2
+    noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + specification.read_noise_e**2
     noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(linear) / k_dn_per_e)
     flags = setting.saturated
     if specification.saturation_dn is not None:
         flags[dn >= specification.saturation_dn] |= Invalid.SATURATED.value
+    zero_dn = black_dn + dark_e * k_dn_per_e
+    vignetting = specification.optics(f_number).vignetting(specification.pixel_pitch_m)
+    light = _proportional(linear, zero_dn, top_dn, top_dn / (k_dn_per_e * per_cd_m2), encoding)
+    # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
+    place_matters = vignetting is not None or specification.glare_fraction > 0
     return DnLight(
-        light=((electrons - dark_e) / per_cd_m2).astype(np.float32),
+        light=light.astype(np.float32) if place_matters else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
+        steps=_steps(light).astype(np.float32),
         flags=flags,
-        vignetting=specification.optics(f_number).vignetting(specification.pixel_pitch_m),
+        vignetting=vignetting,
         glare_fraction=specification.glare_fraction,
         common=(CommonError("guessed camera parameters", inf),),
     )
+
+
+def _proportional(
+    linear: NDArray[np.float64], zero_dn: float, top_dn: int, light_at_top: float, encoding: Encoding
+) -> NDArray[np.float64]:
+    """Light by DN, 0 at `zero_dn` of a scale that ends at `top_dn` with this light above that of 0.
+
+    The light of linear DN is their exact multiple: the contrast of two integers that lies on an end of the interval
+    stays there. For that the factor has the 24 bits of a float32, which leaves enough of the 53 for the DN.
+    """
+    if encoding != "linear":
+        return (linear - zero_dn / top_dn) * light_at_top
+    last = linear.size - 1
+    zero = zero_dn if last == top_dn else zero_dn / top_dn * last
+    return (np.arange(linear.size, dtype=np.float64) - zero) * float(np.float32(light_at_top / last))
 
 
 def _steps(linear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -113,13 +113,14 @@ class PictureConversion:
     def warnings(self, picture: Picture) -> tuple[str, ...]:
         """Say in plain words what to mind about the map of a picture."""
         if picture.light_is_cd_m2:
-            return ()
+            unused = f"the file holds luminance in cd/m^2 already, so this does not count: {self.description}"
+            return (*picture.warnings, *([unused] if self.unit == "cd/m^2" else []))
         found = [] if picture.frame is None else self.converter.warnings(picture)
         if self.unit == "relative":
             found.insert(0, _RELATIVE)
         elif picture.frame is not None and not picture.exposure_stated:
             found.append(f"the file does not say its exposure: {picture.frame.exposure_s:g} s is taken")
-        return tuple(found)
+        return (*picture.warnings, *found)
 
     def convert(self, frame: Frame, window: Window | None = None) -> LuminanceMap:
         """Convert a frame, of a video for example, or some rows and columns of its map.
@@ -176,7 +177,7 @@ def picture_conversion(calibration: Path | None, camera: Path | None, encoding: 
         return _by_calibration(calibration, encoding)
     if camera is not None:
         return _by_specification(camera, encoding)
-    options = PictureOptions(encoding=encoding)
+    options = PictureOptions(encoding=encoding, told=_told(encoding))
     return PictureConversion("relative", "relative values, proportional to light", options, _Relative())
 
 
@@ -202,6 +203,7 @@ def calibrated_conversion(
         saturation_dn=state.saturation_dn,
         black_level_dn=state.black_level_dn,
         encoding=encoding,
+        told=_told(encoding),
     )
     description = f"calibration {name} of {state.camera}, {loaded.lens}, in {loaded.source_spectrum}"
     return PictureConversion("cd/m^2", description, options, _Calibrated(loaded))
@@ -214,9 +216,14 @@ def _by_specification(path: Path, encoding: Encoding | None) -> PictureConversio
         gain_db=specification.gain_db,
         bit_depth=specification.adc_bits,
         encoding=encoding or specification.encoding,
+        told=_told(encoding),
     )
     description = f"guessed camera parameters of {path.name} ({specification.name})"
     return PictureConversion("cd/m^2", description, options, _Specified(specification))
+
+
+def _told(encoding: Encoding | None) -> frozenset[str]:
+    return frozenset() if encoding is None else frozenset({"encoding"})
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,18 @@ from ..contrast import (
     Distribution,
     Epsilon,
     Estimate,
-    cdp_correlated,
     cdp_range,
     csnr,
     snr,
     weber_contrast,
 )
+from ..contrast.interval import AskedContrast
+from ..contrast.pairs import tally_pairs
 from ..contrast.uncertainty import confidence_interval
 from ..errors import InputError
 from ..luminance import LuminanceMap
 from ..roi import Roi
+from .noise_correlation import noise_inflation
 from .pair_region import (
     RegionPixels,
     RegionResult,
@@ -108,10 +110,10 @@ def evaluate_pair(
     Notes
     -----
     All pixels of the regions count, as in sessions: without the saturated ones, what is left would look brighter or
-    darker than it is. The variance by the pixels is inflated for correlated noise as by `cdp_correlated`, but a slow
-    change across a region is no noise (`noise_inflation`). The errors of
-    the calibration, independent of it, are propagated as by `cdp_with_common_errors`: each is added and subtracted
-    once, and the mean square of the two changes is its variance.
+    darker than it is. The variance by the pixels is inflated for correlated noise; a slow change across a region is
+    none (`labcdp.evaluate.noise_correlation`). The errors of the calibration, independent of it, are propagated as by
+    `cdp_with_common_errors`: each is added and subtracted once, and the mean square of the two changes is its variance.
+    So is the rounding to DN of each region, where its noise does not dither it (`labcdp.evaluate.dn_rounding`).
     """
     first, second = RegionPixels.of(luminance, a), RegionPixels.of(luminance, b)
     _require_apart(first, second)
@@ -119,7 +121,7 @@ def evaluate_pair(
     base = _Metrics.of(first.distribution, second.distribution, contrasts, epsilon)
     changed = [
         [_Metrics.of(first.changed(sign * x), second.changed(sign * y), contrasts, epsilon).values for sign in (1, -1)]
-        for x, y in _joined(errors)
+        for x, y in _joined([*errors, *_of_rounding(first, second)])
     ]
     variances = variance_of_changes(base.values, changed)
     regions = (
@@ -191,6 +193,12 @@ class _Metrics:
         return np.array([self.snr_a.value, self.snr_b.value, self.csnr.value, *(one.cdp for one in self.cdp)])
 
 
+def _of_rounding(first: RegionPixels, second: RegionPixels) -> list[_Error]:
+    """Errors of each region by rounding to whole DN, as if it moved all pixels alike."""
+    nothing = np.zeros(())
+    return [(np.array(first.rounding_rel), nothing), (nothing, np.array(second.rounding_rel))]
+
+
 def _joined(errors: Sequence[_Error]) -> list[_Error]:
     """Errors of each pixel, and those of whole regions as one of the first alone: ratios feel no more of them."""
     ratios = [float((1 + x) / (1 + y) - 1) for x, y in errors if x.ndim == y.ndim == 0]
@@ -227,32 +235,32 @@ def _require_apart(first: RegionPixels, second: RegionPixels) -> None:
 
 
 def _inflated(result: CdpResult, first: RegionPixels, second: RegionPixels) -> CdpResult:
-    """CDP with its standard error inflated as by `cdp_correlated`, where there is something to look for.
+    """CDP with its standard error inflated for correlated noise, where there is something to look for.
 
-    The inflation is no larger than that of the pixels: what exceeds it comes of a slow change across the region.
+    As in `cdp_correlated`, it is looked for in what each pixel adds to the CDP. The inflation is no larger than that of
+    the pixels: what exceeds it comes of a slow change across the region.
     """
     most = max(first.inflation, second.inflation)
     if most == 1:
         return result
-    factor = sqrt(most)
-    if 0 < result.cdp < 1:
-        correlated = cdp_correlated(*_side_by_side(first, second), result.contrast, result.epsilon)
-        factor = min(factor, correlated.correlation_inflation)
+    inflation = min(most, _inflation_of_shares(result, first, second)) if 0 < result.cdp < 1 else most
+    factor = sqrt(inflation)
     return replace(result, standard_error=result.standard_error * factor, correlation_inflation=factor)
 
 
-def _side_by_side(first: RegionPixels, second: RegionPixels) -> tuple[_Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Join two windows to one image with two masks: correlation is looked for within each region alone."""
-    height, width = max(first.mask.shape[0], second.mask.shape[0]), first.mask.shape[1]
-    image = np.zeros((height, width + second.mask.shape[1]))
-    masks = []
-    for pixels, start in ((first, 0), (second, width)):
-        rows, columns = slice(0, pixels.mask.shape[0]), slice(start, start + pixels.mask.shape[1])
-        image[rows, columns] = pixels.image
-        mask = np.zeros(image.shape, dtype=np.bool_)
-        mask[rows, columns] = pixels.mask
-        masks.append(mask)
-    return image, masks[0], masks[1]
+def _inflation_of_shares(result: CdpResult, first: RegionPixels, second: RegionPixels) -> float:
+    """Inflation of the variance of a CDP, by the share of pairs that are detected of each pixel of both regions."""
+    bright, dark = (second, first) if result.bright == "b" else (first, second)
+    asked = AskedContrast(result.contrast, result.epsilon, result.definition)
+    tally = tally_pairs(bright.distribution, dark.distribution, asked.low, asked.high)
+    plain = inflated = 0.0
+    for pixels, shares in ((bright, tally.inside_per_bright), (dark, tally.inside_per_dark)):
+        each = np.zeros(pixels.image.shape)
+        each[pixels.mask] = shares[np.searchsorted(pixels.distribution.values, pixels.values)]
+        scatter = float(each[pixels.mask].var()) / pixels.values.size
+        plain += scatter
+        inflated += noise_inflation(each, pixels.mask) * scatter
+    return inflated / plain
 
 
 def _calibrated(result: CdpResult, by_calibration: float) -> CalibratedCdp:
@@ -272,7 +280,7 @@ def _contrast(
     contrast = float(weber_contrast(upper.mean, lower.mean))
     if not isfinite(contrast):
         return Estimate(contrast, nan)
-    of_pixels = [pixels.random / pixels.mean for pixels in (first, second)]
+    of_pixels = [hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (first, second)]
     of_calibration = [
         float(np.mean(x * first.values)) / first.mean - float(np.mean(y * second.values)) / second.mean
         for x, y in errors

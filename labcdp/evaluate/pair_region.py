@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contrast import Distribution, Estimate, snr, variance_inflation
+from ..contrast import Distribution, Estimate, snr
 from ..errors import InputError
 from ..luminance import Invalid, LuminanceMap
 from ..roi import Roi
+from .dn_rounding import rounding_uncertainty
+from .noise_correlation import noise_inflation
 
 #: What a reason for pixels that are not valid is called for a person.
 REASONS = {
@@ -24,10 +26,6 @@ REASONS = {
     Invalid.DEFECT: "defect",
     Invalid.INCONSISTENT: "different between the exposures",
 }
-#: Ratio of variances from which a change across a region is none of noise. Patterns of rows and columns reach 10.
-_SIGNIFICANT_CHANGE = 30.0
-#: Share of a variance that is due to the digits of floats.
-_ROUNDING = 1e-10
 _Array = NDArray[np.float64]
 
 
@@ -42,8 +40,8 @@ class RegionResult:
     n_pixels : int
         Its pixels, all of which count, valid or not.
     mean, standard_uncertainty : float
-        Mean, with the standard uncertainty by the scatter of the pixels, which may be correlated, and by the
-        calibration; nan for a single pixel, and where a guessed scale has no uncertainty to state.
+        Mean, with the standard uncertainty by the scatter of the pixels, which may be correlated, by their rounding to
+        DN, and by the calibration; nan for a single pixel, and where a guessed scale has no uncertainty to state.
     std : float
         Standard deviation of the pixels, with n - 1.
     snr : Estimate
@@ -95,6 +93,7 @@ class RegionPixels:
     distribution: Distribution
     inflation: float
     scale_known: bool
+    dn_steps: NDArray[np.floating[Any]] | float
 
     @classmethod
     def of(cls, luminance: LuminanceMap, roi: Roi) -> RegionPixels:
@@ -111,6 +110,7 @@ class RegionPixels:
             )
         one_pixel = (slice(window[0].start, window[0].start + 1), slice(window[1].start, window[1].start + 1))
         of_all = [float(error.relative) for error in luminance.common_in(one_pixel) if np.ndim(error.relative) == 0]
+        steps = luminance.dn_step_in(window)
         return cls(
             roi=roi,
             window=window,
@@ -120,6 +120,7 @@ class RegionPixels:
             distribution=Distribution.from_array(values),
             inflation=noise_inflation(image, mask),
             scale_known=all(map(isfinite, of_all)),
+            dn_steps=0.0 if steps is None else steps[mask],
         )
 
     @cached_property
@@ -137,46 +138,19 @@ class RegionPixels:
         """Standard uncertainty of the mean by the pixels alone."""
         return self.std * sqrt(self.inflation / self.values.size)
 
+    @cached_property
+    def rounding(self) -> float:
+        """Standard uncertainty of the mean by the rounding to whole DN, where noise does not dither it."""
+        return rounding_uncertainty(self.std, self.dn_steps)
+
+    @property
+    def rounding_rel(self) -> float:
+        """The same relative to the mean; 0 where that is not above 0."""
+        return self.rounding / self.mean if self.mean > 0 else 0.0
+
     def changed(self, relative: _Array) -> Distribution:
         """Distribution of the pixels with a relative error."""
         return Distribution.from_array(self.values * (1 + relative)) if np.any(relative) else self.distribution
-
-
-def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
-    """Factor by which noise that is correlated from pixel to pixel raises the variance of a region's mean.
-
-    A slow change across the region, of the light or by the lens' fall-off, is the same in each picture, and no noise.
-    Where the surface of second degree that fits best explains far more of the variance than noise would, it is taken
-    off. Without that condition a part of the noise went with it, above all of patterns of rows and columns.
-
-    Parameters
-    ----------
-    image : ndarray of float, shape (height, width)
-        Rows and columns that hold the region.
-    mask : ndarray of bool, shape (height, width)
-        Its pixels.
-
-    Returns
-    -------
-    float
-        As from `labcdp.contrast.variance_inflation`; 1 if all pixels are equal.
-    """
-    inflation = variance_inflation(image, mask)
-    if not inflation > 1:
-        return 1.0
-    values = image[mask]
-    y, x = (2 * place / length - 1 for place, length in zip(np.nonzero(mask), mask.shape, strict=True))
-    design = np.stack([np.ones(values.size), x, y, x * x, x * y, y * y])
-    factors = np.linalg.lstsq(design @ design.T, design @ values, rcond=None)[0]
-    level = np.zeros(image.shape)
-    level[mask] = values - factors @ design
-    left = float(level[mask].var())
-    if left <= _ROUNDING * float(values.var()):
-        return 1.0
-    without = max(variance_inflation(level, mask), 1.0)
-    # Ratio of variances as in an F test, for as many independent pixels as there seem to be.
-    ratio = (float(values.var()) - left) / (len(design) - 1) / (left * without / values.size)
-    return without if ratio > _SIGNIFICANT_CHANGE else inflation
 
 
 def region_result(
@@ -190,7 +164,7 @@ def region_result(
         roi=pixels.roi,
         n_pixels=pixels.values.size,
         mean=pixels.mean,
-        standard_uncertainty=hypot(pixels.random, *of_calibration),
+        standard_uncertainty=hypot(pixels.random, pixels.rounding, *of_calibration),
         std=pixels.std,
         snr=with_uncertainty(ratio, pixels.inflation, ratio_variance),
         invalid_shares={name: share for name, share in shares.items() if share},

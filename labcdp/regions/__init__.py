@@ -2,8 +2,9 @@
 
 from .checkerboard import detect_checkerboard
 from .checks import check_region
+from .coincidence import new_shapes
 from .geometry import inset, require_simple
-from .region_file import REGION_SUFFIXES, load_regions, save_regions
+from .region_file import REGION_SUFFIXES, image_size_of, load_regions, save_regions
 from .region_json import ImageSize
 from .shapes import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
 from .step_chart import detect_step_chart
@@ -19,8 +20,10 @@ __all__ = [
     "check_region",
     "detect_checkerboard",
     "detect_step_chart",
+    "image_size_of",
     "inset",
     "load_regions",
+    "new_shapes",
     "require_simple",
     "rois_of",
     "save_regions",

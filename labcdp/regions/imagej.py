@@ -134,6 +134,7 @@ def _shape(data: bytes, entry: str) -> Shape:
         raise InputError(f"{where} is of the unknown kind {kind}, {subtype}: draw it as a polygon")
     if int.from_bytes(data[36:40], "big", signed=True) > 0:
         raise InputError(f"{where} is made of several: split it in ImageJ's ROI Manager (More > Split)")
+    _require_name(data, where)
     try:
         read = ImagejRoi.frombytes(data)
     except _BROKEN as error:
@@ -147,6 +148,18 @@ def _shape(data: bytes, entry: str) -> Shape:
     if read.options & _SPLINE:
         raise InputError(f"{where} is a fitted spline: make it a polygon (Edit > Selection > Interpolate)")
     return _polygon(read, name, where)
+
+
+def _require_name(data: bytes, where: str) -> None:
+    """Refuse a region whose name is not in the file; its second header says where it is (RoiDecoder.java)."""
+    second = int.from_bytes(data[60:64], "big")
+    if 0 < second <= len(data) - 24:
+        offset, length = struct.unpack_from(">II", data, second + 16)
+        if offset and length and offset + 2 * length > len(data):
+            raise InputError(
+                f"{where} is damaged: its name reaches to byte {offset + 2 * length}, it has {len(data)}: save it "
+                "again in ImageJ"
+            )
 
 
 def _box(read: ImagejRoi, name: str, where: str) -> Shape:

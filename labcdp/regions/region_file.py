@@ -18,6 +18,9 @@ _MOST_BYTES = 64 * 2**20
 #: What the suffix of a file to be written may be.
 REGION_SUFFIXES = (".json", ".roi", ".zip")
 
+#: How files of ImageJ begin: one region, or a ZIP archive of several.
+_IMAGEJ = (b"Iout", b"PK\x03\x04", b"PK\x05\x06")
+
 
 def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None) -> tuple[Shape, ...]:
     """Read regions from a file of labcdp (JSON) or ImageJ (.roi, or .zip of several); the content tells which.
@@ -43,7 +46,7 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
     path = Path(path)
     data = _read(path)
     try:
-        if data[:4] in (b"Iout", b"PK\x03\x04", b"PK\x05\x06"):
+        if data[:4] in _IMAGEJ:
             shapes, drawn_on = parse_imagej(data, path.stem), None
         else:
             shapes, drawn_on = parse_regions(_text(data))
@@ -60,6 +63,23 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return shapes
+
+
+def image_size_of(path: str | PathLike[str]) -> ImageSize | None:
+    """Width and height of the image that the regions of a file were drawn on; None if it does not say.
+
+    Raises
+    ------
+    InputError
+        If it is no region file.
+    """
+    data = _read(Path(path))
+    if data[:4] in _IMAGEJ:
+        return None
+    try:
+        return parse_regions(_text(data))[1]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def save_regions(path: str | PathLike[str], shapes: Iterable[Shape], image_size: ImageSize | None = None) -> None:

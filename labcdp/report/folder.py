@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from errno import EISDIR
 from os import fsync, strerror
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from ..errors import InputError
 
@@ -80,3 +81,30 @@ def prepare_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
+
+
+@contextmanager
+def place_for_results(folder: Path) -> Iterator[None]:
+    """Make a folder for results and see that it can be written to; afterwards take it away if nothing came into it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made or written to.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        prepare_folder(folder)
+        try:
+            with TemporaryFile(dir=folder) as file:
+                file.write(b"labcdp")
+        except OSError as error:
+            raise InputError(
+                f"{folder} cannot be written to ({error.strerror}): give a folder you can write to, on a disk with "
+                "enough space"
+            ) from error
+        yield
+    finally:
+        for path in made:
+            with suppress(OSError):  # not empty: it holds the results
+                path.rmdir()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Self
 
 from ..errors import InputError
-from .folder import prepare_folder, write_files
+from .folder import place_for_results, write_files
 
 #: Where results wait, inside the folder they will be in.
 _WAITING = ".labcdp-unfinished"
@@ -38,29 +38,28 @@ class ResultFolder:
     def __init__(self, folder: Path) -> None:
         self._folder, self._waiting = folder, folder / _WAITING
         self._names: list[str] = []
-        self._made = False
+        self._end = ExitStack()
 
     def __enter__(self) -> Self:
         """Make the folder and see that it can be written to."""
-        self._made = not self._folder.exists()
-        prepare_folder(self._folder)
-        self._clear()
-        try:
-            self._waiting.mkdir()
-        except OSError as error:
-            raise InputError(
-                f"{self._folder} cannot be written to ({error.strerror}): give a folder you can write to"
-            ) from error
+        with ExitStack() as end:
+            end.enter_context(place_for_results(self._folder))
+            end.callback(self._clear)
+            self._clear()
+            try:
+                self._waiting.mkdir()
+            except OSError as error:
+                raise InputError(
+                    f"{self._folder} cannot be written to ({error.strerror}): give a folder you can write to"
+                ) from error
+            self._end = end.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Remove what was not put in its place."""
-        self._clear()
-        if self._made:
-            with suppress(OSError):  # not empty: it holds the results
-                self._folder.rmdir()
+        self._end.close()
 
     def add(self, files: Mapping[str, bytes]) -> None:
         """Keep files until all are made; names are relative to the folder.
@@ -70,7 +69,15 @@ class ResultFolder:
         InputError
             If they cannot be written.
         """
-        write_files(self._waiting, files)
+        try:
+            write_files(self._waiting, files)
+        except InputError as error:
+            # Where they wait is nobody's business.
+            reason = error.__cause__.strerror if isinstance(error.__cause__, OSError) else error
+            raise InputError(
+                f"results cannot be written to {self._folder} ({reason}): make room there, or give another folder for "
+                "the results"
+            ) from error
         self._names += files
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 from ..errors import InputError
@@ -91,6 +92,16 @@ class DrawingFiles:
             raise InputError(f"{name!r} has no known end: give a name that ends in {', '.join(REGION_SUFFIXES)}")
         return path
 
-    def save(self, path: Path, shapes: tuple[Shape, ...]) -> None:
-        """Write the drawing to a file, whole; raises InputError if that is not possible."""
+    def fingerprint(self, path: Path) -> str:
+        """SHA-256 of a file, empty if there is none; raises InputError if it cannot be read."""
+        try:
+            return sha256(path.read_bytes()).hexdigest()
+        except FileNotFoundError:
+            return ""
+        except OSError as error:
+            raise InputError(f"{path} cannot be read ({error.strerror}): check the path") from error
+
+    def save(self, path: Path, shapes: tuple[Shape, ...]) -> str:
+        """Write the drawing to a file, whole, and return its fingerprint; raises InputError if it cannot be written."""
         save_regions(path, shapes, self.size)
+        return self.fingerprint(path)

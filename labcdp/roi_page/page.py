@@ -92,6 +92,7 @@ class Page:
             self._warnings,
             text("h", "<h2>Save</h2>"),
             pn.Row(self._file, pn.Column(pn.Spacer(height=14), button["Save"], margin=0), margin=0),
+            button["Replace"],
             text("h", "<h2>More</h2>"),
             pn.Row(self._method, self._size, margin=0),
             pn.Row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
@@ -135,6 +136,7 @@ class Page:
             button["Delete"].disabled = workspace.selected is None
             proposals = bool(drawing.proposals)
             button["Accept all"].disabled = button["Discard"].disabled = not proposals
+            button["Replace"].visible = workspace.in_the_way is not None
             button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
 
     def _heading(self) -> str:
@@ -163,6 +165,7 @@ class Page:
             "+": (lambda _: self._ask("in"), "Zoom in (+, or the wheel)"),
             "-": (lambda _: self._ask("out"), "Zoom out (-, or the wheel)"),
             "Save": (lambda _: do({"do": "save", "name": self._file.value_input or self._file.value}), "Ctrl + S"),
+            "Replace": (lambda _: do({"do": "replace"}), "Replace the file that somebody else changed"),
             "Propose": (lambda _: self._propose(), "Find regions; they count once you accept them"),
             "Accept": (selected("accept"), "Accept the selected proposal (Enter)"),
             "Accept all": (lambda _: do({"do": "accept all"}), "Accept all proposals"),

@@ -53,7 +53,12 @@ class Address:
     @property
     def url(self) -> str:
         """Address to open."""
-        return f"http://{self._visible}:{self.port}/?{TOKEN}={self.token}"
+        return f"{self.place}/?{TOKEN}={self.token}"
+
+    @property
+    def place(self) -> str:
+        """The address without what lets in."""
+        return f"http://{self._visible}:{self.port}"
 
     @property
     def tunnel(self) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..regions import Shape
+from ..regions import Shape, new_shapes
 from ..roi import Roi
 from .drawing import Drawing, History
 from .files import DrawingFiles
@@ -47,12 +47,15 @@ class Start:
         What another file held that was read to begin with: safe there as long as it is not changed.
     proposals : tuple of Shape
         What was found and waits for a person.
+    stored : str
+        Fingerprint of the output as it was read; empty if there was none.
     """
 
     history: History
     saved: tuple[Shape, ...] = ()
     read: tuple[Shape, ...] = ()
     proposals: tuple[Shape, ...] = ()
+    stored: str = ""
 
 
 class Workspace:
@@ -86,6 +89,10 @@ class Workspace:
         self.notice = Notice("")
         #: Files written in this run, in their order.
         self.written: list[Path] = []
+        #: File that somebody else changed, and its fingerprint: it is replaced only if a person confirms it.
+        self.in_the_way: tuple[Path, str] | None = None
+        #: Fingerprints of the files of this drawing as they were read or written here.
+        self._stored = {files.output: start.stored}
         self._saved, self._read, self._proposals = start.saved, start.read, start.proposals
         self._lanes = (
             Lane(run_elsewhere, measurements.means, self._take_means),
@@ -117,7 +124,7 @@ class Workspace:
         ----------
         message : dict
             As `messages.change` takes it; and ``undo``, ``redo``, ``select`` (name or None), ``save`` (file name or
-            None), ``accept all``, ``discard``, ``pair`` (names).
+            None), ``replace`` (the file in the way), ``accept all``, ``discard``, ``pair`` (names).
 
         Returns
         -------
@@ -140,13 +147,14 @@ class Workspace:
 
     def propose(self, proposals: Iterable[Shape], what: str) -> None:
         """Show proposals to be confirmed; `what` says where they come from."""
-        drawing = self.drawing.proposed(proposals)
-        n = len(drawing.proposals)
-        self._change(
-            drawing,
-            self.selected,
-            Notice(f"{what}: {n} region{'s' if n > 1 else ''} proposed. They count once you accept them."),
-        )
+        found = tuple(proposals)
+        new = new_shapes(found, self.drawing.shapes)
+        n, n_known = len(new), len(found) - len(new)
+        there = f" {n_known} more {'are' if n_known > 1 else 'is'} there already." if n_known else ""
+        text = f"{n} region{'s' if n > 1 else ''} proposed. They count once you accept them.{there}"
+        if not new:
+            text = f"all {n_known} regions found are there already." if n_known > 1 else "the region is there already."
+        self._change(self.drawing.proposed(new), self.selected, Notice(f"{what}: {text}"))
 
     def warn(self, error: Exception) -> None:
         """Tell what could not be done."""
@@ -177,6 +185,10 @@ class Workspace:
             self._select(message.get("name"))
         elif what == "save":
             self._save(message.get("name"))
+        elif what == "replace":
+            if self.in_the_way is None:
+                raise InputError("there is no file to replace: save the drawing")
+            self._save(self.in_the_way[0].name, replace=True)
         elif what in ("undo", "redo"):
             self.history = history.undone() if what == "undo" else history.redone()
             self._after_change(self.selected, Notice(f"{what.capitalize()}: done"))
@@ -207,13 +219,21 @@ class Workspace:
                 return shape.name
         return self.drawing.shape(name).name
 
-    def _save(self, name: object) -> None:
+    def _save(self, name: object, replace: bool = False) -> None:
         if not self.drawing.shapes:
             raise InputError("there is no region to save: draw one first, or accept a proposal")
         path = self.files.output if name is None else self.files.other(str(name))
-        if path.exists() and path not in (self.files.output, *self.written):
+        there = self.files.fingerprint(path)
+        if there and path not in self._stored:
             raise InputError(f"{path} is there already: give another name")
-        self.files.save(path, self.drawing.shapes)
+        if there not in ("", self._stored.get(path)) and not (replace and self.in_the_way == (path, there)):
+            self.in_the_way = (path, there)
+            raise InputError(
+                f"{path} was changed by somebody else since it was read, and is not replaced: save under another name, "
+                "or confirm with Replace"
+            )
+        self._stored[path] = self.files.save(path, self.drawing.shapes)
+        self.in_the_way = None
         self.written.append(path)
         self._saved = self.drawing.shapes
         n = len(self.drawing.shapes)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from .tiff_directories import MOST_PAGES, require_end
 
 #: ISO speed that counts as a gain of 0 dB.
 _ISO_OF_0_DB = 100.0
@@ -76,16 +77,15 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
     Raises
     ------
     InputError
-        If the file ends before the pixels do.
+        If the file ends before the pixels do, does not say where they are, or its list of pages does not end.
     """
     import tifffile
 
+    require_end(data, path)
     try:
         with tifffile.TiffFile(BytesIO(data)) as tiff:
             directories = [_tags(page) for page in tiff.pages]
             directories += [tags for first in list(directories) for tags in _below(first, tiff)]
-    except InputError:
-        raise
     # tifffile meets a damaged directory with whatever its parts raise.
     except Exception:
         return ExifFacts()
@@ -125,14 +125,15 @@ def _below(tags: Mapping[int, Any], tiff: Any) -> Iterator[dict[int, Any]]:
     import tifffile
 
     offsets = tags.get(_SUB_IFDS) or ()
-    for offset in offsets if isinstance(offsets, tuple) else (offsets,):
+    # Of a damaged file it may be a long list.
+    for offset in list(dict.fromkeys(offsets if isinstance(offsets, tuple) else (offsets,)))[:MOST_PAGES]:
         tiff.filehandle.seek(offset)
         yield _tags(tifffile.TiffPage(tiff, index=0))
 
 
 def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:
     for offsets, counts in (_STRIPS, _TILES):
-        starts, lengths = (_several(tags.get(code)) for code in (offsets, counts))
+        starts, lengths = (_whole_numbers(tags.get(code), path) for code in (offsets, counts))
         end = max((start + length for start, length in zip(starts, lengths, strict=False)), default=0)
         if end > size:
             raise InputError(
@@ -140,10 +141,14 @@ def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:
             )
 
 
-def _several(value: Any) -> tuple[int, ...]:
-    if value is None:
-        return ()
-    return tuple(int(one) for one in value) if isinstance(value, tuple | list) else (int(value),)
+def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
+    """Value of a tag that has to be whole numbers; a damaged one can be anything."""
+    several = () if value is None else value if isinstance(value, tuple | list) else (value,)
+    if not all(isinstance(one, int) for one in several):
+        raise InputError(
+            f"{path} is damaged: where its pixels are is {str(value)[:40]!r} and no number: copy or save it again"
+        )
+    return tuple(several)
 
 
 def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
@@ -169,7 +174,7 @@ def _number(value: Any) -> float | None:
         if isinstance(value, tuple | list):
             value = value[0] / value[1] if len(value) == 2 else value[0]
         number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError, IndexError):
+    except (TypeError, ValueError, ZeroDivisionError, IndexError, OverflowError):
         return None
     return number if isfinite(number) and number > 0 else None
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .colour import BT709_LUMINANCE
+from .decoder_messages import decoder_messages
 from .stored_image import StoredImage, real_numbers, require_size
 
 SIGNATURE = b"\x76\x2f\x31\x01"
@@ -93,7 +94,7 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
 
     printed = StringIO()
     try:
-        with redirect_stdout(printed):
+        with redirect_stdout(printed), decoder_messages():
             file = OpenEXR.File(str(path), **how)
         if not file.parts:
             raise ValueError(printed.getvalue() or "it holds no picture")

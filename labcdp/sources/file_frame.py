@@ -87,4 +87,6 @@ def exposure_of(path: Path, stated_s: float | None, defaults: FileDefaults) -> f
 
 def camera_of(vendor: str, model: str, serial: str, known: CameraIdentity) -> CameraIdentity:
     """Identity as a file states it; what it leaves empty is taken from what is known of the camera."""
-    return replace(known, vendor=vendor or known.vendor, model=model or known.model, serial=serial or known.serial)
+    stated = replace(known, vendor=vendor or known.vendor, model=model or known.model, serial=serial or known.serial)
+    # Only the known camera is simulated, not another that the file states.
+    return stated if stated == known else replace(stated, simulated=False)

@@ -46,14 +46,14 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if header.components not in (1, 3):
         raise InputError(f"{path} has {header.components} colours, as for print: save it as grey or RGB")
     try:
-        values = decoded(data)
+        values, messages = decoded(data)
     except ValueError as error:
         raise InputError(f"{path} cannot be read as JPEG ({error}): copy it again from the camera") from error
     if values.shape[:2] != (header.height, header.width) or values.dtype != np.uint8:
         raise InputError(f"{path} cannot be read as JPEG (its data do not fit its header): copy it again")
     facts = read_exif(header.exif, path) if header.exif else ExifFacts()
     values = values if values.ndim == 2 else np.ascontiguousarray(values[..., ::-1])
-    return StoredImage(values, 8, "srgb", facts, ("JPEG: compression has changed the pixels",))
+    return StoredImage(values, 8, "srgb", facts, ("JPEG: compression has changed the pixels",), tuple(messages))
 
 
 def _header(data: bytes, path: Path) -> _Header:

@@ -19,6 +19,7 @@ from ..session.files import write_whole
 from .exr_picture import exr_channels, exr_header
 from .npy_picture import npy_header
 from .stored_image import MAX_PIXELS, require_size
+from .tiff_directories import require_end
 
 #: Value of the key ``format`` of the metadata of every file, and the version this program writes and reads.
 FORMAT, VERSION = "labcdp-luminance", 1
@@ -234,6 +235,7 @@ def _tiff(luminance: LuminanceMap, text: str) -> bytes:
 def _from_tiff(data: bytes, path: Path, max_pixels: int) -> tuple[str, dict[str, NDArray[Any]]]:
     import tifffile
 
+    require_end(data, path)
     with tifffile.TiffFile(BytesIO(data)) as tiff:
         if len(tiff.pages) != 4:
             raise ValueError(f"it has {len(tiff.pages)} pages, not 4")

@@ -47,7 +47,7 @@ def unpacked(page: Any, data: bytes) -> NDArray[Any]:
 def _by_opencv(page: Any, data: bytes) -> NDArray[Any]:
     """OpenCV puts the bits into the upper ones of 16."""
     spare = 16 - page.bitspersample
-    values = decoded(data)
+    values, _ = decoded(data)
     if values.dtype != np.uint16 or np.bitwise_or.reduce(values, axis=None) & (2**spare - 1):
         raise ValueError(f"{page.bitspersample} bits that decode to {values.dtype}")
     dn: NDArray[np.uint16] = values >> spare

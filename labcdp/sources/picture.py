@@ -28,6 +28,7 @@ from .picture_paths import DUMP_SUFFIXES, RAW_SUFFIXES, STATED_SUFFIXES, picture
 from .raw import read_raw
 from .saturation import Scale
 from .stored_image import Encoding, StoredImage
+from .told_options import as_told
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 
@@ -75,6 +76,8 @@ class Picture:
         Whether `frame` was made of colours; then it is linear, whatever `encoding`.
     clipped : ndarray of bool, shape (height, width), or None
         Of colours: pixels of which a colour is at its highest value.
+    warnings : tuple of str
+        What a person gave explicitly that the file contradicts, or that cannot count for it.
     luminance : LuminanceMap or None
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
     """
@@ -94,6 +97,7 @@ class Picture:
     coloured: bool = False
     clipped: NDArray[np.bool_] | None = None
     luminance: LuminanceMap | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -115,7 +119,7 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     path : path
         The file.
     options : PictureOptions
-        What counts where the file does not say.
+        What counts where the file does not say, and of that what a person gave, which counts in any case.
 
     Raises
     ------
@@ -133,7 +137,7 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
         return _picture(stored, path, sha256, options)
     own = _from_labcdp(data, sha256, path, options.max_pixels)
     if own is not None:
-        return own
+        return as_told(own, options, None if own.frame is None else own.frame.bit_depth)
     is_tiff = data.startswith(tiff_picture.SIGNATURES)
     if is_tiff and suffix not in RAW_SUFFIXES and not tiff_picture.is_of_a_sensor(data):
         return _picture(tiff_picture.read_tiff(data, path, options.max_pixels), path, sha256, options)
@@ -209,24 +213,25 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
         options.exposure_s or NO_EXPOSURE_S, options.gain_db or 0.0, options.camera or UNKNOWN_CAMERA
     )
     taken = read_raw(path, defaults, options.max_pixels)
-    return Picture(
+    picture = Picture(
         path, sha256, taken.frame, None, False, "linear", (), taken.f_number, taken.focal_length_m,
         taken.exposure_stated, taken.camera_stated,
         exposure_known=taken.exposure_stated or options.exposure_s is not None,
     )  # fmt: skip
+    return as_told(picture, options, taken.frame.bit_depth)
 
 
 def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
     facts = stored.facts
     encoding = options.encoding or stored.encoding
     picture = Picture(
-        path, sha256, None, None, stored.cd_m2_per_value is not None, encoding, stored.notes, facts.f_number,
-        facts.focal_length_m, facts.exposure_s is not None, bool(facts.model),
+        path, sha256, None, None, stored.cd_m2_per_value is not None, encoding, (*stored.notes, *stored.doubts),
+        facts.f_number, facts.focal_length_m, facts.exposure_s is not None, bool(facts.model),
         exposure_known=(facts.exposure_s or options.exposure_s) is not None,
     )  # fmt: skip
     if stored.bits is None:
         factor = np.float32(stored.cd_m2_per_value or 1.0)
-        return replace(picture, light=stored.values * factor, encoding="linear")
+        return as_told(replace(picture, light=stored.values * factor, encoding="linear"), options, None)
     known = replace(
         options,
         exposure_s=facts.exposure_s or options.exposure_s,
@@ -235,18 +240,20 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
     )
     taken = facts.taken or datetime.fromtimestamp(path.stat().st_mtime, UTC)
     scale = scale_of(stored.values, stored.bits, options, str(path))
-    notes = (*stored.notes, *scale.notes)
+    notes = (*picture.notes, *scale.notes)
     if not stored.coloured:
-        return replace(picture, frame=make_frame(stored.values, scale, known, taken), notes=notes)
+        picture = replace(picture, frame=make_frame(stored.values, scale, known, taken), notes=notes)
+        return as_told(picture, options, scale.bits)
     dn = luminance_dn(stored.values, scale.bits, encoding)
     how = f"colour to grey ({'sRGB decoded, ' if encoding == 'srgb' else ''}ITU-R BT.709 luminance)"
-    return replace(
+    picture = replace(
         picture,
         frame=make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken),
         notes=(*notes, how),
         coloured=True,
         clipped=np.any(stored.values >= scale.saturation_dn, axis=2),
     )
+    return as_told(picture, options, scale.bits)
 
 
 def _camera(stored: StoredImage, options: PictureOptions) -> CameraIdentity:

@@ -32,6 +32,9 @@ class PictureOptions:
         DN from which a pixel is saturated, and of darkness; None for the highest DN, and for 0.
     encoding : {'linear', 'srgb'} or None
         How values follow light; None for what the file or its kind suggests.
+    told : frozenset of str
+        Names of the options that a person gave explicitly: these count before what a file says, with a warning where
+        it says otherwise or the option cannot count. The others count where the file does not say.
     max_pixels : int
         Pixels from which a picture is refused before it is decoded.
 
@@ -50,6 +53,7 @@ class PictureOptions:
     saturation_dn: float | None = None
     black_level_dn: float | None = None
     encoding: Encoding | None = None
+    told: frozenset[str] = frozenset()
     max_pixels: int = MAX_PIXELS
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .decoder_messages import decoder_messages
 from .exif import ExifFacts, read_exif
 from .stored_image import Encoding, StoredImage, grey_if_colourless, require_size, without_alpha
 
@@ -24,8 +25,8 @@ _DEPTHS = {
     _GREY_ALPHA: (8, 16),
     _RGB_ALPHA: (8, 16),
 }
-#: gAMA of values in proportion to light; of encoded ones it is 45455.
-_GAMMA_LINEAR = 100_000
+#: gAMA of values in proportion to light, and of sRGB ones (ISO/IEC 15948:2004, 11.3.3.5), which some write as 45454.
+_GAMMA_LINEAR, _GAMMA_SRGB = 100_000, range(45_000, 46_001)
 
 
 def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
@@ -44,7 +45,7 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if len(chunks.get(b"acTL", b"")) == 8 and struct.unpack_from(">I", chunks[b"acTL"])[0] > 1:
         raise InputError(f"{path} holds several pictures: give files of one picture each")
     try:
-        values = decoded(data)
+        values, messages = decoded(data)
     except ValueError as error:
         raise InputError(f"{path} cannot be read as PNG ({error}): save it again") from error
     bits = 8 if colour_type == _PALETTE else depth
@@ -52,7 +53,9 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         raise InputError(f"{path} cannot be read as PNG (its data do not fit its header): save it again")
     values, notes = _resolved(values, bits, colour_type)
     facts = read_exif(chunks[b"eXIf"], path) if b"eXIf" in chunks else ExifFacts()
-    return StoredImage(values, bits, _encoding(chunks, values.ndim == 3), facts, notes)
+    return StoredImage(
+        values, bits, _encoding(chunks, values.ndim == 3), facts, notes, (*messages, *_doubts(chunks, values))
+    )
 
 
 def _resolved(values: NDArray[Any], bits: int, colour_type: int) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -75,27 +78,54 @@ def _encoding(chunks: dict[bytes, bytes], coloured: bool) -> Encoding:
     """Tell it by what the file says (sRGB, gAMA), else sRGB for colours and DN of a sensor for grey."""
     if b"sRGB" in chunks:
         return "srgb"
-    gamma = struct.unpack(">I", chunks[b"gAMA"])[0] if len(chunks.get(b"gAMA", b"")) == 4 else None
+    gamma = _gamma(chunks)
     if gamma is not None:
         return "linear" if gamma == _GAMMA_LINEAR else "srgb"
     return "srgb" if coloured else "linear"
 
 
-def decoded(data: bytes) -> NDArray[Any]:
-    """Decode an image with OpenCV, neither turned nor changed in depth; raises ValueError if it cannot."""
+def _gamma(chunks: dict[bytes, bytes]) -> int | None:
+    """Exponent of the values, in 100000ths, as the file states it."""
+    return struct.unpack(">I", chunks[b"gAMA"])[0] if len(chunks.get(b"gAMA", b"")) == 4 else None
+
+
+def _doubts(chunks: dict[bytes, bytes], values: NDArray[Any]) -> list[str]:
+    """Tell what the file says about its values that is not used."""
+    if b"sRGB" in chunks:
+        return []
+    taken = "sRGB" if _encoding(chunks, values.ndim == 3) == "srgb" else "linear"
+    unless = f"the values are taken as {taken} unless an encoding is given"
+    doubts = []
+    gamma = _gamma(chunks)
+    if gamma is not None and gamma != _GAMMA_LINEAR and gamma not in _GAMMA_SRGB:
+        doubts.append(f"the file states a gamma of {gamma / 1e5:g}, neither linear (1) nor sRGB (0.45455): {unless}")
+    if b"iCCP" in chunks and (gamma is None or values.ndim == 3):
+        doubts.append(f"the file's ICC profile is not read: {unless}")
+    return doubts
+
+
+def decoded(data: bytes) -> tuple[NDArray[Any], list[str]]:
+    """Decode an image with OpenCV, neither turned nor changed in depth; also what the decoder had to say.
+
+    Raises
+    ------
+    ValueError
+        If it cannot.
+    """
     import cv2
 
     # What it has to say of damage goes into the error and not to the terminal.
     log_level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        values = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        with decoder_messages() as messages:
+            values = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise ValueError("its data are damaged") from error
     finally:
         cv2.utils.logging.setLogLevel(log_level)
     if values is None:
         raise ValueError("its compression is not known, or its data are damaged")
-    return np.array(values)
+    return np.array(values), [f"the decoder says: {message}" for message in messages]
 
 
 def png_chunks(data: bytes, path: Path) -> dict[bytes, bytes]:

@@ -34,6 +34,8 @@ class StoredImage:
         What the file says about how it was taken.
     notes : tuple of str
         What was done to the values.
+    doubts : tuple of str
+        What is not certain about the values, such as how they follow light.
     cd_m2_per_value : float or None
         Luminance of the value 1, of float files that state it.
     """
@@ -43,6 +45,7 @@ class StoredImage:
     encoding: Encoding = "linear"
     facts: ExifFacts = field(default_factory=ExifFacts)
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     cd_m2_per_value: float | None = None
 
     @property
@@ -107,7 +110,9 @@ def real_numbers(values: NDArray[Any], path: Path) -> NDArray[np.float32]:
 def without_alpha(values: NDArray[Any], opaque: float) -> tuple[NDArray[Any], str]:
     """Colours or grey of an image whose last channel is opacity, and a note on what was left out."""
     share = float(np.mean(values[..., -1] != opaque))
-    note = "alpha left out" if share == 0 else f"alpha left out, though {share:.3g} of the pixels are not opaque"
+    note = (
+        "alpha left out" if share == 0 else f"alpha left out, though {100 * share:.3g} % of the pixels are not opaque"
+    )
     colours = values[..., :-1]
     return (colours[..., 0] if colours.shape[-1] == 1 else colours), note
 

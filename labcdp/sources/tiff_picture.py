@@ -153,7 +153,7 @@ def _values(page: Any, data: bytes, path: Path) -> NDArray[Any]:
     except ValueError:
         values = None  # a predictor that tifffile leaves to a package
     if values is None:
-        values = decoded(data)
+        values, _ = decoded(data)
         if values.ndim == 3:
             values = values[..., [2, 1, 0, 3][: values.shape[2]]]
         if page.dtype is None or values.dtype != page.dtype.newbyteorder("="):

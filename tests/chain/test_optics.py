@@ -28,9 +28,19 @@ def test_illuminance_is_13_percent_above_the_tangent_form_at_f_1_4(optics: Optic
     assert lens.axial_illuminance_per_cd_m2 / (pi / (1 + 4 * 1.4**2)) == pytest.approx(1.13, abs=0.005)
 
 
-def test_transmittance_and_magnification_as_in_equation_3_1(optics: Optics) -> None:
+def test_transmittance_and_magnification(optics: Optics) -> None:
     lens = replace(optics, f_number=2.0, transmittance=0.9, magnification=0.25)
-    assert lens.axial_illuminance_per_cd_m2 == pytest.approx(0.9 * pi / (4 * 4 * 1.25), rel=1e-15)
+    assert lens.axial_illuminance_per_cd_m2 == pytest.approx(0.9 * pi / (4 * 2.5**2), rel=1e-15)
+
+
+@pytest.mark.parametrize("magnification", [0.1, 1.0, 3.0])
+def test_all_light_that_enters_the_lens_is_in_the_image(optics: Optics, magnification: float) -> None:
+    # A small lamp (1 + 1/m) f in front of a thin lens of the diameter f / N: its flux L A pi r^2 / d^2 falls on A m^2.
+    focal_length_m, f_number = 0.05, 100.0
+    distance_m = focal_length_m * (1 + 1 / magnification)
+    pupil_m2 = pi * (focal_length_m / f_number / 2) ** 2
+    lens = replace(optics, f_number=f_number, transmittance=1.0, magnification=magnification)
+    assert lens.axial_illuminance_per_cd_m2 == pytest.approx(pupil_m2 / distance_m**2 / magnification**2, rel=1e-12)
 
 
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (0, 1000), (300, 20), (601, 1001)])

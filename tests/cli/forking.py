@@ -15,6 +15,14 @@ import traceback
 _HEAVY = (
     *("cv2", "jinja2", "matplotlib.figure", "netCDF4", "numpy", "openpyxl", "plotly.graph_objects", "pydantic"),
     *("rich.progress", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.stats", "tifffile", "xarray"),
+    *(
+        "dask.array",
+        "distributed",
+        "labcdp.evaluate.video",
+        "labcdp.report.video_files",
+        "labcdp.report.video_annotated",
+    ),
+    *("matplotlib.backends.backend_agg", "labcdp.report.video_archive"),
 )
 
 

@@ -42,11 +42,11 @@ def test_the_example_names_every_key():
 
 
 def test_electrons_by_hand(written):
-    # Light of 555 nm: 683 lm/W and h c / lambda per photon; pi / (4 N^2) lux per cd/m^2; 25 um^2 and QE 0.5.
+    # Light of 555 nm: 683 lm/W and h c / lambda per photon; pi / (4 N^2 (1 + m)^2) lux per cd/m^2; 25 um^2 and QE 0.5.
     path = written(spectrum='"monochromatic 555 nm"', f_number=2.0, lens_transmittance=0.8, magnification=0.25,
                    quantum_efficiency=0.5, pixel_pitch_m=5e-6)  # fmt: skip
     photons_per_lm_s = 555e-9 / (6.62607015e-34 * 299792458 * 683)
-    expected = pi * 0.8 / (4 * 2.0**2 * 1.25) * photons_per_lm_s * 0.5 * 25e-12
+    expected = pi * 0.8 / (4 * 2.5**2) * photons_per_lm_s * 0.5 * 25e-12
     assert load_camera_specification(path).electrons_per_cd_m2_s() == pytest.approx(expected, rel=1e-3)
 
 

@@ -223,7 +223,10 @@ def test_a_disk_without_room_is_one_line_and_leaves_the_results_before(scene):
     done = _limited(scene, "two.png", "--neighbours", "--output", "out")
     assert done.returncode == 1
     assert len(_lines(done)) == 1, done.stderr
-    assert "cannot be written (File too large): give a folder you can write to, on a disk" in _lines(done)[0]
+    assert _lines(done)[0] == (
+        "labcdp: results cannot be written to out (File too large): make room there, or give another folder for the "
+        "results"
+    )
     assert [path.name for path in (scene / "out").iterdir()] == ["results.json"]
     assert (scene / "out/results.json").read_text() == '{"written": ["results.json"]}'
 

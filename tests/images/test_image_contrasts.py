@@ -34,6 +34,12 @@ def test_a_range_has_both_ends(start, step, n):
         ("10%:20%", r"--contrast is '10%:20%': give a percentage"),
         ("0%", r"--contrast is '0%': give contrasts above 0%"),
         ("-5%", r"--contrast is '-5%': give contrasts above 0%"),
+        ("1e400%", r"--contrast is '1e400%': give contrasts from 0.000000001% to 1000000000%$"),
+        ("1e-400%", r"--contrast is '1e-400%': give contrasts from"),
+        ("1e308%", r"--contrast is '1e308%': give contrasts from"),
+        ("10%:1e400%:10%", r"--contrast is '10%:1e400%:10%': give contrasts from"),
+        ("1e99999999999999999999%", r"--contrast is '1e99999999999999999999%': give "),
+        ("inf%", r"--contrast is 'inf%': give contrasts above 0%"),
         ("nan%", r"--contrast is 'nan%': give contrasts above 0%"),
         ("10%:25%:10%", r"--contrast is '10%:25%:10%': steps of 0.1 from 0.1 do not meet 0.25: end at 0.2 or 0.3"),
         ("20%:10%:5%", r"--contrast is '20%:10%:5%': contrasts run from 0.2 down to 0.1"),
@@ -70,9 +76,18 @@ def test_a_batch_goes_on_and_tells_why_files_failed():
     ]
 
 
-def test_a_mistake_in_the_program_is_no_failure_of_a_file():
-    with pytest.raises(ZeroDivisionError):
-        list(worked_through([0], lambda n: 1 / n))
+def test_an_unforeseen_error_costs_only_its_file_and_asks_to_be_reported():
+    found = [result for _, result in worked_through([1, 0, 2], lambda n: 1 / n)]
+    reason = "an unforeseen error (ZeroDivisionError: division by zero): please report it, with this file"
+    assert found == [1.0, Failure("0", reason), 0.5]
+
+
+def test_ctrl_c_ends_a_batch():
+    def work(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        list(worked_through([1], work))
 
 
 def test_what_the_caller_does_with_a_result_is_not_caught():
@@ -107,7 +122,9 @@ def test_options_that_are_typed_count_over_those_of_the_calibration():
     found = picture_options(known, "5ms", None, None, "Mono12Packed", "640x480")
     assert (found.exposure_s, found.gain_db, found.bit_depth) == (0.005, 3.0, 12)
     assert (found.pixel_format, found.size) == ("Mono12Packed", (640, 480))
-    assert picture_options(known, None, 0.0, 10, None, None) == PictureOptions(0.01, 0.0, bit_depth=10)
+    assert picture_options(known, None, 0.0, 10, None, None) == PictureOptions(
+        0.01, 0.0, bit_depth=10, told=frozenset({"gain_db", "bit_depth"})
+    )
 
 
 @pytest.mark.parametrize(("text", "expected"), [("5ms", 0.005), ("20us", 2e-5), ("1.5s", 1.5)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import pi
@@ -406,12 +407,14 @@ def test_luminance_that_was_saved_needs_no_conversion(tmp_path, relative, specif
     saved = LuminanceMap(values, values / 100, (CommonError("fit", 0.02),), np.ones((4, 5), np.uint8))
     save_luminance(saved, tmp_path / "a.npz", {})
     picture = read_picture(tmp_path / "a.npz")
-    for conversion in (relative, specified()):
+    unused = r"the file holds luminance in cd/m\^2 already, so this does not count: guessed camera parameters of .*"
+    for conversion, warning in ((relative, None), (specified(), unused)):
         seen = conversion.luminance(picture)
         assert np.array_equal(seen.luminance_cd_m2, values)
         assert (seen.common[0].relative, seen.invalid.all()) == (0.02, True)
         assert conversion.unit_of(picture) == "cd/m^2"
-        assert conversion.warnings(picture) == ()
+        found = conversion.warnings(picture)
+        assert found == () if warning is None else re.fullmatch(warning, *found)
 
 
 # By a calibration
@@ -530,3 +533,22 @@ def test_reports_can_say_what_a_luminance_rests_on(calibrated, specified, relati
     )
     assert specified().description == "guessed camera parameters of camera.toml (the same camera)"
     assert relative.description == "relative values, proportional to light"
+
+
+def test_a_file_without_a_camera_is_taken_for_the_simulated_one_that_was_calibrated(tmp_path, calibrated, dn):
+    simulated = replace(CAMERA, simulated=True)
+    conversion = calibrated(state=CameraState(simulated, "Mono12", 12, SHAPE, 0.0, 4095.0, 64.0))
+    options = replace(conversion.options, exposure_s=0.008)
+    vendor, model, serial = CAMERA.vendor, CAMERA.model, CAMERA.serial
+    tags = [(271, "s", 0, vendor, True), (272, "s", 0, model, True), (50735, "s", 0, serial, True)]
+    others = [(271, "s", 0, "Acme", True), (272, "s", 0, "Still 1", True)]
+    for name, extra in (("silent.tif", ()), ("stated.tif", tags), ("other.tif", others)):
+        tifffile.imwrite(tmp_path / name, dn, photometric="minisblack", extratags=extra, metadata=None)
+    for name in ("silent.tif", "stated.tif"):
+        picture = read_picture(tmp_path / name, options)
+        assert picture.frame.camera == simulated
+        assert conversion.luminance(picture).shape == SHAPE
+    other = read_picture(tmp_path / "other.tif", options)
+    assert not other.frame.camera.simulated
+    with pytest.raises(CalibrationError, match=r"other\.tif: .*Acme Still 1"):
+        conversion.luminance(other)

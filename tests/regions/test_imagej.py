@@ -135,6 +135,14 @@ def test_a_region_that_is_none_is_refused_by_kind_and_name(data, message):
         parse_imagej(data, "x")
 
 
+def test_a_name_beyond_the_end_of_the_file_is_refused_in_our_words(caplog):
+    data = imagej(1, (0, 0, 9, 9), name="a long name")
+    message = rf"'x' is damaged: its name reaches to byte {len(data)}, it has {len(data) - 4}: save it again in ImageJ"
+    with pytest.raises(InputError, match=message):
+        parse_imagej(data[:-4], "x")
+    assert caplog.records == []
+
+
 def test_a_crossing_freehand_region_is_refused(tmp_path):
     (tmp_path / "eight.roi").write_bytes(imagej(7, (0, 0, 9, 9), corners=[(0, 0), (9, 9), (9, 0), (0, 9)]))
     with pytest.raises(InputError, match=r"eight\.roi: region 'eight' crosses itself at x 4.5, y 4.5"):

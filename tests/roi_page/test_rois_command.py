@@ -125,6 +125,28 @@ def test_a_port_that_is_taken_is_one_clear_line(served: Served, picture: Path, t
     )
 
 
+def test_a_second_process_for_one_file_is_told_of_the_first(
+    serve: Callable[..., Served], picture: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "r.json"
+    served = serve(picture, "-o", output)
+    line = refused(picture, "-o", output)
+    assert line == (
+        f"{output} is in use by another labcdp rois (process {served.process.pid}, http://127.0.0.1:{served.port}): "
+        "end that one first, or give another --output"
+    )
+    assert served.url.partition("token=")[2] not in (tmp_path / ".r.json.lock").read_text()
+    board(tmp_path / "board.png")
+    assert "is in use by another" in refused(
+        tmp_path / "board.png", "-o", output, "--detect", "checkerboard", "--no-page"
+    )
+    served.stop(signal.SIGKILL)
+    # The lock ends with the process, however that ends.
+    again = serve(picture, "-o", output)
+    again.stop()
+    assert [path.name for path in tmp_path.iterdir()] == ["board.png"]
+
+
 def test_sigterm_ends_it_cleanly_too(serve: Callable[..., Served], picture: Path, tmp_path: Path) -> None:
     served = serve(picture, "-o", tmp_path / "r.json", "--json")
     status, _ = served.stop(signal.SIGTERM)
@@ -177,9 +199,16 @@ def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytes
     rois = rois_of(load_regions(tmp_path / "board.rois.json"))
     assert len(rois) == 48
     assert json.loads(out)["regions"] == [roi.name for roi in rois]
-    # The same again is added under other names: nothing that was there is lost.
+    before = (tmp_path / "board.rois.json").read_bytes()
     _, err = run(capsys, picture, "--detect", "checkerboard", "--no-page")
-    assert "96 regions, 48 of them found" in err
+    assert "Nothing written: 48 regions found, none of them new" in err
+    assert (tmp_path / "board.rois.json").read_bytes() == before
+    shapes = load_regions(tmp_path / "board.rois.json")
+    save_regions(tmp_path / "board.rois.json", shapes[:-3])
+    out, _ = run(capsys, picture, "--detect", "checkerboard", "--no-page", "--json")
+    told = json.loads(out)
+    assert (len(told["found"]), told["known"], len(told["regions"])) == (3, 45, 48)
+    assert not any("(2)" in name for name in told["regions"])
 
 
 def test_nothing_found_is_one_line(tmp_path: Path) -> None:

@@ -145,6 +145,61 @@ def test_a_drawing_that_cannot_be_kept_is_told(image: PageImage, later: Later, t
     assert "it is lost, since it could not be kept" in space.last_words()[-1]
 
 
+def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(
+    image: PageImage, later: Later, tmp_path: Path
+) -> None:
+    path = tmp_path / "r.json"
+    space = workspace(image, later, path)
+    space.do(dict(BOX))
+    assert space.do({"do": "save"})
+    theirs = (RectangleShape("theirs", 1, 1, 5, 5),)
+    save_regions(path, theirs, image.size)
+    space.do(dict(OTHER))
+    for _ in range(2):
+        assert not space.do({"do": "save"})
+        assert "was changed by somebody else since it was read, and is not replaced" in space.notice.text
+        assert load_regions(path, image.size) == theirs
+    assert space.do({"do": "save", "name": "mine.json"})
+    assert len(load_regions(tmp_path / "mine.json", image.size)) == 2
+    assert not space.do({"do": "save"})
+    # What is confirmed is the replacement of what was seen, not of what came later.
+    save_regions(path, (*theirs, RectangleShape("later", 9, 9, 5, 5)), image.size)
+    assert not space.do({"do": "replace"})
+    assert space.do({"do": "replace"})
+    assert load_regions(path, image.size) == space.drawing.shapes
+    assert not space.do({"do": "replace"})
+    assert space.notice.text == "There is no file to replace: save the drawing"
+    # A file that is gone is nobody's work.
+    path.unlink()
+    assert space.do({"do": "save"})
+
+
+def test_a_file_that_appears_under_the_name_of_the_output_is_not_replaced(
+    image: PageImage, later: Later, tmp_path: Path
+) -> None:
+    space = workspace(image, later, tmp_path / "r.json")
+    (tmp_path / "r.json").write_text("mine")
+    space.do(dict(BOX))
+    assert not space.do({"do": "save"})
+    assert (tmp_path / "r.json").read_text() == "mine"
+
+
+def test_proposals_that_are_there_already_are_not_proposed_again(
+    image: PageImage, later: Later, tmp_path: Path
+) -> None:
+    space = workspace(image, later, tmp_path / "r.json")
+    space.do(dict(BOX))
+    same, new = RectangleShape("found", 11, 10, 80, 100), RectangleShape("new", 50, 10, 80, 100)
+    space.propose((same, new), "Step chart")
+    assert space.notice.text == (
+        "Step chart: 1 region proposed. They count once you accept them. 1 more is there already."
+    )
+    assert space.drawing.proposals == (new,)
+    space.propose((same,), "Step chart")
+    assert space.notice.text == "Step chart: the region is there already."
+    assert space.drawing.proposals == ()
+
+
 @pytest.mark.parametrize("name", ["other.zip", "other.json", "other.roi"])
 def test_other_files_are_written_beside_the_output(image: PageImage, later: Later, tmp_path: Path, name: str) -> None:
     space = workspace(image, later, tmp_path / "r.json")

@@ -277,7 +277,7 @@ def test_alpha_is_left_out_and_named(tmp_path, grey, deep):
     Image.fromarray(np.dstack([grey, alpha]), "LA").save(tmp_path / "la.png")
     picture = read_picture(tmp_path / "la.png")
     assert np.array_equal(picture.frame.dn, grey)
-    assert picture.notes == ("alpha left out, though 0.25 of the pixels are not opaque",)
+    assert picture.notes == ("alpha left out, though 25 % of the pixels are not opaque",)
     opaque = np.full_like(deep, 65535)
     how = {"photometric": "minisblack", "extrasamples": ["unassalpha"], "planarconfig": "contig"}
     tifffile.imwrite(tmp_path / "la.tif", np.dstack([deep, opaque]), **how)

@@ -20,6 +20,7 @@ from PIL import Image
 from labcdp.errors import InputError
 from labcdp.luminance import LuminanceMap
 from labcdp.sources import PictureOptions, read_picture
+from labcdp.sources.decoder_messages import decoder_messages
 from labcdp.sources.luminance_file import save_luminance
 
 DN = np.random.default_rng(1).integers(0, 4096, (40, 60), dtype=np.uint16)
@@ -118,13 +119,75 @@ def test_formats_with_checks_tell_each_changed_byte(whole, tmp_path, name):
         read_picture(tmp_path / name)
 
 
+def test_pages_that_go_round_in_circles_are_refused(whole, tmp_path):
+    data = bytearray(whole["plain.tif"])
+    (first,) = struct.unpack_from("<I", data, 4)
+    (entries,) = struct.unpack_from("<H", data, first)
+    struct.pack_into("<I", data, first + 2 + 12 * entries, first)
+    (tmp_path / "circle.tif").write_bytes(data)
+    (tmp_path / "loop.tif").write_bytes(b"II*\0" + struct.pack("<IHI", 8, 0, 8))
+    saved = bytearray(whole["luminance.tif"])
+    at, previous = struct.unpack_from("<I", saved, 4)[0], 4
+    for _ in range(4):
+        previous = at + 2 + 12 * struct.unpack_from("<H", saved, at)[0]
+        (at,) = struct.unpack_from("<I", saved, previous)
+    saved[previous : previous + 4] = saved[4:8]
+    (tmp_path / "luminance.tif").write_bytes(saved)
+    for name in ("circle.tif", "loop.tif", "luminance.tif"):
+        with pytest.raises(InputError, match=rf"{name} is damaged: its list of pages leads back to byte \d+ and never"):
+            read_picture(tmp_path / name)
+
+
+def test_a_stack_of_a_thousand_pages_is_refused(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "stack.tif") as tiff:
+        for _ in range(1001):
+            tiff.write(np.zeros((1, 1), np.uint8), metadata=None, contiguous=False)
+    with pytest.raises(InputError, match=r"stack\.tif holds more than 1000 pages: give files of one picture each"):
+        read_picture(tmp_path / "stack.tif")
+
+
+@pytest.mark.parametrize("tag", [273, 279])
+def test_a_tag_of_pixels_that_holds_no_number_is_damage(whole, tmp_path, tag):
+    data = bytearray(whole["plain.tif"])
+    (first,) = struct.unpack_from("<I", data, 4)
+    (entries,) = struct.unpack_from("<H", data, first)
+    at = next(at for at in range(first + 2, first + 2 + 12 * entries, 12) if data[at] | data[at + 1] << 8 == tag)
+    struct.pack_into("<HI", data, at + 2, 7, 1)  # one byte of no type
+    (tmp_path / "a.tif").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.tif is damaged: where its pixels are is .* and no number"):
+        read_picture(tmp_path / "a.tif")
+
+
+def test_what_decoders_print_is_said_in_its_place(whole, tmp_path, capfd):
+    data = whole["grey.jpg"]
+    (tmp_path / "a.jpg").write_bytes(data[:-30] + b"\xff\xd9")
+    picture = read_picture(tmp_path / "a.jpg")
+    assert "the decoder says: Corrupt JPEG data: premature end of data segment" in picture.notes
+    png = bytearray(whole["grey.png"])
+    at = png.index(b"IDAT")
+    (length,) = struct.unpack_from(">I", png, at - 4)
+    png[at + 20] ^= 255
+    struct.pack_into(">I", png, at + 4 + length, zlib.crc32(png[at : at + 4 + length]))
+    (tmp_path / "a.png").write_bytes(png)
+    with pytest.raises(InputError, match=r"a\.png cannot be read as PNG"):
+        read_picture(tmp_path / "a.png")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_others_print_while_a_picture_is_decoded_is_not_lost(capfd):
+    with decoder_messages() as messages:
+        os.write(2, b"libpng error: damaged\nsomething else\n")
+    assert messages == ["libpng error: damaged"]
+    assert capfd.readouterr().err == "something else\n"
+
+
 def test_nothing_is_printed(whole, tmp_path, capfd):
     data = bytearray(whole["y.exr"])
     data[-300:-200] = bytes(100)
     (tmp_path / "a.exr").write_bytes(data)
     with pytest.raises(InputError, match=r"a\.exr cannot be read as OpenEXR \(Unable to \w+"):
         read_picture(tmp_path / "a.exr")
-    assert capfd.readouterr().out == ""
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith("npz")])

@@ -1,0 +1,155 @@
+"""What a person gave counts before what a file says; what cannot count is named."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from labcdp.cli.picture_options import picture_options
+from labcdp.evaluate.light import picture_conversion
+from labcdp.session.frame_file import frame_to_tiff
+from labcdp.sources import PictureOptions, read_picture
+from labcdp.sources.video import Selection, frames_of, open_video
+
+GREY = np.random.default_rng(4).integers(0, 256, (12, 16), dtype=np.uint8)
+SESSION = Path(__file__).parents[2] / "labcdp/data/example-session"
+EXPOSURE = "the file says an exposure of 0.008 s: 0.005 s, which was given, counts"
+GAIN = "the file says a gain of 6.021 dB: 12 dB, which was given, counts"
+
+
+def given(**changes):
+    """Options as the commands make them of what was typed."""
+    nothing = dict.fromkeys(("exposure", "gain_db", "bit_depth", "pixel_format", "size"))
+    return picture_options(PictureOptions(), **nothing | changes)
+
+
+@pytest.fixture
+def stated(tmp_path, new_dng):
+    """Files that say 8 ms and 6.02 dB, by suffix."""
+    block = Image.Exif()
+    block.get_ifd(0x8769).update({0x829A: 0.008, 0x8827: 200})
+    Image.fromarray(GREY).save(tmp_path / "a.jpg", exif=block)
+    tags = [(33434, "2I", 1, (1, 125), True), (34855, "H", 1, 200, True)]
+    tifffile.imwrite(tmp_path / "a.tif", GREY, photometric="minisblack", extratags=tags)
+    new_dng(tmp_path / "a.dng", np.tile(GREY.astype(np.uint16), (4, 4)), exposure=(1, 125), iso=200)
+    frame = read_picture(tmp_path / "a.tif").frame
+    (tmp_path / "recorded.tiff").write_bytes(frame_to_tiff(frame, compress=False))
+    return {path.suffix: path for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".tif", ".dng", ".tiff"])
+def test_a_typed_exposure_and_gain_count_before_those_of_the_file(stated, suffix):
+    picture = read_picture(stated[suffix], given(exposure="5ms", gain_db=12.0))
+    assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
+    assert picture.warnings == (EXPOSURE, GAIN)
+    assert {EXPOSURE, GAIN} <= set(picture_conversion(None, None, None).warnings(picture))
+
+
+def test_what_a_calibration_knows_does_not_overrule_the_file(stated):
+    picture = read_picture(stated[".tif"], PictureOptions(exposure_s=0.005, gain_db=12.0))
+    assert (picture.frame.exposure_s, picture.warnings) == (0.008, ())
+
+
+def test_a_typed_exposure_that_agrees_is_no_contradiction(stated):
+    assert read_picture(stated[".tif"], given(exposure="8ms", gain_db=6.02)).warnings == ()
+
+
+def test_a_typed_exposure_counts_before_that_of_a_session():
+    assert open_video(SESSION).warnings == open_video(SESSION, PictureOptions(exposure_s=1.0)).warnings
+    source = open_video(SESSION, given(exposure="5s", bit_depth=4))
+    first = next(iter(frames_of(source, Selection())))
+    assert first.frame.exposure_s == 5.0
+    assert any("s, which was given, counts" in warning for warning in source.warnings)
+    assert "the bit depth that was given does not count: the session says that of its frames" in source.warnings
+
+
+def test_images_of_a_folder_warn_as_pictures_do(stated, tmp_path):
+    (tmp_path / "video").mkdir()
+    (tmp_path / "video/1.tif").write_bytes(stated[".tif"].read_bytes())
+    assert open_video(tmp_path / "video", given(exposure="5ms")).warnings == (EXPOSURE,)
+
+
+@pytest.mark.parametrize(
+    ("changes", "warning"),
+    [
+        ({"bit_depth": 4}, "the bit depth of 4 that was given does not count: the file has 8 bits"),
+        (
+            {"size": "10x9"},
+            "the size of 10 x 9 pixels that was given does not count: the file says its own, 16 x 12",
+        ),
+        (
+            {"pixel_format": "Mono12Packed"},
+            "the pixel format Mono12Packed that was given does not count: the file's values are of another kind",
+        ),
+    ],
+)
+def test_options_that_cannot_count_are_named(tmp_path, changes, warning):
+    cv2.imwrite(str(tmp_path / "a.png"), GREY)
+    changes |= {"pixel_format": "Mono8"} if "size" in changes else {}
+    assert read_picture(tmp_path / "a.png", given(**changes)).warnings == (warning,)
+
+
+def test_options_that_count_are_not_named(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), GREY.astype(np.uint16) << 4)
+    assert read_picture(tmp_path / "a.png", given(bit_depth=12)).warnings == ()
+    (tmp_path / "a.raw").write_bytes(GREY.tobytes())
+    assert read_picture(tmp_path / "a.raw", given(size="16x12", pixel_format="Mono8")).warnings == ()
+
+
+def test_nothing_of_dn_counts_for_floats(tmp_path):
+    np.save(tmp_path / "a.npy", GREY.astype(np.float32))
+    options = picture_options(picture_conversion(None, None, "srgb").options, "5ms", None, None, None, None)
+    assert read_picture(tmp_path / "a.npy", options).warnings == (
+        "the exposure that was given does not count: the file holds no DN, but floats",
+        "the encoding srgb that was given does not count: the file's values are linear",
+    )
+
+
+# What a PNG says of its curve
+
+
+def with_chunk(path, name, body):
+    """Write a grey PNG with a further chunk behind its header."""
+    data = cv2.imencode(".png", GREY)[1].tobytes()
+    chunk = struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    path.write_bytes(data[:33] + chunk + data[33:])
+    return read_picture(path)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "encoding", "note"),
+    [
+        (100_000, "linear", None),
+        (45_455, "srgb", None),
+        (45_454, "srgb", None),
+        (
+            55_556,
+            "srgb",
+            "the file states a gamma of 0.55556, neither linear (1) nor sRGB (0.45455): the values are taken as sRGB "
+            "unless an encoding is given",
+        ),
+    ],
+)
+def test_a_gamma_that_is_not_known_is_named(tmp_path, gamma, encoding, note):
+    picture = with_chunk(tmp_path / "a.png", b"gAMA", struct.pack(">I", gamma))
+    assert picture.encoding == encoding
+    assert picture.notes == (() if note is None else (note,))
+
+
+def test_a_profile_of_grey_values_is_named(tmp_path):
+    from PIL import ImageCms
+
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    picture = with_chunk(tmp_path / "a.png", b"iCCP", b"grey\0\0" + zlib.compress(profile))
+    assert picture.encoding == "linear"
+    assert (
+        "the file's ICC profile is not read: the values are taken as linear unless an encoding is given"
+        in picture.notes
+    )

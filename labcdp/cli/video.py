@@ -92,7 +92,7 @@ def video(
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:10% --reference 1000%
     """
     from ..evaluate.video_settings import VideoSettings
-    from ..sources.video import video_paths
+    from ..regions import image_size_of
     from ..sources.video_selection import Position, Selection
 
     if encoding is not None and encoding not in _ENCODINGS:
@@ -102,6 +102,7 @@ def video(
     settings = VideoSettings(
         contrasts=parse_contrasts(contrast),
         rois=_rois(roi, pair, neighbours),
+        image_size=None if roi is None else image_size_of(roi),
         method=method,
         epsilon=_tolerance(epsilon),
         reference=None if reference is None else _reference(reference),
@@ -118,7 +119,7 @@ def video(
         gain_db=gain_db,
         bit_depth=bit_depth,
     )
-    paths = video_paths(files)
+    paths = _paths(files)
     if len(paths) == 1 and cluster is None:
         _one(paths[0], settings, output or Path(f"{paths[0].stem or 'video'}-cdp"), annotated, frames, as_json)
     else:
@@ -195,13 +196,15 @@ def _several(
     as_json: bool,
 ) -> None:
     from ..evaluate.archive import archive_tasks, evaluate_archive
+    from ..evaluate.video_checks import require_same_evaluation
     from ..evaluate.video_configuration import video_configuration
     from ..evaluate.video_reference import make_reference
     from ..report.folder import prepare_folder
     from ..report.video_archive import write_archive
 
-    prepare_folder(folder)
     tasks = archive_tasks(paths, folder)
+    require_same_evaluation((task.folder for task in tasks), settings)
+    prepare_folder(folder)
     told = {**video_configuration(settings, make_reference(settings)), "annotated": images[0], "frames": images[1]}
     with progress_bars() as bars:
         result = evaluate_archive(
@@ -211,9 +214,17 @@ def _several(
             *where,
             progress=lambda done, total, _outcome: bars.update("Videos", done, total),
         )
-    write_archive(result, folder)
-    _tell_archive(result, folder, as_json)
     failures = [Failure(str(outcome.task.video), outcome.error) for outcome in result.failures]
+    try:
+        write_archive(result, folder)
+    except InputError as error:
+        # The disk is full: what became of the videos is told nevertheless.
+        _tell_archive(result, folder, as_json)
+        if failures:
+            say(f"labcdp: {error}")
+            end_batch(failures, len(result.outcomes), "videos")
+        raise
+    _tell_archive(result, folder, as_json)
     end_batch(failures, len(result.outcomes), "videos")
 
 
@@ -237,6 +248,23 @@ def _tell_archive(result: ArchiveResult, folder: Path, as_json: bool) -> None:
     again = sum(outcome.resumed for outcome in result.outcomes)
     earlier = f", {again} of them earlier" if again else ""
     say(f"{done} of {len(result.outcomes)} videos evaluated{earlier}; results in {folder}, a folder for each")
+
+
+def _paths(files: Sequence[Path]) -> list[Path]:
+    """Videos to evaluate, each once."""
+    from ..sources.video import left_out, video_paths
+
+    found: dict[Path, Path] = {}
+    for given in files:
+        paths = video_paths([given])
+        if paths != [given]:
+            for folder in left_out(given):
+                say(f"Note: {folder} holds images and is left out, as {given} holds videos: give it itself")
+        for path in paths:
+            first = found.setdefault(path.resolve(), path)
+            if first is not path:
+                say(f"Note: {path} is the same video as {first}, and evaluated once")
+    return list(found.values())
 
 
 def _rois(path: Path | None, pair: str | None, neighbours: bool) -> tuple[Roi, ...]:
@@ -280,7 +308,7 @@ def _reference(text: str) -> Reference:
         if not 0 < contrast < float("inf"):
             raise InputError(f"--reference is {text!r}: give a contrast above 0%")
         return contrast
-    if not Path(text).exists():
+    if not Path(text).is_file():
         raise InputError(
             f"--reference is {text!r}: give a contrast such as 1000%, first, or results.nc of another video"
         )

@@ -188,6 +188,8 @@ def open_cluster(address: str | None, n_workers: int | None, folder: Path) -> It
     except OSError as error:
         raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
     from distributed import Client, LocalCluster
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
 
     with ExitStack() as stack:
         stack.enter_context(_quiet())
@@ -205,6 +207,8 @@ def open_cluster(address: str | None, n_workers: int | None, folder: Path) -> It
                 )
             )
         try:
+            # A client for an address of no known kind leaves a task behind that fails later.
+            get_backend(parse_address(address)[0])
             client = stack.enter_context(Client(address, timeout=_ANSWER_S))
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(

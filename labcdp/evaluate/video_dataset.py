@@ -27,7 +27,9 @@ BY_FRAME = (
     "reference_cdp_low",
     "reference_cdp_high",
 )
-BY_REGION = ("mean", "mean_standard_uncertainty", "snr", "quality", "centre_x", "centre_y")
+BY_REGION = ("mean", "mean_standard_uncertainty", "snr", "saturated", "quality", "centre_x", "centre_y")
+#: Share of saturated pixels above which a contrast of a region is not to be trusted.
+TOO_SATURATED = 0.01
 _CORNERS = ("corner_x", "corner_y")
 
 _TITLES = {
@@ -47,13 +49,14 @@ _TITLES = {
     "mean": "mean of the region",
     "mean_standard_uncertainty": "standard uncertainty of the mean",
     "snr": "signal-to-noise ratio",
+    "saturated": "share of saturated pixels",
     "quality": "quality of the tracking, 0 to 1",
     "lost": "whether the region was lost",
     "centre_x": "middle of the region, to the right",
     "centre_y": "middle of the region, down",
     "corner_x": "corners of the region, to the right",
     "corner_y": "corners of the region, down",
-    "note": "why a value is missing",
+    "note": "why a value is missing, or what to mind about it",
     "time_s": "time since the first frame",
 }
 _PIXELS = ("centre_x", "centre_y", *_CORNERS)
@@ -160,10 +163,16 @@ class Findings:
         self._first: dict[str, int] = {}
         self._invalid: dict[tuple[str, str], list[float]] = {}
         self._brighter: Counter[int] = Counter()
+        self._saturated: dict[str, list[list[int]]] = {}
+        self._n_saturated: Counter[str] = Counter()
+        self.n_measured = 0
+        self.first_note = ""
 
     def add(self, row: Mapping[str, Any]) -> None:
         """Take note of a row."""
         self._n += 1
+        self.n_measured += not all(map(isnan, row["cdp"]))
+        self.first_note = self.first_note or f"frame {row['frame']}: {row['note']}"
         kind = row.get("fault")
         if kind:
             self._faults[kind] += 1
@@ -171,8 +180,19 @@ class Findings:
         for region, shares in zip(self._regions, row.get("invalid") or [], strict=False):
             for reason, share in shares.items():
                 self._invalid.setdefault((region, reason), []).append(share)
+        for region, share in zip(self._regions, row.get("saturated") or [], strict=False):
+            if share > TOO_SATURATED:
+                self._add_saturated(region, row["frame"])
         if self._regions and not any(isnan(mean) for mean in row["mean"]):
             self._brighter[int(row["mean"][1] > row["mean"][0])] += 1
+
+    def _add_saturated(self, region: str, frame: int) -> None:
+        stretches = self._saturated.setdefault(region, [])
+        if stretches and stretches[-1][2] == self._n - 1:
+            stretches[-1][1:] = [frame, self._n]
+        else:
+            stretches.append([frame, frame, self._n])
+        self._n_saturated[region] += 1
 
     @property
     def warnings(self) -> list[str]:
@@ -184,7 +204,15 @@ class Findings:
         for (region, reason), shares in self._invalid.items():
             found.append(
                 f"region {region!r} has pixels that are {reason} in {len(shares)} of {self._n} frames, up to "
-                f"{100 * max(shares):.2g} %"
+                f"{100 * max(shares):.3g} %"
+            )
+        for region, stretches in self._saturated.items():
+            frames = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b, _ in stretches[:_MOST_STRETCHES])
+            more = f" and {len(stretches) - _MOST_STRETCHES} times more" if len(stretches) > _MOST_STRETCHES else ""
+            found.append(
+                f"more than {100 * TOO_SATURATED:g} % of region {region!r} is saturated in "
+                f"{self._n_saturated[region]} of {self._n} frames ({frames}{more}): do not trust its mean, "
+                "contrast and CDP there"
             )
         if len(self._brighter) > 1:
             fewer = min(self._brighter.values())
@@ -197,7 +225,20 @@ _FAULTS = {
     "lost": "have lost a region",
     "unusable": "cannot be evaluated",
     "reference": "have no reference contrast",
+    "repeated": "show the same picture as the one before",
 }
+#: So many stretches of frames are named.
+_MOST_STRETCHES = 5
+
+
+def saturation_note(regions: Sequence[str], shares: Sequence[float]) -> str:
+    """Tell which regions are saturated too much; nothing if none is."""
+    found = [
+        f"region {name!r} is {100 * share:.3g} % saturated"
+        for name, share in zip(regions, shares, strict=True)
+        if share > TOO_SATURATED
+    ]
+    return "; ".join(found)
 
 
 def as_json(values: Any) -> str:

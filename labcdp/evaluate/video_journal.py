@@ -74,12 +74,15 @@ class VideoJournal:
         found = _decode(first, "")
         if found is None:
             # No line was finished: there is nothing to keep.
-            self._file.seek(0)
-            self._file.truncate()
-            self._write(dict(head))
-            self._ends = [self._file.tell()]
+            self._begin_anew(head)
             return
         values, self._check = found
+        at = self._file.tell()
+        if values != head and _decode(self._file.readline(), self._check) is None:
+            # It was refused before its first frame.
+            self._begin_anew(head)
+            return
+        self._file.seek(at)
         if values != head:
             self._file.close()
             raise InputError(
@@ -92,6 +95,13 @@ class VideoJournal:
             self._ends.append(self._file.tell())
         self._file.seek(self._ends[-1])
         self._file.truncate()
+
+    def _begin_anew(self, head: Mapping[str, Any]) -> None:
+        self._check = ""
+        self._file.seek(0)
+        self._file.truncate()
+        self._write(dict(head))
+        self._ends = [self._file.tell()]
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -138,12 +148,27 @@ class VideoJournal:
             os.fsync(self._file.fileno())
             self._file.close()
 
+    def discard(self) -> None:
+        """Close it and take it away, where it holds nothing that is worth going on with."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
+
     def _write(self, values: Mapping[str, Any]) -> None:
         # Floats are written so that they are read back bit for bit; nan as NaN, which the reader knows.
         text = json.dumps(values, ensure_ascii=False)
         self._check = _check_of(self._check, text)
         self._file.write(f"{text}\t{self._check}\n".encode())
         self._file.flush()
+
+
+def recorded_head(folder: Path) -> Row | None:
+    """Return what the journal of a folder was begun with, None if there is no journal with a row."""
+    try:
+        with (folder / FILE_NAME).open("rb") as file:
+            head = _decode(file.readline(), "")
+            return None if head is None or _decode(file.readline(), head[1]) is None else head[0]
+    except OSError:
+        return None
 
 
 def _check_of(before: str, text: str) -> str:

@@ -19,8 +19,8 @@ from ..frame import Frame
 from ..luminance import LuminanceMap, Window
 from ..roi import Roi
 from .light import PictureConversion
-from .pair_region import REASONS, noise_inflation
-from .video_table import proportional_light
+from .noise_correlation import noise_inflation
+from .pair_region import REASONS
 from .video_tally import ManyContrasts, Tally
 
 _Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def evaluate_frame_pair(
     calibration counts for a region as one number, its mean over the region's pixels, weighted by their light.
     """
     first, second = (_Region.of(frame, conversion, roi) for roi in rois)
-    _require_apart(first, second)
+    _require_apart(*((region.roi, region.window, region.mask) for region in (first, second)))
     bright_light, dark_light, name = bright_and_dark(first.light, second.light)
     bright, dark = (first, second) if name == "a" else (second, first)
     many = ManyContrasts.of(contrasts, epsilon)
@@ -151,7 +151,7 @@ class _Region:
         region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
         window, mask = region.window(shape), _mask(region, shape)
         found = conversion.convert(frame, window)
-        return cls(roi, window, mask, found, _light(frame, conversion, roi, window, mask, found))
+        return cls(roi, window, mask, found, _light(frame, roi, window, mask, found))
 
     @cached_property
     def mean(self) -> float:
@@ -242,23 +242,11 @@ def _scaled(light: Distribution, factor: float) -> Distribution:
     return Distribution(light.values * factor, light.weights.astype(np.int64))
 
 
-def _light(
-    frame: Frame,
-    conversion: PictureConversion,
-    roi: Roi,
-    window: Window,
-    mask: NDArray[np.bool_],
-    found: LuminanceMap,
-) -> Distribution:
+def _light(frame: Frame, roi: Roi, window: Window, mask: NDArray[np.bool_], found: LuminanceMap) -> Distribution:
     """How often each light occurs in a region."""
     values = found.luminance_cd_m2[mask]
     if frame.colour_filter is None:
-        dn = frame.dn[window][mask]
-        levels = Distribution.from_array(dn, f"region {roi.name!r}")
-        exact = proportional_light(levels.values, frame, conversion)
-        if exact is not None:
-            return Distribution(exact, levels.weights.astype(np.int64))
-        by_level = _by_level(dn, values)
+        by_level = _by_level(frame.dn[window][mask], values)
         if by_level is not None:
             return by_level
     return Distribution.from_array(values, f"region {roi.name!r}")
@@ -292,23 +280,24 @@ def _mask(roi: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
     return mask
 
 
-def _require_apart(first: _Region, second: _Region) -> None:
-    """Refuse regions that have pixels in common."""
+def require_apart(rois: Sequence[Roi], shape: tuple[int, int]) -> None:
+    """Refuse two regions that have pixels in common, or do not lie in frames of a shape; raises InputError."""
+    _require_apart(*((roi, roi.window(shape), _mask(roi, shape)) for roi in rois))
+
+
+def _require_apart(first: tuple[Roi, Window, NDArray[np.bool_]], second: tuple[Roi, Window, NDArray[np.bool_]]) -> None:
     parts = []
-    for x, y in zip(first.window, second.window, strict=True):
+    for x, y in zip(first[1], second[1], strict=True):
         start, stop = max(x.start, y.start), min(x.stop, y.stop)
         if start >= stop:
             return
         parts.append((start, stop))
     inside = [
-        region.mask[
-            tuple(
-                slice(start - own.start, stop - own.start)
-                for (start, stop), own in zip(parts, region.window, strict=True)
-            )
+        mask[
+            tuple(slice(start - own.start, stop - own.start) for (start, stop), own in zip(parts, window, strict=True))
         ]
-        for region in (first, second)
+        for _, window, mask in (first, second)
     ]
     common = int(np.count_nonzero(inside[0] & inside[1]))
     if common:
-        raise InputError(f"regions {first.roi.name!r} and {second.roi.name!r} have {common} pixels in common")
+        raise InputError(f"regions {first[0].name!r} and {second[0].name!r} have {common} pixels in common")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
@@ -125,6 +126,7 @@ def _load(path: Path) -> Mapping[str, NDArray[Any]]:
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"the reference {path} cannot be read ({' '.join(str(error).split())}): give results.nc of another video"
-        ) from error
+        # Those of the NetCDF library have numbers below 0, and words for its makers.
+        number = error.errno or 0 if isinstance(error, OSError) else 0
+        reason = f"cannot be read ({os.strerror(number)})" if number > 0 else "is no NetCDF file, or is damaged"
+        raise InputError(f"the reference {path} {reason}: give results.nc of another video") from error

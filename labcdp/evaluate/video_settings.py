@@ -51,8 +51,10 @@ class VideoSettings:
         Calibration file, or camera specification; at most one. Neither for relative values.
     encoding : {'linear', 'srgb'} or None
         How values follow light; None for in proportion, or as the camera specification says.
+    image_size : (int, int) or None
+        Width and height of the image the regions were drawn on, which must be those of the frames; None if not known.
     exposure_s, gain_db, bit_depth : float or int or None
-        Of the video, where neither it nor the calibration says them; bits are those of 16-bit values.
+        Of the video; they count before what it or the calibration says. Bits are those of 16-bit values.
 
     Raises
     ------
@@ -70,6 +72,7 @@ class VideoSettings:
     calibration: Path | None = None
     camera: Path | None = None
     encoding: Literal["linear", "srgb"] | None = None
+    image_size: tuple[int, int] | None = None
     exposure_s: float | None = None
     gain_db: float | None = None
     bit_depth: int | None = None

@@ -11,31 +11,6 @@ from ..frame import Frame
 from .light import PictureConversion
 
 
-def proportional_light(dn: NDArray[Any], frame: Frame, conversion: PictureConversion) -> NDArray[np.float64] | None:
-    """Light of DN where it is in proportion to them, as exactly as the DN are.
-
-    The contrast of two integers often lies on an end of the interval, which counts. Maps of light are in float32, whose
-    rounding would throw a coin then.
-
-    Parameters
-    ----------
-    dn : ndarray of int
-        DN of a frame.
-    frame : Frame
-        The frame.
-    conversion : PictureConversion
-        Its conversion.
-
-    Returns
-    -------
-    ndarray of float64 or None
-        In the unit of the conversion; None if light is not in proportion to the DN.
-    """
-    if conversion.unit != "relative" or conversion.options.encoding == "srgb" or frame.colour_filter is not None:
-        return None
-    return np.asarray((dn - frame.black_level_dn) / (2**frame.bit_depth - 1), dtype=np.float64)
-
-
 def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
     """Light of each DN of frames such as this one.
 
@@ -61,9 +36,6 @@ def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.float
     """
     if frame.dn.dtype != np.uint8 or frame.colour_filter is not None or frame.dn.size < 512:
         return None
-    exact = proportional_light(np.arange(256), frame, conversion)
-    if exact is not None:
-        return exact
     table: NDArray[np.floating[Any]] | None = None
     for highest in (255, 63):
         dn = _any_places(np.resize(np.arange(highest + 1, dtype=np.uint8), frame.shape))

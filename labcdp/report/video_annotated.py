@@ -254,7 +254,9 @@ def _lines(number: int, regions: Sequence[TrackedRoi], row: Mapping[str, Any]) -
         why = "; ".join(f"{one.roi.name}: {one.reason}" if one.reason else one.roi.name for one in lost)
         return [(head, _TEXT), (_ascii(f"LOST {why}"), _LOST)]
     note = str(row.get("note", ""))
-    return [(head, _TEXT), (_ascii(note), _LOST) if note else (_results(row), _TEXT)]
+    if note and not np.isfinite(np.asarray(row.get("cdp", nan), dtype=float)).any():
+        return [(head, _TEXT), (_ascii(note), _LOST)]
+    return [(_ascii(f"{head}   {note}") if note else head, _TEXT), (_results(row), _TEXT)]
 
 
 def _results(row: Mapping[str, Any]) -> str:

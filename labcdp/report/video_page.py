@@ -145,5 +145,5 @@ def lost_table(summary: VideoSummary) -> Table:
 def _without_result(summary: VideoSummary) -> Iterable[Section]:
     if summary.notes:
         rows = tuple((printable(note), str(number)) for note, number in summary.notes[:_MOST_ROWS])
-        reasons = Table(("reason, of the first such frame", "frames"), rows)
-        yield Section("Frames without a result", tables=[("Why", reasons)])
+        reasons = Table(("note, of the first such frame", "frames"), rows)
+        yield Section("Notes on frames", tables=[("Why values are missing, and what to mind", reasons)])

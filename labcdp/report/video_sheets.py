@@ -52,6 +52,7 @@ _OF_REGION = {
     "mean": ("mean in {unit}", 4),
     "mean_standard_uncertainty": ("standard uncertainty of mean in {unit}", 5),
     "snr": ("SNR (mean / standard deviation)", 2),
+    "saturated": ("share saturated", 4),
     "quality": ("quality of following", 3),
     "lost": ("lost (1) or not (0)", 0),
     "centre_x": ("centre x in pixels", 2),
@@ -152,7 +153,7 @@ def _columns(dataset: Dataset) -> list[Column]:
     for number in range(dataset.sizes.get("region", 0)):
         columns += _region_columns(dataset.isel(region=number), unit_text(dataset))
     notes = notes_of(dataset)
-    columns.append(("why a value is missing", max(notes, key=len), notes))
+    columns.append(("note", max(notes, key=len), notes))
     return columns
 
 

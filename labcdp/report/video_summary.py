@@ -127,8 +127,8 @@ class VideoSummary:
     lost : tuple of LostStretch
         By region, then by time.
     notes : tuple of (str, int)
-        Why frames have no result, and how many, the most frequent first. Of texts that differ in their numbers only,
-        the first one.
+        Why frames have no result, or what to mind, and how many, the most frequent first. Of texts that differ in their
+        numbers only, the first one.
     warnings : tuple of str
         Of the evaluation.
     """

@@ -162,7 +162,7 @@ def summary_facts(dataset: Dataset, summary: VideoSummary) -> list[Fact]:
     facts += [Fact("Lost", f"region “{printable(one.region)}” {stretch_text(one)}") for one in summary.lost[:100]]
     if len(summary.lost) > 100:
         facts.append(Fact("Lost", f"and {len(summary.lost) - 100} times more: see the rows of the frames"))
-    facts += [Fact("Frames without a result", f"{number}: {printable(note)}") for note, number in summary.notes[:20]]
+    facts += [Fact("Frames with a note", f"{number}: {printable(note)}") for note, number in summary.notes[:20]]
     return facts + [Fact("Warning", printable(text)) for text in summary.warnings]
 
 

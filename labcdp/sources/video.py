@@ -140,7 +140,7 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
         if (path / JOURNAL).is_file():
             from .video_session import open_session_video
 
-            return open_session_video(path)
+            return open_session_video(path, options)
         from .video_sequence import open_sequence
 
         return open_sequence(path, options)
@@ -168,7 +168,15 @@ def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
         except OSError as error:
             raise InputError(f"{path} cannot be read ({error.strerror}): give a folder you can read") from error
         found += files or [path]
-    return list(dict.fromkeys(found))
+    return found
+
+
+def left_out(folder: Path) -> list[Path]:
+    """Folders with images in a folder of video files: `video_paths` leaves them out."""
+    from .picture_paths import STATED_SUFFIXES
+
+    folders = sorted(one for one in folder.iterdir() if one.is_dir())
+    return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]
 
 
 def frames_of(

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..frame import Frame
 from .picture import PictureOptions, frame_of_pixels
+from .told_options import unused_options
 from .video import Entry, require_frames
-from .video_pixels import Pixels, bits_of_tag, grey_pixels, look, text_of_code
+from .video_pixels import Pixels, grey_pixels, look, text_of_code
 from .video_timeline import Timeline
 
 _log = logging.getLogger(__name__)
@@ -150,22 +151,23 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoFile:
     require_frames(bool(colours), path)
     with _capture(path, "luma") as capture:
         stored = _first(capture)
-    seen = look(colours, stored, bits_of_tag(tag))
+    motion_jpeg = text_of_code(codec).upper() in ("MJPG", "JPEG")
+    seen = look(colours, stored, tag, motion_jpeg)
     found = VideoFile(
         path=path,
         shape=(colours[0].shape[0], colours[0].shape[1]),
         frame_count=int(count) if isfinite(count) and count > 0 else None,
         frame_rate=rate if isfinite(rate) and rate > 0 else None,
         pixels=seen.pixels,
-        motion_jpeg=text_of_code(codec).upper() in ("MJPG", "JPEG"),
+        motion_jpeg=motion_jpeg,
         options=options,
         modified=datetime.fromtimestamp(path.stat().st_mtime, UTC),
         notes=tuple(seen.notes),
         warnings=tuple(seen.warnings),
     )
     # Options that do not fit fail at once, and not once for each frame.
-    found._of(colours[0] if seen.pixels == "colours" else stored[0], 0)
-    return found
+    frame = found._of(colours[0] if seen.pixels == "colours" else stored[0], 0)
+    return replace(found, warnings=(*found.warnings, *unused_options(frame, frame.bit_depth, options)))
 
 
 class _Clock:

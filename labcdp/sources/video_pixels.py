@@ -14,6 +14,12 @@ _STEP = 4
 _LIMITED = (16, 235)
 #: Mean spread of red, green and blue from which a picture is coloured, DN.
 _COLOURED_DN = 4.0
+#: So far the stored values may be off OpenCV's grey (median), which its rounding and clipped colours explain, DN.
+_AGREE_DN = 4.0
+#: A pixel tells the range from here on, DN between both; OpenCV's grey is up to 2 DN low, half of that in the mean.
+_TELLING_DN, _LOW_DN = 5, 0.75
+#: Pixels that are enough to tell, and standard deviation from which the slope of the others tells, DN.
+_ENOUGH, _ENOUGH_SPREAD_DN = 16, 8.0
 Pixels = Literal["luma", "limited luma", "colours"]
 
 
@@ -26,14 +32,23 @@ class Look:
     warnings: list[str] = field(default_factory=list)
 
 
-def look(colours: list[NDArray[Any]], stored: list[NDArray[Any]], bits: int) -> Look:
-    """Learn what the numbers are by comparing the stored ones with red, green and blue as OpenCV makes them."""
-    seen = Look("colours")
+def look(colours: list[NDArray[Any]], stored: list[NDArray[Any]], tag: int, motion_jpeg: bool) -> Look:
+    """Learn what the numbers are by comparing the stored ones with red, green and blue as OpenCV makes them.
+
+    Parameters
+    ----------
+    colours, stored : list of ndarray
+        The first frames both ways.
+    tag : int
+        Of the pixel format.
+    motion_jpeg : bool
+        Whether the packets are JPEG images, whose range is full where nothing tells.
+    """
+    seen, bits = Look("colours"), bits_of_tag(tag)
     shapes = {one.shape for one in stored}
-    if len(stored) == len(colours) and shapes == {colours[0].shape[:2]}:
-        seen.pixels = "luma"
-        if stored[0].dtype == np.uint8:
-            seen.pixels = _range_of(colours, stored)
+    # What is stored as red, green and blue comes as bytes without meaning.
+    if len(stored) == len(colours) and shapes == {colours[0].shape[:2]} and not _is_rgb(tag):
+        seen.pixels = _luma_of(colours, stored, tag, motion_jpeg, seen.warnings)
     if bits > 8 and (seen.pixels == "colours" or stored[0].dtype == np.uint8):
         seen.warnings.append(f"the video has {bits} bits, OpenCV gives 8 of them: the lowest {bits - 8} are lost")
     if seen.pixels == "limited luma":
@@ -48,6 +63,10 @@ def look(colours: list[NDArray[Any]], stored: list[NDArray[Any]], bits: int) -> 
     return seen
 
 
+def _is_rgb(tag: int) -> bool:
+    return any(name in text_of_code(tag).upper() for name in ("RGB", "BGR"))
+
+
 def _spread_dn(colours: NDArray[Any]) -> float:
     """Mean spread of red, green and blue."""
     if colours.ndim != 3:
@@ -56,17 +75,66 @@ def _spread_dn(colours: NDArray[Any]) -> float:
     return float((few.max(axis=2) - few.min(axis=2)).mean())
 
 
-def _range_of(colours: list[NDArray[Any]], stored: list[NDArray[Any]]) -> Pixels:
-    """Full or limited range: whichever comes closer to what OpenCV makes of it."""
+def _luma_of(
+    colours: list[NDArray[Any]], stored: list[NDArray[Any]], tag: int, motion_jpeg: bool, warnings: list[str]
+) -> Pixels:
+    """Full or limited range, or colours where what is stored is not the grey of the picture."""
+    luma, grey = (np.concatenate([one.ravel() for one in found]) for found in (stored, map(_grey_of, colours)))
+    if luma.dtype != np.uint8:
+        # Whatever the bits are, grey is in proportion to them.
+        return "luma" if _off_line(luma.astype(float), grey.astype(float)) <= _AGREE_DN else "colours"
+    clear = np.concatenate([_clear(one).ravel() for one in colours])
+    if np.count_nonzero(clear) >= _ENOUGH:
+        luma, grey = luma[clear], grey[clear]
+    full = _is_full(luma, grey)
+    if full is None:
+        full = motion_jpeg or text_of_code(tag) in _GREY_FORMATS
+        if not full:
+            warnings.append(
+                "the picture is too even to tell the range of its Y': limited range (16 to 235) is assumed, which most "
+                "codecs use; if it is full, contrasts are too high"
+            )
+    pixels: Pixels = "luma" if full else "limited luma"
+    off = np.abs(grey_pixels(luma, pixels).ravel().astype(int) - grey)
+    return pixels if float(np.median(off)) <= _AGREE_DN else "colours"
+
+
+def _is_full(luma: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool | None:
+    """Whether Y' has full range, by its level where both differ, else by how steeply grey follows; None if unknown."""
+    apart = _STRETCHED.astype(int) - np.arange(256)
+    telling = np.abs(apart) >= _TELLING_DN
+    found = telling[luma]
+    if np.count_nonzero(found) >= _ENOUGH:
+        expected = apart[luma[found]]
+        off = grey[found].astype(int) - luma[found]
+        middle = expected / 2 - _LOW_DN
+        limited = np.where(expected > 0, off > middle, off < middle)
+        return bool(np.mean(limited) < 0.5)
+    if luma.std() < _ENOUGH_SPREAD_DN:
+        return None
+    slope = np.cov(luma, grey)[0, 1] / np.var(luma, ddof=1)
+    return bool(slope < (1 + 255 / (_LIMITED[1] - _LIMITED[0])) / 2)
+
+
+def _off_line(luma: NDArray[np.float64], grey: NDArray[np.float64]) -> float:
+    """Median distance of grey from the line through it."""
+    spread = luma.std()
+    slope = np.mean((luma - luma.mean()) * (grey - grey.mean())) / spread**2 if spread else 0.0
+    return float(np.median(np.abs(grey - grey.mean() - slope * (luma - luma.mean()))))
+
+
+def _grey_of(colours: NDArray[Any]) -> NDArray[Any]:
     import cv2
 
-    off: dict[Pixels, float] = {"luma": 0.0, "limited luma": 0.0}
-    for colour, luma in zip(colours, stored, strict=True):
-        grey = colour if colour.ndim == 2 else cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
-        for pixels in off:
-            off[pixels] += float(cv2.norm(grey_pixels(luma, pixels), grey, cv2.NORM_L1))
-    # A flat picture close to the middle tells nothing: then the range that most codecs use.
-    return "luma" if off["luma"] < off["limited luma"] else "limited luma"
+    return colours if colours.ndim == 2 else np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY))
+
+
+def _clear(colours: NDArray[Any]) -> NDArray[np.bool_]:
+    """Pixels whose colour was not cut off at an end, so that their grey is their Y'."""
+    if colours.ndim == 2:
+        return np.ones(colours.shape, bool)
+    least, most = colours.min(axis=2), colours.max(axis=2)
+    return np.asarray(((least > 0) & (most < 255)) | (most - least <= _COLOURED_DN))
 
 
 def grey_pixels(pixels: NDArray[Any], kind: Pixels) -> NDArray[Any]:
@@ -80,6 +148,8 @@ def grey_pixels(pixels: NDArray[Any], kind: Pixels) -> NDArray[Any]:
     return pixels
 
 
+#: Formats of grey alone, which are of full range.
+_GREY_FORMATS = ("Y800", "GREY", "Y8  ")
 _STRETCHED: NDArray[np.uint8] = np.clip(
     np.rint((np.arange(256) - _LIMITED[0]) * 255 / (_LIMITED[1] - _LIMITED[0])), 0, 255
 ).astype(np.uint8)

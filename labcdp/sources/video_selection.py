@@ -159,12 +159,9 @@ class Chooser:
         if not self.started(number, time_s):
             return False
         if self._first is None:
-            # A start in the midst of frames that are lost is a start nevertheless.
+            # Numbers may begin later, as those of images do; of times, multiples are taken.
             start = selection.start
-            self._first = (
-                number if start.frames is None else start.frames,
-                time_s if start.seconds is None else start.seconds,
-            )
+            self._first = (number, time_s if start.seconds is None else start.seconds)
             self._next_s = self._first[1]
         if selection.every.frames is not None:
             return (number - self._first[0]) % selection.every.frames == 0

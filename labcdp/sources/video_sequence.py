@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 from ..errors import InputError
 from ..frame import Frame
 from .picture import PictureOptions, picture_paths, read_picture
 from .video import Entry, require_frames
+
+#: Larger numbers are times or serial numbers, and none of frames.
+_MOST_NUMBER = 2**31
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +30,9 @@ class ImageSequence:
     sha256 : str
         Hash of the names and the contents of the images.
     images : tuple of Path
-        The images; frame n is the n-th.
+        The images.
+    numbers : tuple of int
+        Number of the frame of each: that in its name, so that what is missing in between is a gap.
     shape : (int, int)
         Height and width of the first one that can be read.
     options : PictureOptions
@@ -39,6 +46,7 @@ class ImageSequence:
     path: Path
     sha256: str
     images: tuple[Path, ...]
+    numbers: tuple[int, ...]
     shape: tuple[int, int]
     options: PictureOptions
     exposure_stated: bool
@@ -47,8 +55,8 @@ class ImageSequence:
 
     @property
     def frame_count(self) -> int:
-        """Number of images."""
-        return len(self.images)
+        """Number of frames up to the last image, gaps included."""
+        return self.numbers[-1] + 1
 
     @property
     def frame_rate(self) -> float:
@@ -57,8 +65,8 @@ class ImageSequence:
 
     def entries(self) -> Iterator[Entry]:
         """Go through all images."""
-        for number, image in enumerate(self.images):
-            yield Entry(number, float(number), "", partial(_load, image, number, self.options))
+        for number, image in zip(self.numbers, self.images, strict=True):
+            yield Entry(number, float(number - self.numbers[0]), "", partial(_load, image, number, self.options))
 
 
 def open_sequence(folder: Path, options: PictureOptions) -> ImageSequence:
@@ -87,12 +95,36 @@ def open_sequence(folder: Path, options: PictureOptions) -> ImageSequence:
             shape = _load(image, 0, options).shape
         except InputError:
             continue
-        notes = [f"{len(images)} images, one a frame and, as they do not say it, one a second", *picture.notes]
+        numbers = _numbers(images)
+        notes = [
+            f"{len(images)} images, one a frame and, as they do not say it, one a second",
+            "frames are numbered as in the names of the images"
+            if numbers
+            else "frames are numbered from 0 in the order of the images, as their names hold no number that counts up",
+            *picture.notes,
+        ]
         return ImageSequence(
-            folder, digest.hexdigest(), images, shape, options, picture.exposure_stated, tuple(notes), ()
+            path=folder,
+            sha256=digest.hexdigest(),
+            images=images,
+            numbers=numbers or tuple(range(len(images))),
+            shape=shape,
+            options=options,
+            exposure_stated=picture.exposure_stated,
+            notes=tuple(notes),
+            warnings=picture.warnings,
         )
     require_frames(False, folder)
     raise AssertionError
+
+
+def _numbers(images: Sequence[Path]) -> tuple[int, ...]:
+    """Numbers in the names that count up from image to image, the last such ones; nothing if there are none."""
+    found = [[int(digits) for digits in reversed(re.findall("[0-9]+", image.stem))] for image in images]
+    for numbers in zip(*found, strict=False):
+        if all(a < b for a, b in pairwise(numbers)) and numbers[-1] < _MOST_NUMBER:
+            return numbers
+    return ()
 
 
 def _load(path: Path, number: int, options: PictureOptions) -> Frame:

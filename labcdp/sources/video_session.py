@@ -9,7 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from ..errors import InputError
+from ..frame import Frame
 from ..session import FrameRecord, Session
+from .picture_options import PictureOptions
+from .told_options import contradictions, told_frame
 from .video import Entry
 
 
@@ -25,11 +28,14 @@ class SessionVideo:
         The session, open for reading.
     records : tuple of FrameRecord
         Its light frames; frame n is the n-th.
+    options : PictureOptions
+        Of these only exposure and gain count that a person gave.
     """
 
     path: Path
     session: Session
     records: tuple[FrameRecord, ...]
+    options: PictureOptions
 
     @property
     def sha256(self) -> str:
@@ -64,22 +70,30 @@ class SessionVideo:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warn if the frames differ in exposure or gain, which a relative evaluation would take for light."""
+        """Warn of exposures and gains: those a person gave instead, and different ones, which look like other light."""
         settings = {(record.exposure_s, record.gain_db) for record in self.records}
-        if len(settings) == 1:
-            return ()
-        return ("the frames of the session differ in exposure or gain: only with a calibration their values compare",)
+        found = [warning for setting in sorted(settings) for warning in contradictions(*setting, self.options)]
+        if "bit_depth" in self.options.told:
+            found.append("the bit depth that was given does not count: the session says that of its frames")
+        if len(settings) > 1:
+            found.append(
+                "the frames of the session differ in exposure or gain: only with a calibration their values compare"
+            )
+        return tuple(found)
 
     def entries(self) -> Iterator[Entry]:
         """Go through all frames."""
         for number, record in enumerate(self.records):
-            yield Entry(number, self._time_s(record), "", partial(self.session.load, record))
+            yield Entry(number, self._time_s(record), "", partial(self._load, record))
+
+    def _load(self, record: FrameRecord) -> Frame:
+        return told_frame(self.session.load(record), self.options)
 
     def _time_s(self, record: FrameRecord) -> float:
         return (record.time - self.records[0].time).total_seconds()
 
 
-def open_session_video(path: Path) -> SessionVideo:
+def open_session_video(path: Path, options: PictureOptions) -> SessionVideo:
     """Open the light frames of a session.
 
     Raises
@@ -93,4 +107,4 @@ def open_session_video(path: Path) -> SessionVideo:
     records = tuple(session.frames("light"))
     if not records:
         raise InputError(f"{path} is a session without light frames: go on with the acquisition")
-    return SessionVideo(path, session, records)
+    return SessionVideo(path, session, records, options)

@@ -34,6 +34,8 @@ def rois(tmp_path):
     save_regions(tmp_path / "rois.json", shapes, (160, 120))
     save_regions(tmp_path / "three.json", [*shapes, RectangleShape("third", 100, 10, 20, 20)])
     save_regions(tmp_path / "one.json", shapes[:1])
+    save_regions(tmp_path / "other.json", shapes, (640, 480))
+    save_regions(tmp_path / "together.json", [shapes[0], RectangleShape("ground", 22, 55, 26, 26)])
     return tmp_path / "rois.json"
 
 
@@ -73,6 +75,33 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     assert "third.avi is no video that OpenCV opens" in done.stderr
     alone = labcdp("video", drive, "--neighbours", "-o", "alone", "--json")
     assert json.loads(alone.stdout)["contrasts"] == values["videos"][0]["results"]["contrasts"]
+    # Other settings leave what is there as it is.
+    before = {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")}
+    done = labcdp("video", tmp_path, "--neighbours", "--contrast", "50%", "-o", "out")
+    assert done.returncode == 1
+    assert "drive holds the results of another evaluation: give another folder with --output" in done.stderr
+    assert len(before) == 3
+    assert {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")} == before
+
+
+def test_what_is_left_out_is_told(labcdp, tmp_path, drive):
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((4, 4), np.uint8))
+    done = labcdp("video", tmp_path, "drive.avi", "--neighbours", "--stop", 1, "-o", "out")
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stderr.split())
+    assert f"{tmp_path / 'images'} holds images and is left out, as {tmp_path} holds videos" in said
+    assert f"drive.avi is the same video as {drive}, and evaluated once" in said
+
+
+def test_a_full_disk_does_not_hide_which_videos_failed(labcdp, tmp_path, drive):
+    (tmp_path / "third.avi").write_bytes(b"no video")
+    # In the place of one of the files it cannot be written.
+    (tmp_path / "out" / "archive.html").mkdir(parents=True)
+    done = labcdp("video", tmp_path, "--neighbours", "--stop", 1, "-o", "out", "--workers", 1)
+    assert done.returncode == 1
+    assert "archive.html cannot be written" in done.stderr
+    assert "third.avi is no video that OpenCV opens" in done.stderr
 
 
 def test_a_session_with_its_calibration(labcdp, tmp_path):
@@ -114,10 +143,24 @@ def test_a_session_with_its_calibration(labcdp, tmp_path):
         (("--roi", "rois.json", "--encoding", "log"), "--encoding is 'log': give linear or srgb"),
         (("--roi", "rois.json", "--calibration", "a.json", "--camera", "b.toml"), "give one, the calibration knows"),
         (("--roi", "rois.json", "-o", "drive.avi"), "drive.avi cannot be"),
+        (("--roi", "rois.json", "--reference", "."), "--reference is '.': give a contrast such as 1000%"),
+        (("--roi", "other.json"), "the regions belong to an image of 640 x 480 pixels, drive.avi has 160 x 120"),
+        (("--roi", "together.json"), "regions 'sign' and 'ground' have 338 pixels in common"),
+        (("--neighbours", "--contrast", "1%:121%:1%"), "121 contrasts are given: give up to 120"),
     ],
 )
 def test_bad_input_is_one_line(fails, drive, rois, arguments, message):
-    assert message in fails("video", drive, *arguments)
+    assert message in fails("video", drive.name, *arguments)
+    # Nothing is left that another evaluation minds.
+    assert not [path for path in (drive.parent / "drive-cdp").glob("*") if path.name != "video.jsonl"]
+    if "--reference" in arguments:
+        assert not (drive.parent / "drive-cdp").exists()
+
+
+def test_a_command_that_was_refused_does_not_block_its_folder(labcdp, fails, drive, rois):
+    fails("video", drive, "--roi", rois, "--start", 500)
+    done = labcdp("video", drive, "--roi", rois, "--method", "fixed", "--stop", 2, "--json")
+    assert json.loads(done.stdout)["n_frames"] == 2
 
 
 def test_the_results_of_another_evaluation_are_not_overwritten(labcdp, fails, drive, rois):

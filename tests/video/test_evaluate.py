@@ -93,7 +93,7 @@ def test_each_frame_is_that_of_brute_force(tmp_path: Path) -> None:
             assert result["below"].values[number, place] == pytest.approx(below, abs=1e-12)
             assert result["above"].values[number, place] == pytest.approx(above, abs=1e-12)
         assert result["measured_contrast"].values[number] == pytest.approx(a.mean() / b.mean() - 1)
-        assert result["mean"].values[number] * 255 == pytest.approx([a.mean(), b.mean()], rel=1e-6)
+        assert result["mean"].values[number] * 256 == pytest.approx([a.mean(), b.mean()], rel=1e-6)
         assert result["snr"].values[number] == pytest.approx([x.mean() / x.std(ddof=1) for x in (a, b)])
     np.testing.assert_array_equal(result["frame"], range(8))
     np.testing.assert_allclose(result["time_s"], np.arange(8) / 25)
@@ -168,7 +168,7 @@ def test_tables_give_what_the_metric_gives(
 ) -> None:
     rng = np.random.default_rng(seed)
     dn = rng.integers(least, min(least + spread, 255) + 1, (height, width)).astype(np.uint8)
-    light = ((np.arange(256) - black) / 255).astype(np.float32)
+    light = ((np.arange(256) - black) / 256).astype(np.float32)
     if dn.size < 2 or light[dn].max() <= 0:
         return
     found = NeighbourTables(light, contrasts, epsilon).evaluate(dn)
@@ -178,6 +178,15 @@ def test_tables_give_what_the_metric_gives(
         assert [one.standard_error, *one.confidence_interval] == pytest.approx(
             [other.standard_error, *other.confidence_interval], rel=1e-7, abs=1e-7, nan_ok=True
         )
+
+
+@pytest.mark.parametrize("contrasts", [(0.3,), (0.1, 0.3), tuple(0.05 * n for n in range(1, 13))])
+def test_a_frame_of_several_strips_gives_what_the_metric_gives(contrasts: tuple[float, ...]) -> None:
+    dn = np.random.default_rng(5).poisson(40, (40000, 9)).astype(np.uint8)
+    found = NeighbourTables(np.arange(256) / 256, contrasts, 0.5).evaluate(dn)
+    for one, other in zip(found, cdp_neighbours_range(dn / 256, contrasts, 0.5), strict=True):
+        assert (one.cdp, one.below, one.above) == (other.cdp, other.below, other.above)
+        assert one.standard_error == pytest.approx(other.standard_error, rel=1e-7)
 
 
 @settings(max_examples=60, deadline=None)
@@ -303,7 +312,7 @@ def test_the_reference_of_another_camera(tmp_path: Path, by: Any) -> None:
 def test_a_reference_that_is_none_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mkv", scenes(2))
     (tmp_path / "bad.nc").write_bytes(b"nothing")
-    with pytest.raises(InputError, match=r"the reference .*bad\.nc cannot be read"):
+    with pytest.raises(InputError, match=r"the reference .*bad\.nc is no NetCDF file, or is damaged: give results\.nc"):
         evaluate_video(path, fixed(reference=tmp_path / "bad.nc"))
     xr.Dataset({"x": 1}).to_netcdf(tmp_path / "other.nc")
     with pytest.raises(InputError, match=r"other\.nc holds no contrasts of a video's frames"):
@@ -334,6 +343,71 @@ def test_pixels_that_are_saturated_are_warned_about(tmp_path: Path) -> None:
     frames[2][22:24, 20:44] = 255
     warnings = json.loads(evaluate_video(write(tmp_path / "a.mkv", frames), fixed()).attrs["warnings"])
     assert "region 'bright' has pixels that are saturated in 1 of 4 frames, up to 10 %" in warnings
+
+
+def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path) -> None:
+    frames = scenes(9)
+    for number in (1, 2, 3, 6):
+        frames[number][20:40, 20:44] = 255
+    # Five of 480 pixels are just above 1 %, four are below.
+    frames[7][20, 20:25] = 255
+    frames[8][20, 20:24] = 255
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed())
+    share = [0, 1, 1, 1, 0, 0, 1, 5 / 480, 4 / 480]
+    np.testing.assert_allclose(result["saturated"].sel(region="bright"), share)
+    assert (result["saturated"].sel(region="dark") == 0).all()
+    assert result["note"].values[1] == "region 'bright' is 100 % saturated"
+    assert result["note"].values[7] == "region 'bright' is 1.04 % saturated"
+    assert list(result["note"].values[[0, 4, 5, 8]]) == [""] * 4
+    assert np.isfinite(result["cdp"].values).all()
+    text = "\n".join(json.loads(result.attrs["warnings"]))
+    assert "more than 1 % of region 'bright' is saturated in 5 of 9 frames (1 to 3, 6 to 7): do not trust" in text
+    assert "saturated in 6 of 9 frames, up to 100 %" in text
+
+
+def test_repeated_pictures_are_noted_and_kept(tmp_path: Path) -> None:
+    frames = scenes(6)
+    frames[2], frames[3] = frames[1], frames[1]
+    path = write(tmp_path / "a.mkv", frames)
+    for asked in (fixed(), VideoSettings(CONTRASTS)):
+        result = evaluate_video(path, asked, tmp_path / asked.mode)
+        notes = ["", "", "the same picture as frame 1", "the same picture as frame 2", "", ""]
+        assert list(result["note"].values) == notes
+        assert np.isfinite(result["cdp"].values).all()
+        warning = "2 of 6 frames show the same picture as the one before, frame 2 first"
+        assert warning in json.loads(result.attrs["warnings"])
+        # Going on before one of them gives the same.
+        journal = tmp_path / asked.mode / "video.jsonl"
+        journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+        xr.testing.assert_identical(evaluate_video(path, asked, tmp_path / asked.mode), result)
+
+
+def test_regions_are_not_put_on_a_later_frame(tmp_path: Path) -> None:
+    frames = scenes(5)
+    for number, image in enumerate(frames):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
+    for number in (0, 1):
+        (tmp_path / f"{number}.png").write_bytes((tmp_path / f"{number}.png").read_bytes()[:500])
+    text = r"frame 0 of .*, in which the regions are, is broken: .*; draw them in frame 2, .* give --start 2"
+    with pytest.raises(InputError, match=text):
+        evaluate_video(tmp_path, fixed(method="kcf"))
+    result = evaluate_video(tmp_path, fixed(method="kcf", selection=Selection(Position(frames=2))))
+    assert list(result["frame"].values) == [2, 3, 4]
+    # Regions that stay where they are need no frame to begin in.
+    assert np.isnan(evaluate_video(tmp_path, fixed())["cdp"].values[:, 0]).tolist() == [True, True, False, False, False]
+
+
+def test_a_video_without_any_result_is_refused_and_leaves_its_folder_free(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", [np.zeros((80, 120), np.uint8)] * 3)
+    text = "no frame could be evaluated; frame 0: neither region holds a value above 0"
+    with pytest.raises(InputError, match=text):
+        evaluate_video(path, fixed(), tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
+    contrasts = tuple(0.01 * n for n in range(1, 122))
+    with pytest.raises(InputError, match="121 contrasts are given: give up to 120"):
+        evaluate_video(write(tmp_path / "b.mkv", scenes(2)), VideoSettings(contrasts), tmp_path / "out")
+    # Nothing was evaluated: other settings may have the folder.
+    assert evaluate_video(tmp_path / "b.mkv", fixed(), tmp_path / "out").sizes["frame"] == 2
 
 
 def test_a_file_that_announces_more_frames_than_it_has(tmp_path: Path) -> None:
@@ -368,8 +442,11 @@ def test_regions_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'outside' spans"):
         evaluate_video(path, fixed(rois=(BRIGHT, outside)))
     overlapping = Roi.rectangle("dark", 40, 20, 24, 20)
-    result = evaluate_video(path, fixed(rois=(BRIGHT, overlapping)))
-    assert (result["note"] == "regions 'bright' and 'dark' have 80 pixels in common").all()
+    with pytest.raises(InputError, match="regions 'bright' and 'dark' have 80 pixels in common"):
+        evaluate_video(path, fixed(rois=(BRIGHT, overlapping)))
+    with pytest.raises(InputError, match=r"belong to an image of 60 x 40 pixels, .*a\.mkv has 120 x 80: draw them"):
+        evaluate_video(path, fixed(image_size=(60, 40)))
+    assert evaluate_video(path, fixed(image_size=(120, 80))).sizes["frame"] == 2
     with pytest.raises(InputError, match="has no frame from 9 to its end: give an earlier start"):
         evaluate_video(path, fixed(selection=Selection(Position(frames=9))))
 

@@ -57,7 +57,7 @@ def test_a_row_for_each_frame_and_contrast(book: Any) -> None:
     assert columns["dark: centre x in pixels"][0] == 150.0
     assert columns["dark: corner 4 x in pixels"][0] == 140.0
     assert columns["CDP"][3 * 40] is None
-    assert columns["why a value is missing"][3 * 40] == "region 'dark' is lost: it left the image"
+    assert columns["note"][3 * 40] == "region 'dark' is lost: it left the image"
     assert {"CDP, low end of 95 %", "share below", "CSNR", "bright: SNR (mean / standard deviation)"} <= set(head)
 
 
@@ -92,7 +92,7 @@ def test_pixel_to_pixel_has_no_regions(tmp_path: Path) -> None:
         head = next(openpyxl.load_workbook(file)["Frames"].iter_rows(values_only=True))
     assert head == (
         *("frame", "time in s", "contrast in %", "CDP", "standard uncertainty of CDP", "CDP, low end of 95 %"),
-        *("CDP, high end of 95 %", "share below", "share above", "why a value is missing"),
+        *("CDP, high end of 95 %", "share below", "share above", "note"),
     )
 
 

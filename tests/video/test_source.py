@@ -12,7 +12,7 @@ import pytest
 
 from labcdp.errors import InputError
 from labcdp.sources.picture import PictureOptions
-from labcdp.sources.video import frames_of, open_video, video_paths
+from labcdp.sources.video import frames_of, left_out, open_video, video_paths
 from labcdp.sources.video_selection import Chooser, Position, Selection
 from labcdp.sources.video_timeline import jpeg_size
 
@@ -130,6 +130,42 @@ def test_limited_range_is_stretched_and_full_range_is_not(tmp_path: Path) -> Non
         assert np.abs(first.frame.dn.astype(float) - ramp).mean() < 4
 
 
+@pytest.mark.parametrize(("codec", "suffix"), [("PNG ", "avi"), ("HFYU", "avi"), ("MPNG", "avi"), ("FFV1", "mkv")])
+def test_red_green_and_blue_are_no_luma(tmp_path: Path, codec: str, suffix: str) -> None:
+    # The first frames are black, so that only later ones differ from the bytes that are stored.
+    written = [np.zeros((120, 160), np.uint8)] * 3 + images(3)
+    path = write(tmp_path / f"a.{suffix}", codec, [cv2.merge([image] * 3) for image in written])
+    source = open_video(path)
+    frames = list(frames_of(source, Selection()))
+    for frame, image in zip(frames, written, strict=True):
+        assert np.abs(frame.grey.astype(int) - image).max() <= 1
+    assert "red, green and blue to Y' (ITU-R BT.601)" in source.notes
+
+
+@pytest.mark.parametrize("coloured", [False, True])
+@pytest.mark.parametrize(("codec", "suffix", "limited"), [("mp4v", "mp4", True), ("MJPG", "avi", False)])
+def test_the_range_is_found_in_a_scene_of_middle_grey(
+    tmp_path: Path, codec: str, suffix: str, limited: bool, coloured: bool
+) -> None:
+    image = np.full((96, 96), 128, np.uint8)
+    image[:, 24:48], image[:, 72:] = 114, 142
+    frames = [cv2.merge([image] * 3) if coloured else image] * 3
+    source = open_video(write(tmp_path / f"a.{suffix}", codec, frames))
+    assert any("limited range" in note for note in source.notes) == limited
+    assert source.warnings == ()
+    (first, *_) = frames_of(source, Selection())
+    assert float(first.grey[:, 78:90].mean()) - float(first.grey[:, 30:42].mean()) == pytest.approx(28, abs=2)
+
+
+def test_a_range_that_cannot_be_known_is_assumed_aloud(tmp_path: Path) -> None:
+    flat = [np.full((96, 96), 120, np.uint8)] * 3
+    source = open_video(write(tmp_path / "a.mp4", "mp4v", flat))
+    assert any(
+        "too even to tell the range of its Y': limited range (16 to 235) is assumed" in w for w in source.warnings
+    )
+    assert open_video(write(tmp_path / "a.avi", "MJPG", flat)).warnings == ()
+
+
 def test_a_coloured_video_is_warned_about(tmp_path: Path) -> None:
     colours = np.zeros((64, 64, 3), np.uint8)
     colours[:, :32] = (40, 40, 220)
@@ -226,11 +262,23 @@ def test_a_folder_of_images_is_a_video_in_natural_order(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"img{number + 1}.png"), image)
     (tmp_path / "notes.txt").write_text("no image")
     source = open_video(tmp_path)
-    assert source.frame_count == N
-    assert [value for _, _, value in bars(tmp_path)] == [float(n) for n in range(N)]
+    assert bars(tmp_path) == [(n + 1, float(n), float(n)) for n in range(N)]
     first = source.sha256
     cv2.imwrite(str(tmp_path / "img3.png"), images()[4])
     assert open_video(tmp_path).sha256 != first
+
+
+def test_numbers_of_images_are_those_of_the_frames(tmp_path: Path) -> None:
+    for number in (1001, 1002, 1005, 1011, 1012):
+        cv2.imwrite(str(tmp_path / f"run7_{number}_cam2.png"), np.full((20, 30), number - 1000, np.uint8))
+    frames = [(one.number, one.time_s, int(one.grey[0, 0])) for one in frames_of(open_video(tmp_path), Selection())]
+    assert frames == [(1001, 0.0, 1), (1002, 1.0, 2), (1005, 4.0, 5), (1011, 10.0, 11), (1012, 11.0, 12)]
+    every = Selection(Position(frames=1000), every=Position(frames=2))
+    assert [one.number for one in frames_of(open_video(tmp_path), every)] == [1001, 1005, 1011]
+    cv2.imwrite(str(tmp_path / "dark.png"), np.zeros((20, 30), np.uint8))
+    source = open_video(tmp_path)
+    assert [one.number for one in frames_of(source, Selection())] == list(range(6))
+    assert any("numbered from 0 in the order of the images" in note for note in source.notes)
 
 
 def test_a_sequence_keeps_16_bits_and_reports_what_does_not_fit(tmp_path: Path) -> None:
@@ -312,3 +360,6 @@ def test_video_files_of_a_folder(tmp_path: Path) -> None:
     images_only.mkdir()
     assert video_paths([tmp_path]) == [tmp_path / "a.mp4", tmp_path / "b.avi"]
     assert video_paths([images_only, tmp_path / "b.avi"]) == [images_only, tmp_path / "b.avi"]
+    assert left_out(tmp_path) == []
+    cv2.imwrite(str(images_only / "0.png"), np.zeros((4, 4), np.uint8))
+    assert left_out(tmp_path) == [images_only]

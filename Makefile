@@ -5,7 +5,7 @@
 
 # What labcdp needs of Debian to run, and what its tests need beside that.
 RUN_PACKAGES := python3-venv python3-gi gir1.2-aravis-0.8
-TEST_PACKAGES := aravis-tools-cli aravis-tools chromium libreoffice-calc-nogui iproute2
+TEST_PACKAGES := aravis-tools-cli aravis-tools chromium libatomic1 libreoffice-calc-nogui iproute2
 
 PYTHON := .venv/bin/python
 

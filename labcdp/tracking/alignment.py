@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from .geometry import Matrix
 from .level import GainOffset, Level
+from .outline import Outline
 from .template import Template, gradients
 from .view import View
 
 #: Residual of a pixel that is still found again: times the noise, and in parts of the structure.
 _AGREES_NOISE, _AGREES_STRUCTURE = 2.5, 0.25
+#: Deviation of a region's own pixels from which on they are covered: times the noise, and in parts of the structure.
+_COVERED_NOISE, _COVERED_STRUCTURE = 5.0, 0.2
 #: Trust that is kept in a patch and its edge whatever is learnt.
 _TRUST_KEPT = 0.7
 #: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
@@ -42,6 +45,8 @@ class Fit:
         Share of the template's pixels that lie in the image.
     agrees : ndarray of float32, shape (n,)
         How far each template pixel is found again, 0 to 1; nan outside the image.
+    heights : ndarray of float, shape (n,)
+        Heights of the edges around the region over those in the first frame, part by part; nan outside the image.
     """
 
     to_view: Matrix
@@ -50,6 +55,7 @@ class Fit:
     covered: float
     in_image: float
     agrees: NDArray[np.float32]
+    heights: NDArray[np.float64]
 
 
 class Aligner:
@@ -78,6 +84,7 @@ class Aligner:
         self._trust = template.trust.ravel()
         self._trust_least = _TRUST_KEPT * self._trust**2
         self._learnt = _LEARNT_AT_FIRST
+        self._outline = Outline(template)
         self._spread_trust()
 
     def align(self, view: View, to_view: Matrix, light: GainOffset | None = None) -> Fit | None:
@@ -104,20 +111,30 @@ class Aligner:
         gain, residuals = light.gain, light.residuals
         template = self.template
         noise = template.noise_dn * hypot(1, 1 / gain)
-        allowed = hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * template.structure_dn)
-        agrees = (1 / (1 + (residuals / allowed) ** 4)).astype(np.float32)
-        carries = self._carries * self._trust**2
+        structure = template.structure_dn
+        allowed = hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
+        agrees = np.reciprocal(1 + np.square(np.square(residuals * np.float32(1 / allowed))))
+        carries = self._carries * np.square(self._trust)
         quality = float(np.vdot(carries * seen, agrees) / max(float(carries.sum()), 1e-9))
+        # Whatever there is agrees with noise as strong as the structure.
+        quality *= min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
         inside = template.inside & seen
         covered = 0.0
         if np.count_nonzero(inside) >= 4:
             own = residuals[inside]
-            covered = float((np.abs(own - np.median(own)) > 1.5 * allowed).mean())
+            most = hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)
+            covered = float((np.abs(own - np.median(own)) > most).mean())
+        heights = self._outline.heights(values, seen, gain)
         agrees[~seen] = np.nan
-        return Fit(to_view, quality, (gain, light.offset), covered, float(seen.mean()), agrees)
+        return Fit(to_view, quality, (gain, light.offset), covered, float(seen.mean()), agrees, heights)
+
+    def vanished(self, fit: Fit) -> float:
+        """Share of the region's outline that had edges until now and has none where it was found."""
+        return self._outline.gone(fit.heights)
 
     def learn(self, fit: Fit) -> None:
         """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
+        self._outline.learn(fit.heights)
         self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
         known = np.isfinite(fit.agrees)
         learnt = self._trust + (fit.agrees - self._trust) / self._learnt

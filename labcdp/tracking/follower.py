@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import atan2, hypot, isfinite
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from ..roi import Roi
 from .alignment import Aligner, Fit
 from .geometry import Matrix, carried, inverse, local_scale, scaling, shift, transform
 from .movers import make_mover
+from .repeats import repeat_px
 from .search import candidates
 from .template import make_template
 from .tracker import TrackedRoi
@@ -21,7 +24,13 @@ LOST_BELOW, FOUND_FROM = 0.55, 0.75
 #: Quality at which no other guess is tried.
 _GOOD = 0.85
 #: Share of a region whose own pixels may differ before nothing is to be measured in it.
-COVERED_MOST = 0.25
+COVERED_MOST = 0.05
+#: Share of its outline that may lose its edges at once: the edge to a neighbour stays if it vanishes.
+VANISHED_MOST = 0.62
+#: Where several places look the same: distance from the expected one, in parts of that to the next one, at which none
+#: is taken; and the same after a loss of at most so many frames.
+_NEAR, _NEAR_AGAIN, _SOON = 0.5, 0.25, 2
+_SAME = "several places look the same"
 #: Share of the template that must lie in the image.
 _IN_IMAGE_LEAST = 0.4
 #: Largest change of size from frame to frame, and over all.
@@ -44,6 +53,7 @@ class Follower:
     def __init__(self, method: str, grey: NDArray[np.uint8], roi: Roi) -> None:
         self._first = roi
         self._template = make_template(grey, roi)
+        self._repeat_px = repeat_px(grey, self._template)
         self._aligner = Aligner(self._template, planar=method == "homography")
         self._mover = make_mover(method, self._template)
         self._from_first = inverse(self._template.to_image)
@@ -52,6 +62,8 @@ class Follower:
         self._light = (1.0, 0.0)
         self._lost_for = 0
         self._held: Matrix | None = None
+        self._before: tuple[Matrix, NDArray[np.float64]] | None = None
+        self._before_roi = roi
         self._result = TrackedRoi(roi, 1.0, False, "")
         view = self._view(grey, self._to_image)
         if view is not None:
@@ -68,11 +80,28 @@ class Follower:
         moved: Matrix = self._to_image @ self._from_first
         return moved
 
+    @property
+    def step(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Its last step in pixels and the one that was expected; None if it was not seen in this frame and before."""
+        if self._before is None:
+            return None
+        to_image, velocity = self._before
+        return self._middle(self._to_image) - self._middle(to_image), velocity
+
+    def take_back(self, reason: str) -> None:
+        """Say that it is lost although it was found in this frame."""
+        if self._before is not None:
+            self._to_image, self._velocity = self._before
+            self._lose(reason, self._result.quality, self._before_roi)
+
     def follow(self, grey: NDArray[np.uint8], change: str) -> None:
         """Look for it in the next frame; `change` is what became of the scene as a whole."""
+        self._before = None
         if change == "blank":
             # What cannot be seen for a moment is not given up.
             self._result = TrackedRoi(self._result.roi, 0.0, True, "the frame is blank")
+            if isfinite(self._repeat_px):
+                self._lost_for += 1
             return
         if not self.seen:
             self._lost_for += 1
@@ -91,28 +120,69 @@ class Follower:
             why = "the scene changed at once, and " if change == "cut" else ""
             self._lose(f"{why}{found} of the structure around it is found again", best.quality if best else 0.0)
             return
+        if self._off(view, best, expected) > _NEAR:
+            self._lose(_SAME, best.quality)
+            return
+        gone = self._aligner.vanished(best)
+        if gone > VANISHED_MOST:
+            self._lose(
+                f"{gone:.0%} of its outline have lost their edges: it vanished, or something covers it", best.quality
+            )
+            return
+        before, self._before_roi = (self._to_image, self._velocity), self._result.roi
         self._accept(view, best, middle)
+        self._before = before
 
     def look_again(self, grey: NDArray[np.uint8], told: list[Matrix]) -> None:
         """Look for it after it was lost: where it was, and where its motion `told` by others puts it."""
-        need = FOUND_FROM
         places = [motion @ self._template.to_image for motion in told]
         if self._held is not None:
             places.insert(0, self._held)
         for place in places:
             view = self._view(grey, place)
             fit = None if view is None else self._aligner.align(view, view.from_image @ place, self._light)
-            if view is not None and fit is not None and fit.quality >= need and self._possible(view, fit):
+            if view is not None and self._again(fit, view) and self._off(view, fit, place) < _NEAR:
                 self._hold(view, fit)
                 return
         self._held = None
+        if isfinite(self._repeat_px):
+            self._look_near(grey)
+            return
         view = self._view(grey, self._to_image, min(1 + 0.25 * self._lost_for, 3.0))
         if view is None:
             return
         fits = [self._aligner.align(view, guess, self._light) for guess in candidates(view, self._template, 3)]
-        good = [fit for fit in fits if fit is not None and fit.quality >= need and self._possible(view, fit)]
+        good = [fit for fit in fits if self._again(fit, view)]
         if good:
             self._hold(view, max(good, key=lambda fit: fit.quality))
+
+    def _look_near(self, grey: NDArray[np.uint8]) -> None:
+        """Look for one of several places that look the same: soon after the loss it can only be the nearest one."""
+        view = self._view(grey, self._to_image) if self._lost_for <= _SOON else None
+        fit = None
+        if view is not None:
+            fit = self._aligner.align(view, view.from_image @ self._to_image, self._light)
+            if self._again(fit, view) and self._off(view, fit, self._to_image) < _NEAR_AGAIN:
+                self._hold(view, fit)
+                return
+        if _SAME not in self._result.reason:
+            self._result = replace(self._result, reason=f"{self._result.reason}; {_SAME}")
+
+    def _again(self, fit: Fit | None, view: View) -> TypeGuard[Fit]:
+        """Whether a fit is good enough to take the region for found after a loss."""
+        return (
+            fit is not None
+            and fit.quality >= FOUND_FROM
+            and self._possible(view, fit)
+            and self._aligner.vanished(fit) <= VANISHED_MOST
+        )
+
+    def _off(self, view: View, fit: Fit, expected: Matrix) -> float:
+        """Distance of a fit from the `expected` place over that to the next place that looks the same."""
+        there = self._middle(inverse(view.from_image) @ fit.to_view)
+        height, width = self._template.shape
+        scale = local_scale(expected, (width / 2, height / 2)) * self._template.reduction
+        return float(np.hypot(*(there - self._middle(expected)))) / (scale * self._repeat_px)
 
     @property
     def result(self) -> TrackedRoi:
@@ -134,19 +204,25 @@ class Follower:
         guess = view.from_image @ expected
         proposal = self._mover.propose(view, guess)
         starts = [guess] if proposal is None else [proposal, guess]
+        if isfinite(self._repeat_px):
+            starts.reverse()
         best: Fit | None = None
         for start in starts:
-            best = self._better(view, best, self._aligner.align(view, start, self._light))
-            if best is not None and best.quality >= _GOOD:
+            best = self._better(view, expected, best, self._aligner.align(view, start, self._light))
+            if best is not None and best.quality - self._off(view, best, expected) >= _GOOD:
                 return best
         for start in candidates(view, self._template, 2):
-            best = self._better(view, best, self._aligner.align(view, start, self._light))
+            best = self._better(view, expected, best, self._aligner.align(view, start, self._light))
         return best
 
-    def _better(self, view: View, best: Fit | None, other: Fit | None) -> Fit | None:
+    def _better(self, view: View, expected: Matrix, best: Fit | None, other: Fit | None) -> Fit | None:
+        """Of two fits the better one, and of places that look the same the one nearer to the `expected` place."""
         if other is None or not self._possible(view, other):
             return best
-        return other if best is None or other.quality > best.quality else best
+        if best is None:
+            return other
+        gained = self._off(view, best, expected) - self._off(view, other, expected)
+        return other if other.quality + gained > best.quality else best
 
     def _possible(self, view: View, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
@@ -159,14 +235,17 @@ class Follower:
         changed /= changed[2, 2]
         # Where it went does not matter here, but how its shape changed.
         linear = changed[:2, :2] - np.outer(changed[:2, 2], changed[2, :2])
-        long, short = np.linalg.svd(linear, compute_uv=False)
+        (a, b), (c, d) = linear.tolist()
+        # Singular values of a 2 x 2 matrix.
+        plain, mirrored = hypot(a + d, c - b), hypot(a - d, b + c)
+        long, short = (plain + mirrored) / 2, abs(plain - mirrored) / 2
         size = (long * short) ** 0.5
-        turned = np.arctan2(linear[1, 0] - linear[0, 1], linear[0, 0] + linear[1, 1])
+        turned = atan2(c - b, a + d)
         frames = 1 + min(self._lost_for, 3)
         over_all = local_scale(to_image, (width / 2, height / 2)) * self._template.reduction
         return bool(
             1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
-            and long / short < _STRETCH_STEP**frames
+            and long < _STRETCH_STEP**frames * short
             and abs(turned) < _TURN_STEP * frames
             and np.abs(changed[2, :2]).max() < _TILT_STEP * frames
             and _SIZE_LEAST < over_all < _SIZE_MOST
@@ -180,7 +259,8 @@ class Follower:
         self._velocity = _LAST_STEP * step + (1 - _LAST_STEP) * self._velocity
         self._lost_for = 0
         self._light = fit.light
-        self._aligner.learn(fit)
+        if fit.covered <= COVERED_MOST:
+            self._aligner.learn(fit)
         roi = carried(self._first, self.motion)
         height, width = view.image_shape
         x0, y0, x1, y1 = roi.bounds
@@ -192,10 +272,10 @@ class Follower:
         else:
             self._result = TrackedRoi(roi, fit.quality, False, "")
 
-    def _lose(self, reason: str, quality: float) -> None:
+    def _lose(self, reason: str, quality: float, roi: Roi | None = None) -> None:
         self._lost_for += 1
         self._held = None
-        self._result = TrackedRoi(self._result.roi, quality, True, reason)
+        self._result = TrackedRoi(self._result.roi if roi is None else roi, quality, True, reason)
 
     def _middle(self, to_image: Matrix) -> NDArray[np.float64]:
         height, width = self._template.shape

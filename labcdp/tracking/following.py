@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..roi import Roi
 from .follower import Follower
 from .geometry import Matrix, inverse
+from .pairs import Companions
 from .scene import SceneWatch
 from .tracker import TrackedRoi, grey_frame
 
@@ -21,6 +22,7 @@ class FollowingTracker:
         self._shape = (grey.shape[0], grey.shape[1])
         self._followers = tuple(Follower(method, grey, roi) for roi in rois)
         self._scene = SceneWatch(grey)
+        self._companions = Companions()
         # Motion of each region in terms of each other one, from when both were last seen.
         self._between: dict[tuple[int, int], Matrix] = {}
         self._remember()
@@ -31,12 +33,19 @@ class FollowingTracker:
         change = self._scene.look(frame)
         for follower in self._followers:
             follower.follow(frame, change)
+        self._keep_together()
         if change != "blank":
             for number, follower in enumerate(self._followers):
                 if not follower.seen:
                     follower.look_again(frame, self._told(number))
         self._remember()
         return tuple(follower.result for follower in self._followers)
+
+    def _keep_together(self) -> None:
+        moved = {number: follower.step for number, follower in enumerate(self._followers) if follower.step is not None}
+        steps = {number: step for number, (step, _) in moved.items()}
+        for number in self._companions.jumped(steps, {number: expected for number, (_, expected) in moved.items()}):
+            self._followers[number].take_back("it jumped away from the region it moved with")
 
     def _told(self, number: int) -> list[Matrix]:
         """Where the regions that are seen say that another one is, nearest region first."""

@@ -54,8 +54,9 @@ def transform(matrix: Matrix, points: NDArray[Any]) -> NDArray[np.float64]:
 
 def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
     """Square root of the factor by which `matrix` enlarges areas at `point`; nan where it mirrors."""
-    w = float(matrix[2, 0] * point[0] + matrix[2, 1] * point[1] + matrix[2, 2])
-    area = float(np.linalg.det(matrix)) / w**3
+    a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
+    w = g * point[0] + h * point[1] + i
+    area = (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) / w**3 if w else float("nan")
     return area**0.5 if area > 0 else float("nan")
 
 

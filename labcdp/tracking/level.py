@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, around, inverse, scaling
+from .geometry import Matrix, around, inverse, scaling, shift
 from .template import Template, gradients
 from .view import View
 
@@ -36,10 +36,15 @@ _ROBUST = 2.5
 _ALLOWED = 0.06
 #: Pixels without which nothing is said.
 _PIXELS_LEAST = 6
+#: Template pixels of a step after which no other one is made.
+_STILL_PX = 0.02
 #: Factor by which residuals must be smaller for a light that was not expected.
 _CHANGED = 0.75
 #: Least and most change of the light between the first frame and this one.
 _GAIN_LEAST, _GAIN_MOST = 0.05, 12.0
+
+#: Coordinates from the middle of the first pixel to its corner, and back.
+_TO_MIDDLES, _FROM_MIDDLES = shift(0.5, 0.5), shift(-0.5, -0.5)
 
 #: Gain and offset of a frame's light: DN = gain * DN of the first frame + offset.
 GainOffset = tuple[float, float]
@@ -91,8 +96,14 @@ class Level:
         self._from_centred = inverse(self._centred)
         x, y = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
         self._points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)]).astype(np.float32)
+        self._corners = np.array([(0, 0, 1), (size[0], 0, 1), (*size, 1), (0, size[1], 1)], dtype=float).T
+        self._everywhere = np.ones(x.size, np.bool_)
         self._size = size
         self.values: NDArray[np.float32] = values.ravel()
+        # Less their mean, so that sums of squares lose no digits.
+        self._middle = float(values.mean())
+        self._centred_values = self.values - np.float32(self._middle)
+        self._moments = np.stack([np.ones_like(self.values), self._centred_values, np.square(self._centred_values)])
         self._structure = float(values.std())
         self._noise = template.noise_dn
         to_centred = self._centred @ self._to_template
@@ -109,32 +120,47 @@ class Level:
         self._damping = np.zeros(len(columns) + 2)
         self._damping[: len(columns)] = 1 / np.square(_STEPS[: len(columns)])
         self._identity = np.eye(3)
-        self._still = 0.02 / half
+        self._still = _STILL_PX / half
         self._trust = np.ones(self.values.size, np.float32)
 
     def trust_in(self, trust: NDArray[np.float32]) -> None:
         """Let each template pixel count as far as it is trusted."""
         import cv2
 
-        self._trust = np.square(cv2.resize(trust, self._size, interpolation=cv2.INTER_AREA)).ravel()
+        if self._size != trust.shape[::-1]:
+            trust = cv2.resize(trust, self._size, interpolation=cv2.INTER_AREA)
+        self._trust = np.square(trust).ravel()
 
     def sample(self, view: View, to_view: Matrix) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Values of the view under each pixel, and which of them lie in the image."""
         import cv2
 
-        x, y, w = (to_view @ self._to_template).astype(np.float32) @ self._points
-        x, y = x / w, y / w
-        half = np.float32(0.5)
-        values = cv2.remap(
-            view.values,
-            (x - half).reshape(self._size[::-1]),
-            (y - half).reshape(self._size[::-1]),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).ravel()
+        place = to_view @ self._to_template
+        # OpenCV has the middle of the first pixel at 0, we have its corner there.
+        from_middles = _FROM_MIDDLES @ place @ _TO_MIDDLES
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        if place[2, 0] == place[2, 1] == 0:
+            pixels = cv2.warpAffine(
+                view.values, from_middles[:2], self._size, flags=flags, borderMode=cv2.BORDER_REPLICATE
+            )
+        else:
+            pixels = cv2.warpPerspective(
+                view.values, from_middles, self._size, flags=flags, borderMode=cv2.BORDER_REPLICATE
+            )
+        return np.asarray(pixels).ravel(), self._seen(view, place)
+
+    def _seen(self, view: View, place: Matrix) -> NDArray[np.bool_]:
+        """Which pixels lie in the image."""
         left, top, right, bottom = view.bounds
+        x, y, w = (place @ self._corners).tolist()
+        if min(w) > 0 and all(
+            left * v < a < right * v and top * v < b < bottom * v for a, b, v in zip(x, y, w, strict=True)
+        ):
+            return self._everywhere
+        x, y, w = place.astype(np.float32) @ self._points
+        x, y = x / w, y / w
         seen: NDArray[np.bool_] = (x > left) & (x < right) & (y > top) & (y < bottom)
-        return values, seen
+        return seen
 
     def first_light(
         self, values: NDArray[np.float32], seen: NDArray[np.bool_], guesses: Sequence[GainOffset | None]
@@ -144,7 +170,10 @@ class Level:
         A large bright thing in front of the target spoils a start from all pixels, but not one from the frame before.
         """
         best: Light | None = None
+        least = max(self._noise, _ALLOWED * self._structure)
         for guess in guesses:
+            if best is not None and _CHANGED * best.spread <= least:
+                break
             light: Light | None = None
             known = np.ones_like(values)
             if guess is not None:
@@ -166,25 +195,28 @@ class Level:
 
         An `expected` gain counts as much as the whole template: a patch and changing surroundings tell little of it.
         """
-        trusted = seen * self._trust
+        trusted = self._trust if seen is self._everywhere else seen * self._trust
         weights = trusted * robust
-        total = float(weights.sum())
+        total, deviated, squared = (self._moments @ weights).tolist()
         if total < _PIXELS_LEAST:
             return None
-        mean_t, mean_v = float(np.vdot(weights, self.values)) / total, float(np.vdot(weights, values)) / total
-        deviation = self.values - np.float32(mean_t)
-        weighted = weights * deviation
-        power = float(np.vdot(weighted, deviation))
-        gain = float(np.vdot(weighted, values)) / power if power > 0 else 0.0
+        viewed, product = (self._moments[:2] @ (weights * values)).tolist()
+        mean_t, mean_v = deviated / total, viewed / total
+        power = squared - mean_t * deviated
+        gain = (product - mean_t * viewed) / power if power > 0 else 0.0
         if expected is not None:
             whole = self._structure**2 * self.values.size
             gain = (power * gain + whole * expected) / (power + whole)
         if not _GAIN_LEAST < gain < _GAIN_MOST:
             return None
-        residuals = (values - np.float32(mean_v)) * np.float32(1 / gain) - deviation
+        residuals = values * np.float32(1 / gain)
+        residuals -= self._centred_values
+        residuals -= np.float32(mean_v / gain - mean_t)
         spread = self._spread(residuals, gain)
         robust = _robust_weights(residuals, spread)
-        return Light(gain, mean_v - gain * mean_t, expected, spread, residuals, robust, trusted * robust)
+        return Light(
+            gain, mean_v - gain * (self._middle + mean_t), expected, spread, residuals, robust, trusted * robust
+        )
 
     def _robust(self, residuals: NDArray[np.float32], gain: float) -> NDArray[np.float32]:
         return _robust_weights(residuals, self._spread(residuals, gain))
@@ -218,18 +250,29 @@ class Level:
 
     def _step(self, light: Light) -> NDArray[np.float64]:
         """Gauss-Newton step along each generator, from the residuals in the template's units."""
+        import cv2
+
         weighted = self._jacobian * light.weights
         products = (weighted @ self._jacobian.T).astype(np.float64)
         pull = (weighted @ light.residuals).astype(np.float64)
-        scatter = float(np.vdot(light.weights, light.residuals**2)) / float(light.weights.sum())
+        scatter = float(np.vdot(light.weights * light.residuals, light.residuals)) / max(
+            float(light.weights.sum()), 1e-9
+        )
         diagonal = products.diagonal()
         damped = products + np.diag(self._damping * max(scatter, self._noise**2) + 1e-6 * diagonal + 1e-9)
-        step = np.linalg.solve(damped, pull)[: len(self._generators)]
-        return np.asarray(step, dtype=np.float64)
+        # Damped, it is positive definite; if not for all that, the step is none.
+        solved, step = cv2.solve(damped, pull[:, None], flags=cv2.DECOMP_CHOLESKY)
+        if not solved:
+            return np.zeros(len(self._generators))
+        return np.asarray(step, dtype=np.float64).ravel()[: len(self._generators)]
 
 
 def _robust_weights(residuals: NDArray[np.float32], spread: float) -> NDArray[np.float32]:
-    weights: NDArray[np.float32] = 1 / np.square(1 + np.square(residuals * np.float32(1 / (_ROBUST * spread))))
+    weights: NDArray[np.float32] = residuals * np.float32(1 / (_ROBUST * spread))
+    weights *= weights
+    weights += np.float32(1)
+    weights *= weights
+    np.reciprocal(weights, out=weights)
     return weights
 
 
@@ -237,4 +280,5 @@ def _spread(residuals: NDArray[np.float32]) -> float:
     """Estimate a standard deviation from the median of absolute values, of every fourth one if there are many."""
     some = np.abs(residuals[:: 4 if residuals.size > 800 else 1])
     middle = some.size // 2
-    return 1.4826 * float(np.partition(some, middle)[middle])
+    some.partition(middle)
+    return 1.4826 * float(some[middle])

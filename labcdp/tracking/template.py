@@ -23,8 +23,12 @@ _GROWTH, _MARGIN_MOST = 1.25, 48.0
 _BEYOND, _BEYOND_PX = 0.15, 2.0
 #: Standard deviation in pixels, by noise, with which a window should and must fix a place along its weakest direction.
 _PLACE_PX, _PLACE_MOST_PX = 0.1, 0.5
+#: Factor by which a larger window must fix it better to be worth what else it takes in.
+_WORTH = 2.0
 #: Least noise in DN: that of rounding; and what light, blur and interpolation leave even without noise.
 _ROUNDING_DN, _UNLIKE_DN = 0.3, 1.0
+#: Least noise of a template in DN, standard deviation: what the coding of a video leaves even of a smoothed image.
+_CODING_DN = 1.2
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
 
@@ -46,7 +50,7 @@ class Template:
     to_image : ndarray of float, shape (3, 3)
         Template pixels to pixels of the first frame.
     noise_dn : float
-        Standard deviation of the noise of `values`.
+        Standard deviation of the noise of `values`, at least what the coding of a video makes of it.
     """
 
     roi: Roi
@@ -68,16 +72,25 @@ class Template:
         """
         import cv2
 
+        if not self.inside.any():
+            return np.ones(self.shape, np.float32)
+        edged = cv2.dilate(self.patch.astype(np.uint8), np.ones((_EDGE, _EDGE), np.uint8)) > 0
+        return np.where(edged, np.float32(1), np.float32(_TRUST_BEYOND))
+
+    @cached_property
+    def patch(self) -> NDArray[np.bool_]:
+        """Which template pixels belong to the patch the region lies in: as bright as it, and joined to it; (h, w)."""
+        import cv2
+
         inside = self.inside.reshape(self.shape)
         if not inside.any():
-            return np.ones(self.shape, np.float32)
+            return inside
         own = self.values[inside]
         alike = np.abs(self.values - np.median(own)) <= max(3 * float(own.std()), 4 * self.noise_dn, _UNLIKE_DN)
         _, labels = cv2.connectedComponents(alike.astype(np.uint8), connectivity=4)
         there = np.unique(labels[inside & alike])
-        patch = np.isin(labels, there[there > 0]) | inside
-        edged = cv2.dilate(patch.astype(np.uint8), np.ones((_EDGE, _EDGE), np.uint8)) > 0
-        return np.where(edged, np.float32(1), np.float32(_TRUST_BEYOND))
+        patch: NDArray[np.bool_] = np.isin(labels, there[there > 0]) | inside
+        return patch
 
     @property
     def reduction(self) -> float:
@@ -117,8 +130,8 @@ def make_template(grey: NDArray[np.uint8], roi: Roi) -> Template:
     """Choose the smallest window around a region that fixes its place, and remember it.
 
     A region is uniform as a rule, so its place is known by the edges around it. The window grows until the noise lets
-    its place be told within 0.1 pixels in each direction, and not further, as what is far off may move otherwise; if
-    it cannot grow any more, 0.5 pixels will do.
+    its place be told within 0.1 pixels in each direction, and not further, as what is far off may move otherwise. If
+    none does, the smallest one is taken that is no more than twice as unsure as the best, and within 0.5 pixels.
 
     Raises
     ------
@@ -128,17 +141,19 @@ def make_template(grey: NDArray[np.uint8], roi: Roi) -> Template:
     x0, y0, x1, y1 = roi.bounds
     side = max(x1 - x0, y1 - y0)
     most = max(1.5 * side, _MARGIN_MOST, min(grey.shape) / 4)
-    margin = max(_MARGIN * side, _MARGIN_LEAST)
-    while True:
-        sure = place_uncertainty_px(_template(grey, roi, margin))
-        if sure <= (_PLACE_PX if margin < most else _PLACE_MOST_PX):
-            return _template(grey, roi, (1 + _BEYOND) * margin + _BEYOND_PX)
-        if margin >= most:
-            raise InputError(
-                f"region {roi.name!r} cannot be followed: in it and {most:.0f} pixels around it nothing fixes its "
-                "place in both directions; choose one with edges or structure near it, or the method fixed"
-            )
-        margin = min(_GROWTH * margin, most)
+    margins = [max(_MARGIN * side, _MARGIN_LEAST)]
+    sure = [place_uncertainty_px(_template(grey, roi, margins[0]))]
+    while sure[-1] > _PLACE_PX and margins[-1] < most:
+        margins.append(min(_GROWTH * margins[-1], most))
+        sure.append(place_uncertainty_px(_template(grey, roi, margins[-1])))
+    if min(sure) > _PLACE_MOST_PX:
+        raise InputError(
+            f"region {roi.name!r} cannot be followed: in it and {most:.0f} pixels around it nothing fixes its "
+            "place in both directions; choose one with edges or structure near it, or the method fixed"
+        )
+    enough = _PLACE_PX if sure[-1] <= _PLACE_PX else min(_WORTH * min(sure), _PLACE_MOST_PX)
+    margin = next(margin for margin, this in zip(margins, sure, strict=True) if this <= enough)
+    return _template(grey, roi, (1 + _BEYOND) * margin + _BEYOND_PX)
 
 
 def place_uncertainty_px(template: Template) -> float:
@@ -192,8 +207,8 @@ def _template(grey: NDArray[np.uint8], roi: Roi, margin: float) -> Template:
     small = cv2.resize(window, size, interpolation=cv2.INTER_AREA) if reduction < 1 else window
     factors = window.shape[1] / small.shape[1], window.shape[0] / small.shape[0]
     # Averaging leaves less noise, as long as it is not correlated.
-    noise = max(noise_dn(window) / (factors[0] * factors[1]) ** 0.5, _ROUNDING_DN / 2) * SMOOTHED_NOISE
-    return Template(roi, smooth(small), shift(left, top) @ scaling(*factors), noise)
+    noise = noise_dn(window) / (factors[0] * factors[1]) ** 0.5 * SMOOTHED_NOISE
+    return Template(roi, smooth(small), shift(left, top) @ scaling(*factors), max(noise, _CODING_DN))
 
 
 def noise_dn(window: NDArray[np.float32]) -> float:

@@ -70,7 +70,12 @@ def make_tracker(method: str, grey: NDArray[np.uint8], rois: Sequence[Roi]) -> T
         frame that decide, so that nothing drifts. ``fixed``: regions stay where they are, and are never lost.
 
         What can be followed are edges: those of the patch a region lies in, and structure around it that moves
-        with it. A uniform thing without any, before a background that moves otherwise, is followed badly.
+        with it. A uniform thing without any, before a background that moves otherwise, is followed badly. Where
+        several places look the same, as on a checkerboard, the one nearest to the expected place is taken; a jump
+        by whole squares between two frames is not seen, and a square that was lost for more
+        than two frames stays lost unless another region tells where it is. A region is lost if more than 5 % of it
+        are covered; less is not noticed, nor is something put in its place with the same outline and other levels.
+        Noise above about 40 % of the contrast may shift places by some pixels.
     grey : ndarray of uint8, shape (height, width)
         First frame.
     rois : sequence of Roi

@@ -1,0 +1,190 @@
+"""Coded videos, things that vanish or are covered in part, and places that look the same."""
+
+import numpy as np
+import pytest
+
+from labcdp.roi import Roi
+from labcdp.tracking import make_tracker
+from labcdp.tracking.geometry import shift
+from labcdp.tracking.pairs import Companions
+from labcdp.tracking.repeats import repeat_px
+from labcdp.tracking.simulated import Cover, Moment, SimulatedVideo, pose
+from labcdp.tracking.template import make_template
+
+SIZE = (240, 160)
+
+
+def box(name, x, y, width, height):
+    return Roi(name, ((x, y), (x + width, y), (x + width, y + height), (x, y + height)))
+
+
+def exposed(light, rng):
+    return np.clip(np.rint(light + rng.normal(0, 1, light.shape) * 0.3 * np.sqrt(light)), 0, 255).astype(np.uint8)
+
+
+def follow(frames, rois, method="kcf"):
+    tracker = make_tracker(method, frames[0], rois)
+    return [tracker.update(frame) for frame in frames[1:]]
+
+
+def coded(frames, path, kind):
+    import cv2
+
+    height, width = frames[0].shape
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*kind), 25, (width, height))
+    for frame in frames:
+        writer.write(cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    video = cv2.VideoCapture(str(path))
+    read = [cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2GRAY) for _ in frames]
+    video.release()
+    return read
+
+
+@pytest.mark.parametrize("speed", [0, 1.5])
+@pytest.mark.parametrize(("kind", "suffix"), [("mp4v", ".mp4"), ("MJPG", ".avi"), ("XVID", ".avi")])
+def test_regions_are_followed_in_a_coded_video(kind, suffix, speed, tmp_path):
+    # Regions well inside their patches, where the coder leaves hardly any noise.
+    path = lambda t: Moment(pose(100 + speed * t, 80), background=shift(-speed * t / 2, 0))  # noqa: E731
+    truth = list(SimulatedVideo(path, n_frames=16, size=SIZE, inset=5, full_scale_e=4000.0).frames())
+    frames = coded([frame.grey for frame in truth], tmp_path / f"video{suffix}", kind)
+
+    for found, frame in zip(follow(frames, truth[0].rois), truth[1:], strict=True):
+        for one, true in zip(found, frame.rois, strict=True):
+            assert not one.lost
+            assert one.roi.centre == pytest.approx(true.centre, abs=0.5)
+
+
+WALL, BRIGHT, DARK = 70.0, 200.0, 10.0
+ON_THE_WALL = [box("bright", 66, 37, 28, 36), box("dark", 106, 37, 28, 36)]
+
+
+def wall(dark, rng, plain_cover=False):
+    light = np.full((160, 240), WALL)
+    light[130:] += 40 * np.sin(np.arange(240) / 5)
+    light[30:80, 60:100] = BRIGHT
+    light[30:80, 100:140] = dark
+    if plain_cover:
+        light[20:90, 100:170] = 120
+    return exposed(light, rng)
+
+
+@pytest.mark.parametrize("method", ["kcf", "flow"])
+@pytest.mark.parametrize("plain_cover", [False, True])
+def test_what_vanishes_at_once_is_lost_although_an_edge_to_its_neighbour_stays(method, plain_cover):
+    rng = np.random.default_rng(3)
+    frames = [wall(DARK, rng) for _ in range(6)] + [wall(WALL, rng, plain_cover) for _ in range(6)]
+    results = follow(frames, ON_THE_WALL, method)
+
+    assert [one.lost for one in results[4]] == [False, False]
+    for bright, dark in results[5:]:
+        assert not bright.lost
+        assert dark.lost
+        assert dark.reason
+
+
+def test_what_fades_slowly_is_followed():
+    rng = np.random.default_rng(4)
+    frames = [wall(DARK + share * (WALL - DARK), rng) for share in np.linspace(0, 0.7, 36)]
+
+    for found in follow(frames, ON_THE_WALL):
+        for one, roi in zip(found, ON_THE_WALL, strict=True):
+            assert not one.lost
+            assert one.roi.centre == pytest.approx(roi.centre, abs=1.0)
+
+
+@pytest.mark.parametrize("width", [3, 6])
+def test_a_region_is_not_measured_with_a_narrow_strip_of_it_covered(width):
+    # A tenth and a fifth of its 28 columns.
+    cover = Cover(86, 60, width, 40, 0.9)
+    path = lambda t: Moment(pose(120, 80), covers=(cover,) if t >= 4 else ())  # noqa: E731
+    video = SimulatedVideo(path, n_frames=7, size=SIZE)
+    frames = list(video.frames())
+    results = follow([frame.grey for frame in frames], frames[0].rois)
+
+    assert [one.lost for one in results[2]] == [False, False]
+    for a, b in results[3:]:
+        assert a.lost
+        assert "differ from the rest" in a.reason
+        assert not b.lost
+
+
+SQUARE = 16
+BOARD = [box("a", 84, 64, 8, 8), box("b", 100, 64, 8, 8)]
+
+
+def board(x, rng, covered=False):
+    """A checkerboard of 10 x 8 squares, `x` pixels right of its first place."""
+    v, u = np.mgrid[:128, :160] // SQUARE
+    light = np.full((160, 320), 60.0)
+    light[:, ::7] = 90
+    light[12:140, 32 + x : 192 + x] = np.where((u + v) % 2, 110, 20)
+    if covered:
+        light[40:96, 60 + x : 140 + x] = 150
+    return exposed(light, rng)
+
+
+def test_the_distance_to_the_next_place_that_looks_the_same():
+    frame = board(0, np.random.default_rng(5))
+
+    # A square of the same colour is one square on along both axes.
+    assert repeat_px(frame, make_template(frame, BOARD[0])) == pytest.approx(SQUARE * 2**0.5, abs=1.5)
+    assert repeat_px(*_plain()) == np.inf
+
+
+def _plain():
+    frame = next(iter(SimulatedVideo(lambda t: Moment(pose(120, 80)), n_frames=1, size=SIZE).frames()))
+    return frame.grey, make_template(frame.grey, frame.rois[0])
+
+
+@pytest.mark.parametrize("method", ["kcf", "flow"])
+def test_squares_of_a_board_are_not_taken_for_each_other(method):
+    rng = np.random.default_rng(6)
+    right = (0, 7, 14, 21, 24, 21, 17, 13, 9, 5, 0)
+    results = follow([board(x, rng) for x in right], BOARD, method)
+
+    for x, found in zip(right[1:], results, strict=True):
+        for one, roi in zip(found, BOARD, strict=True):
+            assert not one.lost
+            assert one.roi.centre == pytest.approx((roi.centre[0] + x, roi.centre[1]), abs=0.5)
+
+
+def test_a_square_that_was_covered_is_not_taken_up_where_several_look_the_same():
+    rng = np.random.default_rng(7)
+    frames = [board(2 * number, rng, covered=4 <= number < 10) for number in range(18)]
+    results = follow(frames, BOARD)
+
+    assert not any(one.lost for one in results[2])
+    for found in results[4:]:
+        for one in found:
+            assert one.lost
+    assert all("several places look the same" in one.reason for one in results[-1])
+
+
+def test_a_frame_with_nothing_where_the_region_was_is_a_loss():
+    frame, _ = _plain()
+    rois = next(iter(SimulatedVideo(lambda t: Moment(pose(120, 80)), n_frames=1, size=SIZE).frames())).rois
+    empty = np.zeros_like(frame)
+    empty[:, 200:] = 255
+
+    for one in follow([frame, empty], rois)[0]:
+        assert one.lost
+        assert one.reason
+
+
+def test_a_region_that_jumps_against_its_companion_is_named():
+    companions = Companions()
+    still = np.zeros(2)
+    for _ in range(3):
+        assert companions.jumped({0: np.array([3.0, 1]), 1: np.array([3.2, 1])}, {0: still, 1: still}) == set()
+
+    # Both jump alike, then only the second one.
+    assert companions.jumped({0: np.array([40.0, 0]), 1: np.array([40.5, 0])}, {0: still, 1: still}) == set()
+    assert companions.jumped({0: np.array([3.0, 1]), 1: np.array([25.0, 1])}, {0: still, 1: still}) == {1}
+
+
+def test_regions_that_move_apart_all_the_time_are_no_companions():
+    companions = Companions()
+    still = np.zeros(2)
+    for step in (4.0, 5.0, 4.0, 14.0):
+        assert companions.jumped({0: still, 1: np.array([step, 0])}, {0: still, 1: still}) == set()

@@ -208,7 +208,8 @@ def open_cluster(address: str | None, n_workers: int | None, folder: Path) -> It
             )
         try:
             # A client for an address of no known kind leaves a task behind that fails later.
-            get_backend(parse_address(address)[0])
+            if isinstance(address, str):
+                get_backend(parse_address(address)[0])
             client = stack.enter_context(Client(address, timeout=_ANSWER_S))
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -173,9 +174,10 @@ def fraction_of_percent(text: str, name: str) -> float:
         If it is not a number with a percent sign.
     """
     try:
-        if not text.endswith("%"):
+        fraction = float(text[:-1].strip()) / 100 if text.endswith("%") else nan
+        if not isfinite(fraction):
             raise ValueError
-        return float(text[:-1].strip()) / 100
+        return fraction
     except ValueError:
         raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 50%") from None
 

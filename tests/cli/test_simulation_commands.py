@@ -171,6 +171,7 @@ def test_reproduce_prints_the_table(labcdp, tmp_path):
         (("simulate", "absent.toml"), "absent.toml cannot be read (No such file or directory): give a chain file"),
         (("simulate", "manta-g505", "--contrast", "0%"), "contrast is 0.0: give a fraction above 0"),
         (("simulate", "manta-g505", "--contrast", "100"), "--contrast is '100': give a number with a percent sign"),
+        (("simulate", "manta-g505", "--contrast", "1e400%"), "--contrast is '1e400%': give a number with"),
         (("simulate", "manta-g505", "--epsilon", "150%"), "epsilon is 1.5: give a fraction above 0, up to 1"),
         (
             ("simulate", "small.toml", "--set", "scene.luminance_cd_m2=nan"),

@@ -235,7 +235,7 @@ def test_where_noise_hides_the_least_contrast_is_told():
     found = contrast_map(_map(image))
     blind = found.edges.least_told > 0.1
     assert found.blind_share == pytest.approx(blind[~found.of_kind(EdgeKind.SMALL)].mean())
-    assert "could not be told from noise: give a larger size" in found.warnings[-1]
+    assert "could not be told from noise: give larger regions" in found.warnings[-1]
     assert replace(found, settings=ContrastMapSettings(minimum_contrast=1.0)).blind_share == 0
 
 

@@ -182,7 +182,7 @@ def test_nothing_is_written_where_all_fail(image, scene):
         (("--roi", "rois.json", "--pair", "bright"), "--pair is 'bright': give two regions with a comma between them"),
         (("--roi", "rois.json", "--contrast", "10"), "--contrast is '10': give a percentage such as 1000%"),
         (("--roi", "rois.json", "--epsilon", "0%"), "--epsilon is '0%': give a percentage above 0%, up to 100%"),
-        (("--roi", "rois.json", "--epsilon", "nan%"), "--epsilon is 'nan%': give a percentage above 0%, up to 100%"),
+        (("--roi", "rois.json", "--epsilon", "nan%"), "--epsilon is 'nan%': give a number with a percent sign"),
         (("--rectangle", "1,2,3"), "--rectangle is '1,2,3': give two corner pixels x0,y0,x1,y1 as whole numbers"),
         (("--neighbours", "--encoding", "gamma"), "--encoding is 'gamma': give linear or srgb"),
         (("--neighbours", "--exposure", "5"), "--exposure is '5': give a number above 0 with s, ms or us"),
@@ -249,11 +249,12 @@ def test_a_full_disk_and_one_that_cannot_be_written_to(image, scene, small_disk)
     full = image("one.png", "--neighbours", "--output", small_disk / "out")
     assert full.returncode == 1
     assert len(_lines(full)) == 1
-    assert "cannot be written (No space left on device): give a folder you can write to, on a disk" in _lines(full)[0]
+    assert f"results cannot be written to {small_disk / 'out'} (No space left on device): make room" in _lines(full)[0]
     assert list(small_disk.iterdir()) == []
     subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
     locked = image("one.png", "--neighbours", "--output", small_disk)
     assert locked.returncode == 1
     assert _lines(locked) == [
-        f"labcdp: {small_disk} cannot be written to (Read-only file system): give a folder you can write to"
+        f"labcdp: {small_disk} cannot be written to (Read-only file system): give a folder you can write to, on a disk "
+        "with enough space"
     ]

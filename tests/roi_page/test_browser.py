@@ -228,9 +228,17 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(
     tones = DisplayScale.of(known_dn()).to_8_bit(known_dn()[y : y + height, x : x + width])
     assert detail["values"] == tones.ravel().tolist()
 
-    # The picture is moved by dragging it, and shown whole again by a key.
+    # The picture is moved by dragging it, once all turns of the wheel have been obeyed, and shown whole again by a key.
+    seen: list[tuple[float, ...]] = []
+
+    def rests() -> bool:
+        tab.page.wait_for_timeout(250)
+        seen.append(tuple(tab.seen()))
+        return len(seen) > 3 and len(set(seen[-4:])) == 1
+
+    wait_until(rests, "the picture rests")
     before = tab.seen()
-    tab.drag((51, 101), (53, 101))
+    tab.drag((51, 101), (53, 101), hold_ms=100)
     wait_until(lambda: tab.seen()[0] < before[0] - 1, "the picture has moved")
     tab.page.keyboard.press("f")
     wait_until(lambda: tab.seen()[0] < 0 < WIDTH < tab.seen()[2], "the whole picture is seen")

@@ -56,7 +56,7 @@ def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:
     assert (opened(example_session(), "1").values == dn).all()
     for number in (8, 9, 10):
         assert cv2.imwrite(str(tmp_path / f"f{number}.png"), frame(number - 8).astype(np.uint8))
-    assert (opened(tmp_path, "2").values == frame(2)).all()
+    assert (opened(tmp_path, "10").values == frame(2)).all()
 
 
 def test_a_broken_frame_is_told(tmp_path: Path) -> None:
@@ -99,4 +99,4 @@ def test_regions_found_in_a_frame_lie_beside_the_video(
     app(["rois", str(video), "--frame", "2", "--detect", "superpixels", "--no-page"], standalone_mode=False)
     regions = load_regions(video.with_name("drive.rois.json"), SHAPE[::-1])
     assert [len(one.rois()) for one in regions] == [1, 1]
-    assert "2 regions, 2 of them found" in capsys.readouterr().err
+    assert "2 regions, 2 of them new" in capsys.readouterr().err

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-#: Every so many pixels along each side tell whether a picture is coloured.
-_STEP = 4
+#: Pixels of a picture that are looked at, of each step of so many rows and columns one.
+_LOOKED_AT = 2**17
 #: Black and white of Y' in limited range (ITU-R BT.601 and BT.709: 16 and 235 of 8 bits).
 _LIMITED = (16, 235)
 #: Mean spread of red, green and blue from which a picture is coloured, DN.
@@ -46,8 +46,10 @@ def look(colours: list[NDArray[Any]], stored: list[NDArray[Any]], tag: int, moti
     """
     seen, bits = Look("colours"), bits_of_tag(tag)
     shapes = {one.shape for one in stored}
+    alike = len(stored) == len(colours) and shapes == {colours[0].shape[:2]}
+    colours, stored = [*map(_some, colours)], [*map(_some, stored)]
     # What is stored as red, green and blue comes as bytes without meaning.
-    if len(stored) == len(colours) and shapes == {colours[0].shape[:2]} and not _is_rgb(tag):
+    if alike and not _is_rgb(tag):
         seen.pixels = _luma_of(colours, stored, tag, motion_jpeg, seen.warnings)
     if bits > 8 and (seen.pixels == "colours" or stored[0].dtype == np.uint8):
         seen.warnings.append(f"the video has {bits} bits, OpenCV gives 8 of them: the lowest {bits - 8} are lost")
@@ -63,6 +65,12 @@ def look(colours: list[NDArray[Any]], stored: list[NDArray[Any]], tag: int, moti
     return seen
 
 
+def _some(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Enough pixels, from everywhere; the step is odd, so that it does not go with the codec's blocks."""
+    step = int((pixels.shape[0] * pixels.shape[1] / _LOOKED_AT) ** 0.5) // 2 * 2 + 1
+    return np.ascontiguousarray(pixels[::step, ::step])
+
+
 def _is_rgb(tag: int) -> bool:
     return any(name in text_of_code(tag).upper() for name in ("RGB", "BGR"))
 
@@ -71,8 +79,8 @@ def _spread_dn(colours: NDArray[Any]) -> float:
     """Mean spread of red, green and blue."""
     if colours.ndim != 3:
         return 0.0
-    few = colours[::_STEP, ::_STEP].astype(int)
-    return float((few.max(axis=2) - few.min(axis=2)).mean())
+    least, most = _least_and_most(colours)
+    return float((most - least).mean())
 
 
 def _luma_of(
@@ -133,8 +141,13 @@ def _clear(colours: NDArray[Any]) -> NDArray[np.bool_]:
     """Pixels whose colour was not cut off at an end, so that their grey is their Y'."""
     if colours.ndim == 2:
         return np.ones(colours.shape, bool)
-    least, most = colours.min(axis=2), colours.max(axis=2)
+    least, most = _least_and_most(colours)
     return np.asarray(((least > 0) & (most < 255)) | (most - least <= _COLOURED_DN))
+
+
+def _least_and_most(colours: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    blue, green, red = np.moveaxis(colours, 2, 0)
+    return np.minimum(np.minimum(blue, green), red), np.maximum(np.maximum(blue, green), red)
 
 
 def grey_pixels(pixels: NDArray[Any], kind: Pixels) -> NDArray[Any]:

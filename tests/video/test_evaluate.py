@@ -181,8 +181,14 @@ def test_tables_give_what_the_metric_gives(
 
 
 @pytest.mark.parametrize("contrasts", [(0.3,), (0.1, 0.3), tuple(0.05 * n for n in range(1, 13))])
-def test_a_frame_of_several_strips_gives_what_the_metric_gives(contrasts: tuple[float, ...]) -> None:
-    dn = np.random.default_rng(5).poisson(40, (40000, 9)).astype(np.uint8)
+@pytest.mark.parametrize("shape", [(40000, 9), (9, 127), (9, 128), (8, 129), (10, 130), (11, 257), (9, 700)])
+def test_a_large_frame_gives_what_the_metric_gives(contrasts: tuple[float, ...], shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(5)
+    dn = rng.poisson(40, shape).astype(np.uint8)
+    # Half of it is even but for a few steps.
+    height, width = shape
+    dn[:, : width // 2] = 60
+    dn[rng.integers(0, height, 12), rng.integers(0, width, 12)] = 90
     found = NeighbourTables(np.arange(256) / 256, contrasts, 0.5).evaluate(dn)
     for one, other in zip(found, cdp_neighbours_range(dn / 256, contrasts, 0.5), strict=True):
         assert (one.cdp, one.below, one.above) == (other.cdp, other.below, other.above)

@@ -3,7 +3,8 @@
 Run ``python benchmarks/bench_video.py``, or with videos of your own as arguments. Without any it makes a drive-like
 scene of 1920 x 1080 pixels in each codec that OpenCV can write here. Both passes take turns in this run and each
 decodes the whole file; ratios are of the medians, so they hold on any machine with as many cores that does nothing
-else. The processor time, of all threads, says more on a busy one.
+else. The processor time, of all threads, says more on a busy one. What a process does once, such as loading modules,
+is done before, in a first pass that does not count.
 """
 
 from __future__ import annotations
@@ -100,6 +101,8 @@ def measure(path: Path) -> None:
     size = path.stat().st_size / n / 1000
     for name, contrasts, rois in RUNS:
         actions = (partial(decode, path), partial(evaluate_video, path, VideoSettings(contrasts, rois)))
+        for action in actions:
+            action()
         times: tuple[list[float], list[float]] = ([], [])
         processor: tuple[list[float], list[float]] = ([], [])
         for _ in range(REPEATS):

@@ -28,15 +28,15 @@ def characterise(
     A session gives what its dark frames and patches tell. A data set has a text file that names, line by line, bits and
     size (n 12 640 480), exposure in ns and photons (b 40000 120), exposure of darkness (d 40000) and images (i a.png).
     """
-    from ..report import characterisation_table, characterisation_values, prepare_folder, write_characterisation
+    from ..report import characterisation_table, characterisation_values, place_for_results, write_characterisation
     from ..report.characterise_tables import plain_words
 
     if not path.exists():
         raise InputError(f"{path} does not exist: give a session, or the index of a data set")
     folder = output or _results_folder(path)
-    result = _characterised(path)
-    prepare_folder(folder)
-    written = write_characterisation(result, folder)
+    with place_for_results(folder):
+        result = _characterised(path)
+        written = write_characterisation(result, folder)
     if as_json:
         print_json({"output": str(folder), **characterisation_values(result)})
         return

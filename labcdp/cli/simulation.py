@@ -154,15 +154,15 @@ def reproduce(
 ) -> None:
     """Compute the published values of the 2018 thesis anew, with its physics and with the correct one."""
     from ..evaluate import reproduce_thesis
-    from ..report import figure_table, prepare_folder, thesis_table, thesis_values, write_thesis
+    from ..report import figure_table, place_for_results, thesis_table, thesis_values, write_thesis
 
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
     # Not after minutes of work.
-    prepare_folder(output)
-    with progress_bars() as bars:
-        result = reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total))
-    write_thesis(result, output)
+    with place_for_results(output):
+        with progress_bars() as bars:
+            result = reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total))
+        write_thesis(result, output)
     if as_json:
         print_json({"output": str(output), **thesis_values(result)})
         return

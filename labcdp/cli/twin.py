@@ -39,7 +39,7 @@ def twin(
     from ..evaluate.corrections import Corrections, PlaneCorrections
     from ..evaluate.twin import twin_session
     from ..evaluate.twin_parameters import require_monochrome
-    from ..report import prepare_folder
+    from ..report import place_for_results
     from ..report.twin_results import write_twin
     from ..report.twin_tables import pair_table
     from ..report.twin_wording import twin_notes, twin_results, twin_warnings
@@ -52,24 +52,24 @@ def twin(
     require_monochrome(opened)
     path = opened.path.resolve()
     folder = output or path.with_name(f"{path.name}-twin")
-    prepare_folder(folder)
-    with progress_bars() as bars:
-        corrections: PlaneCorrections | None = None if loaded is None else {None: Corrections.of(loaded)}
-        observed = observe_session(
-            opened, without, lambda done, total: bars.update("Reading", done, total), corrections
-        )
-        calibrated = calibrate_session(observed) if loaded is None else loaded
-        found = characterise_session(opened, lambda done, total: bars.update("Characterising", done, total))
-        result = twin_session(
-            opened,
-            observed,
-            calibrated,
-            found,
-            asked,
-            tolerance,
-            lambda done, total: bars.update("Predicting", done, total),
-        )
-    write_twin(result, folder)
+    with place_for_results(folder):
+        with progress_bars() as bars:
+            corrections: PlaneCorrections | None = None if loaded is None else {None: Corrections.of(loaded)}
+            observed = observe_session(
+                opened, without, lambda done, total: bars.update("Reading", done, total), corrections
+            )
+            calibrated = calibrate_session(observed) if loaded is None else loaded
+            found = characterise_session(opened, lambda done, total: bars.update("Characterising", done, total))
+            result = twin_session(
+                opened,
+                observed,
+                calibrated,
+                found,
+                asked,
+                tolerance,
+                lambda done, total: bars.update("Predicting", done, total),
+            )
+        write_twin(result, folder)
     if as_json:
         print_json({"output": str(folder), **result.to_dict()})
         return

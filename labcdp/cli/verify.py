@@ -55,6 +55,7 @@ def verify(
     """
     from ..calibration import load_any
     from ..calibration.verification_file import save_verification
+    from ..report import place_for_results
 
     choice = DeviceChoice(camera, meter, simulated, simulated_time, faults, None, None, patience, transcript)
     configuration, session = _paths(paths)
@@ -64,11 +65,12 @@ def verify(
         patch = []
     elif not choice.real or camera is not None or meter is not None or transcript is not None:
         raise InputError("a recorded session needs no devices: give a configuration too, or leave their options out")
-    result = _verified(session, loaded, patch)
     folder = session.resolve()
     folder = output or folder.with_name(f"{folder.name}-results")
-    path = _made(folder) / "verification.json"
-    save_verification(result, path)
+    path = folder / "verification.json"
+    with place_for_results(folder):
+        result = _verified(session, loaded, patch)
+        save_verification(result, path)
     if as_json:
         print_json({"verification": str(path), **_values(result)})
     else:
@@ -124,13 +126,6 @@ def _verified(path: Path, calibration: AnyCalibration, patches: list[str]) -> Ve
     session = Session.open(path)
     with progress_bars() as bars:
         return verify_session(session, calibration, patches, lambda done, total: bars.update("reading", done, total))
-
-
-def _made(folder: Path) -> Path:
-    from ..report import prepare_folder
-
-    prepare_folder(folder)
-    return folder
 
 
 def _values(result: Verification) -> dict[str, Any]:

@@ -137,25 +137,25 @@ def evaluate_into(
         If the video cannot be evaluated or the folder not be written.
     """
     from ..evaluate.video import evaluate_video
-    from ..report.folder import prepare_folder
+    from ..report.folder import place_for_results
     from ..report.video_annotated import AnnotatedVideo, FrameImages
     from ..report.video_files import video_values, write_video
 
-    # Not after minutes of work.
-    prepare_folder(folder)
-    with ExitStack() as stack:
-        observers: list[Observer] = []
-        if annotated:
-            observers.append(stack.enter_context(AnnotatedVideo(folder / "annotated.mp4")))
-        if frames:
-            observers.append(FrameImages.of_video(folder, path))
+    with place_for_results(folder):
+        with ExitStack() as stack:
+            observers: list[Observer] = []
+            if annotated:
+                observers.append(stack.enter_context(AnnotatedVideo(folder / "annotated.mp4")))
+            if frames:
+                observers.append(FrameImages.of_video(folder, path))
 
-        def observer(*seen: Any) -> None:
-            for one in observers:
-                one(*seen)
+            def observer(*seen: Any) -> None:
+                for one in observers:
+                    one(*seen)
 
-        dataset = evaluate_video(path, settings, folder, progress=progress, observer=observer if observers else None)
-    write_video(dataset, folder)
+            told = observer if observers else None
+            dataset = evaluate_video(path, settings, folder, progress=progress, observer=told)
+        write_video(dataset, folder)
     return video_values(dataset)
 
 
@@ -199,14 +199,13 @@ def _several(
     from ..evaluate.video_checks import require_same_evaluation
     from ..evaluate.video_configuration import video_configuration
     from ..evaluate.video_reference import make_reference
-    from ..report.folder import prepare_folder
+    from ..report.folder import place_for_results
     from ..report.video_archive import write_archive
 
     tasks = archive_tasks(paths, folder)
     require_same_evaluation((task.folder for task in tasks), settings)
-    prepare_folder(folder)
     told = {**video_configuration(settings, make_reference(settings)), "annotated": images[0], "frames": images[1]}
-    with progress_bars() as bars:
+    with place_for_results(folder), progress_bars() as bars:
         result = evaluate_archive(
             tasks,
             partial(evaluate_into, settings, *images),

@@ -3,7 +3,7 @@
 from .calibration_results import write_calibration_report
 from .characterise_results import characterisation_values, write_characterisation
 from .characterise_tables import characterisation_table
-from .folder import prepare_folder
+from .folder import place_for_results
 from .map_files import write_map
 from .map_tables import map_notes, map_values, usable_table
 from .netcdf import load_netcdf, save_netcdf
@@ -27,7 +27,7 @@ __all__ = [
     "load_video",
     "map_notes",
     "map_values",
-    "prepare_folder",
+    "place_for_results",
     "save_netcdf",
     "signal_table",
     "simulation_values",

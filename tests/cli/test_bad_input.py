@@ -95,6 +95,14 @@ def test_a_damaged_frame_is_named(fails, labcdp, own, command, what):
     assert frame.name in fails(command, own)
 
 
+@pytest.mark.parametrize("command", ["characterise", "twin"])
+def test_no_folder_is_left_without_results(fails, own, tmp_path, command):
+    frame = next(iter(sorted((own / "frames").iterdir())))
+    frame.unlink()
+    assert frame.name in fails(command, own)
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["own"]
+
+
 def test_a_journal_edited_by_hand(fails, own):
     journal = own / "journal.jsonl"
     journal.write_text(journal.read_text().replace('"role": "dark"', '"role": "light"', 1))

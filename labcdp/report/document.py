@@ -26,6 +26,8 @@ class Section:
         Pictures with captions.
     facts : sequence of Fact
         Named values.
+    pages : sequence of (str, str)
+        Names of other pages, and where they are, relative to this one.
     text : str
         Text that keeps its lines.
     """
@@ -35,6 +37,7 @@ class Section:
     tables: Sequence[tuple[str, Table]] = field(default=())
     figures: Sequence[ReportFigure] = field(default=())
     facts: Sequence[Fact] = field(default=())
+    pages: Sequence[tuple[str, str]] = field(default=())
     text: str = ""
 
 

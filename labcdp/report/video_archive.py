@@ -113,7 +113,7 @@ def _document(result: ArchiveResult) -> Document:
     about = (
         "For each video: its frames, and of the reference contrast, or else of the first one asked for, the share of "
         f"the frames with a CDP of {SEEN_CDP:g} or more, mean and lowest CDP; and the share of the frames in which a "
-        "region was lost. The folder of each video has its own report."
+        "region was lost."
     )
     sections = [Section(paragraphs=(text, about))]
     if result.failures:
@@ -121,6 +121,8 @@ def _document(result: ArchiveResult) -> Document:
         sections.append(Section("Failures", facts=failures))
     if done:
         sections.append(Section("Videos", tables=[("One row for each video", archive_table(result))]))
+        pages = [(printable(one.task.folder.name), f"{one.task.folder.name}/report.html") for one in done]
+        sections.append(Section("Pages of the videos", pages=pages))
     banner = f"{len(result.failures)} of {len(result.outcomes)} videos failed." if result.failures else ""
     return Document(
         "labcdp report: CDP of videos", _TITLE, banner, [printable(note) for note in result.notes], sections

@@ -1,4 +1,6 @@
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import openpyxl
@@ -33,6 +35,17 @@ def test_page(result: ArchiveResult, tmp_path: Path) -> None:
     assert "1 of 4 videos failed." in page
     assert "<dt>c &amp; d.avi</dt><dd>no video &lt;at all&gt;</dd>" in page
     assert "worker tcp://127.0.0.1:1 died at a.avi" in page
+
+
+def test_page_leads_to_the_pages_of_the_videos(result: ArchiveResult, tmp_path: Path) -> None:
+    spaced = replace(result.outcomes[3], task=replace(result.outcomes[3].task, folder=tmp_path / "e #1"))
+    write_archive(replace(result, outcomes=(*result.outcomes[:3], spaced)), tmp_path)
+    page = (tmp_path / "archive.html").read_text()
+    assert re.findall(r'<a href="([^"]*)">([^<]*)</a>', page) == [
+        ("a/report.html", "a"),
+        ("b/report.html", "b"),
+        ("e%20%231/report.html", "e #1"),
+    ]
 
 
 def test_sheet(result: ArchiveResult, tmp_path: Path) -> None:

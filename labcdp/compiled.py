@@ -17,7 +17,8 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
 
     What is compiled is kept on disk beside the module, or in the user's cache folder where that cannot be written.
     Modules with such functions are named ``*_kernel`` and imported where they are used, as Numba takes its time to
-    load.
+    load. Numba notices a change of the file a function is in, but not of others it calls functions of: whoever edits
+    one deletes ``__pycache__``.
     """
     from numba import njit
 

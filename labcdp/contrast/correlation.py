@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from math import log10, nan, sqrt
 
 import numpy as np
@@ -16,8 +17,8 @@ from .lags import Lags, both_signs, lags_of_mask
 #: (Politis 2003, with the constants he recommends).
 _SIGNIFICANT, _LAGS_BELOW = 2.0, 5
 
-#: Lags that are looked at first.
-_FEW_LAGS = 12
+#: Lags that are looked at first: noise of cameras reaches a few pixels, which as many more below the limit show.
+_FEW_LAGS = 8
 
 #: Standard deviations from which the correlation along whole rows or columns counts: chance alone in 1 % of cases.
 _LINE_SIGNIFICANT = 2.3
@@ -54,7 +55,9 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
     J. Nonparametr. Stat. 15, 2003; one lag more, as the last correlations are often below the limit). The weight of a
     lag is the product for both axes. A pattern of rows or columns correlates little at each lag but over all lags; if
     the lags beyond 2 (q + 1) together exceed 0 by 2.3 standard deviations, all lags along that axis count. As the mean
-    is itself an estimate, the sum falls short by the share of all n^2 pairs that it goes over, which is put back.
+    is itself an estimate, the sum falls short by the share of all n^2 pairs that it goes over, which is put back. Where
+    that share would be all of them, as for all lags along a region of one row, the sum is 0 whatever the noise; the
+    factor is then the largest that follows with any q from 0 to that found.
     """
     pixels = image_array(image)
     marked = mask_array(mask, pixels.shape, "mask")
@@ -70,17 +73,27 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
 
 def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) -> float:
     """Inflation as `variance_inflation` of pixels less their mean, 0 outside the mask; nan if all are 0."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    products, pairs = Lags(scores[window]), lags_of_mask(mask[window])
-    n, scatter = pairs.at_0, products.at_0
-    if not scatter > 0:
+    if not mask.all():
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        scores, mask = np.ascontiguousarray(scores[window]), mask[window]
+    products, pairs = Lags(scores), lags_of_mask(mask)
+    n = pairs.at_0
+    if not products.at_0 > 0:
         return nan
-    weights = _weights_of_lags(products, pairs)
-    summed = weights.sum_of(pairs) / n**2
-    if summed >= 1:
-        return 1.0
-    return max(weights.sum_of(products) / scatter * (1 - 1 / n) / (1 - summed), 1.0)
+    reaches = _reach(products, pairs, 0), _reach(products, pairs, 1)
+    weights = _weights_of_lags(products, pairs, reaches)
+    if weights.sum_of(pairs) < n**2:
+        return max(_inflation(weights, products, pairs), 1.0)
+    # The sum over all lags is the square of the sum of the scores, 0. Near ones never go over all pairs: the farthest
+    # lag of a region weighs less than 1.
+    nearer = (_Weights.of(*(min(reach, most) for reach in reaches)) for most in range(max(reaches) + 1))
+    return max(_inflation(weights, products, pairs) for weights in nearer)
+
+
+def _inflation(weights: _Weights, products: Lags, pairs: Lags) -> float:
+    n = pairs.at_0
+    return weights.sum_of(products) / products.at_0 * (1 - 1 / n) / (1 - weights.sum_of(pairs) / n**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +110,22 @@ class _Weights:
 
     down: NDArray[np.float64]
     right: NDArray[np.float64]
-    all_down: bool
-    all_right: bool
+    all_down: bool = False
+    all_right: bool = False
+
+    @classmethod
+    def of(cls, down: int, right: int) -> _Weights:
+        """Return the weights for last lags that count along each axis."""
+        return cls(_weights_of_line(down), _weights_of_line(right))
+
+    @cached_property
+    def both(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By the lag along each axis, of both signs."""
+        return both_signs(self.down), both_signs(self.right)
 
     def sum_of(self, lags: Lags) -> float:
         """Weighted sum over all lags."""
-        down, right = both_signs(self.down), both_signs(self.right)
+        down, right = self.both
         if not (self.all_down or self.all_right):
             return float(down @ lags.near(self.down.size, self.right.size) @ right)
         total = 0.0
@@ -117,45 +140,41 @@ class _Weights:
         return total
 
 
-def _weights_of_lags(products: Lags, pairs: Lags) -> _Weights:
-    """Choose how much each lag counts."""
-    reaches = tuple(_reach(products, pairs, axis) for axis in (0, 1))
-    # Only lag 0 counts where none is significant.
-    down, right = (
-        np.clip(2 - np.arange(2 * (reach + 1)) / (reach + 1), 0, 1) if reach else np.ones(1) for reach in reaches
-    )
-    counts = down.size, right.size
-    known_pairs = pairs.near(*counts)
-    correlation = np.where(known_pairs > 0, products.near(*counts) / np.maximum(known_pairs, 1), 0)
-    correlation *= np.outer(both_signs(down), both_signs(right)) * pairs.at_0 / products.at_0
+def _weights_of_lags(products: Lags, pairs: Lags, reaches: tuple[int, int]) -> _Weights:
+    """Choose how much each lag counts, from the last ones that do along each axis."""
+    from .correlation_kernel import squared_sums
+
+    weights = _Weights.of(*reaches)
+    counts = weights.down.size, weights.right.size
+    squares = squared_sums(products.table(*counts), pairs.table(*counts), *weights.both)
     whole = []
     for axis, reach in enumerate(reaches):
         far_pairs = round(_far(pairs, axis, 2 * (reach + 1)))
-        # Variance of the sum of far products (Bartlett's formula, summed over lags along the line), in scatter^2.
-        variance = 2 * far_pairs * float((correlation.sum(axis=axis) ** 2).sum())
-        far = _far(products, axis, 2 * (reach + 1)) * pairs.at_0 / products.at_0
-        whole.append(far_pairs > 0 and far > _LINE_SIGNIFICANT * sqrt(variance))
-    return _Weights(down, right, *whole)
+        # Variance of the sum of far products (Bartlett's formula, summed over lags along the line).
+        spread = sqrt(2 * far_pairs * squares[axis])
+        whole.append(far_pairs > 0 and _far(products, axis, 2 * (reach + 1)) > _LINE_SIGNIFICANT * spread)
+    return replace(weights, all_down=whole[0], all_right=whole[1])
 
 
 def _reach(products: Lags, pairs: Lags, axis: int) -> int:
     """Last lag along an axis before so many in a row that do not count, up to a quarter of its length."""
+    from .correlation_kernel import last_significant
+
     n = pairs.at_0
-    least = _SIGNIFICANT * sqrt(log10(n) / n)
+    least = _SIGNIFICANT * sqrt(log10(n) / n) * products.at_0 / n
     most = products.shape[axis] // 4
-    reach = 0
-    # Noise of cameras reaches a few pixels.
-    for asked in (min(_FEW_LAGS, most), most):
-        line_pairs = pairs.line(axis, asked + 1)
-        correlation = np.where(line_pairs > 0, products.line(axis, asked + 1) / np.maximum(line_pairs, 1), 0)
-        significant = np.abs(correlation) * n / products.at_0 > least
-        reach = 0
-        for lag in range(1, asked + 1):
-            if significant[lag]:
-                reach = lag
-            elif lag - reach >= _LAGS_BELOW:
-                return reach
-    return reach
+    few = min(_FEW_LAGS, most) + 1
+    reach, known = last_significant(products.line(axis, few), pairs.line(axis, few), least, _LAGS_BELOW)
+    if known or few > most:
+        return reach
+    return last_significant(products.line(axis, most + 1), pairs.line(axis, most + 1), least, _LAGS_BELOW)[0]
+
+
+@lru_cache(maxsize=256)
+def _weights_of_line(reach: int) -> NDArray[np.float64]:
+    """Weights of the lags along an axis, from 0; the last one is 0, but its lag is needed to know those beyond."""
+    # Only lag 0 counts where none is significant.
+    return np.clip(2 - np.arange(2 * reach + 3) / (reach + 1), 0, 1) if reach else np.ones(1)
 
 
 def _far(lags: Lags, axis: int, last: int) -> float:

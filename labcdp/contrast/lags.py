@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import log2
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: For more lags than this, for each axis with lags, a Fourier transform is quicker than one pass over the pixels for
-#: each lag.
-_MOST_PASSES = 40
+from .kept import kept_by_mask
+
+#: A Fourier transform there and back of N numbers takes as long as so many products by themselves, so many more for
+#: each N log2(N), measured for regions of 10 x 10 to 1000 x 1000 pixels.
+_PRODUCTS_OF_TRANSFORM, _PRODUCTS_OF_STEP = 4e5, 12.0
+_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Lags:
     """Sums of the products of all pairs of pixels of an image at a lag (dy, dx).
+
+    Sums that were asked for once are kept.
 
     Parameters
     ----------
@@ -23,8 +29,10 @@ class Lags:
         The image; what does not count is 0.
     """
 
-    values: NDArray[np.float64]
-    _known: dict[tuple[int, int], NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False)
+    values: _Array
+    _lines: dict[int, _Array] = field(default_factory=dict, init=False, repr=False)
+    _tables: dict[str, _Array] = field(default_factory=dict, init=False, repr=False)
+    _summed: dict[int, Lags] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -37,81 +45,119 @@ class Lags:
         flat = self.values.ravel()
         return float(flat @ flat)
 
+    @cached_property
+    def _transposed(self) -> _Array:
+        return np.ascontiguousarray(self.values.T)
+
     def summed(self, axis: int) -> Lags:
         """Return the image summed along an axis: its products are those at all lags along it together."""
-        return Lags(self.values.sum(axis=axis, keepdims=True))
+        if axis not in self._summed:
+            self._summed[axis] = Lags(self.values.sum(axis=axis, keepdims=True))
+        return self._summed[axis]
 
-    def line(self, axis: int, count: int) -> NDArray[np.float64]:
+    def line(self, axis: int, count: int) -> _Array:
         """Return the sums at the first lags along an axis, from 0; shape (count,)."""
-        return self.near(count, 1)[count - 1 :, 0] if axis == 0 else self.near(1, count)[0, count - 1 :]
+        known = self._lines.get(axis)
+        if known is None or known.size < count:
+            known = self._line(axis, count)
+            self._lines[axis] = known
+        return known[:count]
 
-    def near(self, down: int, right: int) -> NDArray[np.float64]:
+    def near(self, down: int, right: int) -> _Array:
         """Return the sums at all lags below `down` and `right`, of both signs; shape (2 down - 1, 2 right - 1)."""
-        if (down, right) not in self._known:
-            self._known[down, right] = self._near(down, right)
-        return self._known[down, right]
+        table = self.table(down, right)
+        y, x = table.shape[0] // 2, table.shape[1] // 2
+        return table[y + 1 - down : y + down, x + 1 - right : x + right]
 
-    def _near(self, down: int, right: int) -> NDArray[np.float64]:
-        if down == right == 1:
-            return np.array([[self.at_0]])
-        # Of two lags of opposite signs one is enough.
-        lags = (2 * down - 1) * (2 * right - 1) // 2
-        if lags > _MOST_PASSES * ((down > 1) + (right > 1)):
-            half = self._by_transform(down, right)
-        else:
-            half = self._by_passes(down, right)
-        return np.concatenate([half[:0:-1, ::-1], half])
+    def table(self, down: int, right: int) -> _Array:
+        """Return the sums as `near`, and at farther lags if these were asked for before; lag 0 is in the middle."""
+        known = self._tables.get("near")
+        if known is not None:
+            of_known = known.shape[0] // 2 + 1, known.shape[1] // 2 + 1
+            if down <= of_known[0] and right <= of_known[1]:
+                return known
+            down, right = max(down, of_known[0]), max(right, of_known[1])
+        table = self._near(down, right)
+        self._tables["near"] = table
+        for axis, line in ((0, table[down - 1 :, right - 1]), (1, table[down - 1, right - 1 :])):
+            if axis not in self._lines or self._lines[axis].size < line.size:
+                self._lines[axis] = line.copy()
+        return table
 
-    def _by_passes(self, down: int, right: int) -> NDArray[np.float64]:
-        """Return the sums at lags dy from 0 on."""
-        height, width = self.shape
-        # Zeros between the rows: shifted as one long row, no pixel meets one of a row that it should not meet.
-        row = width + right - 1
-        padded = np.zeros((height, row))
-        padded[:, :width] = self.values
-        flat = padded.ravel()
-        sums = np.zeros((down, 2 * right - 1))
-        for dy in range(min(down, height)):
-            for dx in range(0 if dy == 0 else 1 - right, right):
-                shift = dy * row + dx
-                sums[dy, right - 1 + dx] = flat[shift:] @ flat[: flat.size - shift]
-        sums[0, : right - 1] = sums[0, : right - 1 : -1]
-        return sums
+    def _line(self, axis: int, count: int) -> _Array:
+        return _sums(self._transposed if axis == 0 else self.values, 1, count)[0, count - 1 :].copy()
 
-    def _by_transform(self, down: int, right: int) -> NDArray[np.float64]:
-        """Return the sums at lags dy from 0 on."""
-        from scipy import fft
+    def _near(self, down: int, right: int) -> _Array:
+        return np.array([[self.at_0]]) if down == right == 1 else _sums(self.values, down, right)
 
-        # Padded so far that no lag asked for wraps around; an axis without lags need not be transformed.
-        counts = (down, right)
-        axes = [axis for axis in (0, 1) if counts[axis] > 1]
-        lengths = [fft.next_fast_len(self.shape[axis] + counts[axis] - 1, real=True) for axis in axes]
-        spectrum = fft.rfftn(self.values, lengths, axes)
-        power = np.square(spectrum.real) + np.square(spectrum.imag)
-        for axis in {0, 1} - set(axes):
-            power = power.sum(axis=axis, keepdims=True)
-        sums = fft.irfftn(power, lengths, axes)[:down]
-        return np.concatenate([sums[:, sums.shape[1] - right + 1 :], sums[:, :right]], axis=1)
+
+def _sums(values: _Array, down: int, right: int) -> _Array:
+    """Compute the sums at all lags of both signs, by whichever way is the quicker."""
+    height, width = values.shape
+    # Of two lags of opposite signs one is enough.
+    products = (2 * down - 1) * (2 * right - 1) // 2 * height * (width + right - 1)
+    # Half of a transform holds no lags beyond the image.
+    if products > _PRODUCTS_OF_TRANSFORM and down <= height:
+        n = (height + down - 1) * (width + right - 1)
+        if products > _PRODUCTS_OF_TRANSFORM + _PRODUCTS_OF_STEP * n * log2(n):
+            return _by_transform(values, down, right)
+    from .lags_kernel import sums_at_lags
+
+    return sums_at_lags(np.ascontiguousarray(values), down, right)
+
+
+def _by_transform(values: _Array, down: int, right: int) -> _Array:
+    from scipy import fft
+
+    # Padded so far that no lag asked for wraps around.
+    rows, columns = (
+        fft.next_fast_len(length + count - 1, real=True)
+        for length, count in zip(values.shape, (down, right), strict=True)
+    )
+    spectrum = fft.rfft(values, columns, axis=1)
+    if down == 1:
+        of_rows = _power(spectrum).sum(axis=0, keepdims=True)
+    else:
+        # Power is real: only half of its transform differs, and of that only the lags asked for go on.
+        of_rows = fft.rfft(_power(fft.fft(spectrum, rows, axis=0)), axis=0)[:down].conj() / rows
+    sums = fft.irfft(of_rows, columns, axis=1)
+    half = np.concatenate([sums[:, columns - right + 1 :], sums[:, :right]], axis=1)
+    return np.concatenate([half[:0:-1, ::-1], half])
+
+
+def _power(spectrum: NDArray[np.complex128]) -> _Array:
+    power = np.square(spectrum.real)
+    power += np.square(spectrum.imag)
+    return power
 
 
 class _MaskLags(Lags):
     """Numbers of pairs of pixels of a mask."""
 
-    def _near(self, down: int, right: int) -> NDArray[np.float64]:
-        if not self.values.all():
+    @cached_property
+    def _full(self) -> bool:
+        return bool(self.values.all())
+
+    def _line(self, axis: int, count: int) -> _Array:
+        if not self._full:
+            return np.rint(super()._line(axis, count))
+        return self._of_length(axis, count) * self.shape[1 - axis]
+
+    def _near(self, down: int, right: int) -> _Array:
+        if not self._full:
             return np.rint(super()._near(down, right))
-        pairs = [
-            np.maximum(length - both_signs(np.arange(count, dtype=np.float64)), 0)
-            for length, count in zip(self.shape, (down, right), strict=True)
-        ]
-        return np.multiply.outer(*pairs)
+        return np.multiply.outer(*(both_signs(self._of_length(axis, n)) for axis, n in enumerate((down, right))))
+
+    def _of_length(self, axis: int, count: int) -> _Array:
+        return np.maximum(self.shape[axis] - np.arange(count, dtype=np.float64), 0)
 
 
+@kept_by_mask
 def lags_of_mask(mask: NDArray[np.bool_]) -> Lags:
     """Return the numbers of pairs of pixels of a mask."""
     return _MaskLags(mask.astype(np.float64))
 
 
-def both_signs(by_lag: NDArray[np.float64]) -> NDArray[np.float64]:
+def both_signs(by_lag: _Array) -> _Array:
     """Return values of lags from 0 on, for those below 0 too: shape (2 n - 1,)."""
     return np.concatenate([by_lag[:0:-1], by_lag])

@@ -62,12 +62,20 @@ def unbiased_variance(
     with the sums over pixels. It can fall short for a handful of pixels; as zeta10 and zeta01 are not negative,
     the result is kept at U (1 - U) / (m n) or above.
     """
-    m, n = float(dark_counts.sum()), float(bright_counts.sum())
+    return variance_of_scatters(
+        share,
+        scatter(share_per_dark, dark_counts, share),
+        float(dark_counts.sum()),
+        scatter(share_per_bright, bright_counts, share),
+        float(bright_counts.sum()),
+    )
+
+
+def variance_of_scatters(share: float, scatter_dark: float, m: float, scatter_bright: float, n: float) -> float:
+    """Variance as `unbiased_variance`, from A and B there and the pixels m and n of the dark and bright region."""
     if min(m, n) < 2:
         return nan
     binomial = share * (1 - share)
-    scatter_dark = scatter(share_per_dark, dark_counts, share)
-    scatter_bright = scatter(share_per_bright, bright_counts, share)
     variance = (n * scatter_dark / m + m * scatter_bright / n - binomial) / ((m - 1) * (n - 1))
     return max(variance, binomial / (m * n))
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contrast import variance_inflation
+from ..contrast.correlation import inflation_of_scores
+from ..contrast.kept import kept_by_mask
 
 #: Degree of the surface that light which changes slowly may have, and of that in which noise is looked for.
 _SLOW_DEGREE, _NOISE_DEGREE = 2, 4
@@ -58,24 +60,27 @@ def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     In simulations of regions of 30 x 30 to 100 x 100 pixels, independent noise and noise smoothed by a Gaussian of 0.6
     to 3 px, the 95 % intervals of means, contrasts and CDP covered the truth in 93 to 99 % of the cases.
     """
-    values = image[mask]
-    if not values.min() < values.max():
+    from .noise_kernel import centred, less_surface, with_surfaces
+
+    region = _region(mask)
+    level, any_differ = centred(image[region.window].astype(np.float64, order="C"), region.mask)
+    if not any_differ:
         return 1.0
-    level = np.where(mask, image - values.mean(), 0.0)
-    surfaces = _Surfaces.of(level, mask)
-    slow, all_degrees = surfaces.fit(_SLOW_DEGREE), surfaces.fit(_NOISE_DEGREE)
-    plain = _inflation(level, mask, 1, _Power(all_degrees.square, all_degrees.rank - 1))
-    if plain == 1:
+    products = with_surfaces(level, region.down, region.right)
+    slow, all_degrees = (solution.fit(products) for solution in region.fits)
+    plain = _Noise.of(level, region, 1, _Power(all_degrees.square, all_degrees.rank - 1))
+    if not plain.found:
         return 1.0
-    rest = np.where(mask, level - surfaces.surface(slow), 0.0)
-    left = float(np.square(rest).sum())
-    if left <= _ROUNDING * float(np.square(level).sum()):
-        return 1.0
+    rest = less_surface(level, region.mask, region.down, region.right, slow.factors)
     power = _Power(max(all_degrees.square - slow.square, 0.0), all_degrees.rank - slow.rank)
-    without = _inflation(rest, mask, _SLOW_DEGREE + 1, power)
-    if _Power(slow.square, slow.rank - 1).mean > _SIGNIFICANT_CHANGE * without * left / values.size:
-        return _widened(without, power.freedom, values.size)
-    return _widened(plain, all_degrees.rank - 1, values.size)
+    without = _Noise.of(rest, region, _SLOW_DEGREE + 1, power)
+    if without.square <= _ROUNDING * plain.square:
+        return 1.0
+    # Sums over lags take their time: the least that the factor can be is often enough to say that a change is noise.
+    most = _Power(slow.square, slow.rank - 1).mean / (_SIGNIFICANT_CHANGE * without.variance)
+    if most > without.least and most > without.inflation:
+        return _widened(without.inflation, power.freedom, region.n)
+    return _widened(plain.inflation, all_degrees.rank - 1, region.n)
 
 
 @dataclass(frozen=True)
@@ -97,25 +102,67 @@ class _Power:
         return self.mean > variance * (1 - spread + _Z_99 * sqrt(spread)) ** 3
 
 
-def _inflation(level: _Array, mask: NDArray[np.bool_], known: int, surfaces: _Power) -> float:
-    """Largest of the factors of noise, 0 outside the mask, that lost so many degrees of freedom along each axis."""
-    n = np.count_nonzero(mask)
-    variance = float(np.square(level).sum()) / n
-    powers = [surfaces, *(_of_lines(level, mask, axis, known) for axis in (0, 1))]
-    by_lags = variance_inflation(level, mask)
-    if not by_lags > 1 and not any(power.beyond_chance(variance) for power in powers):
-        return 1.0
-    return max(1.0, *(power.mean / variance for power in powers), by_lags if by_lags > 1 else 1.0)
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Noise of a region, and where correlation may be seen in it.
 
+    Parameters
+    ----------
+    level : ndarray of float, shape (height, width)
+        The noise, 0 outside the region.
+    region : _Region
+        The region.
+    square, variance : float
+        Sum and mean of the squares.
+    powers : tuple of _Power
+        Of surfaces, of sums of columns and of sums of rows.
+    """
 
-def _of_lines(level: _Array, mask: NDArray[np.bool_], axis: int, known: int) -> _Power:
-    """Power of the sums along an axis, each over the root of its pixels."""
-    pixels = mask.sum(axis=axis)
-    sums = level.sum(axis=axis)[pixels > 0]
-    share = pixels[pixels > 0] / pixels.sum()
-    # As many lines of equal length as would have the same scatter.
-    lines = 1 / float(share @ share)
-    return _Power(float(sums @ sums) * lines / float(pixels.sum()), lines - known)
+    level: _Array
+    region: _Region
+    square: float
+    variance: float
+    powers: tuple[_Power, ...]
+
+    @classmethod
+    def of(cls, level: _Array, region: _Region, known: int, surfaces: _Power) -> _Noise:
+        """Take noise that lost so many degrees of freedom along each axis."""
+        from .noise_kernel import sums_along_axes
+
+        square, *sums = sums_along_axes(level)
+        of_lines = (
+            _Power(float(one @ one) * lines / region.n, lines - known)
+            for one, lines in zip(sums, region.lines, strict=True)
+        )
+        return cls(level, region, square, square / region.n, (surfaces, *of_lines))
+
+    @cached_property
+    def beyond_chance(self) -> bool:
+        """Whether surfaces, columns or rows show correlation."""
+        return any(power.beyond_chance(self.variance) for power in self.powers)
+
+    @cached_property
+    def by_lags(self) -> float:
+        """Factor by the correlation at near lags; 1 where there is none, or all pixels are equal."""
+        factor = inflation_of_scores(self.level, self.region.mask)
+        return factor if factor > 1 else 1.0
+
+    @property
+    def found(self) -> bool:
+        """Whether there is any correlation."""
+        return self.beyond_chance or self.by_lags > 1
+
+    @property
+    def least(self) -> float:
+        """What the inflation is at least, by surfaces, columns and rows alone."""
+        return max(1.0, *(power.mean / self.variance for power in self.powers)) if self.beyond_chance else 1.0
+
+    @property
+    def inflation(self) -> float:
+        """Largest of the factors; 1 where none is more than chance makes."""
+        if not self.found:
+            return 1.0
+        return max(self.by_lags, *(power.mean / self.variance for power in self.powers))
 
 
 def _widened(inflation: float, freedom: float, n: int) -> float:
@@ -138,36 +185,92 @@ class _Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Surfaces:
-    """Products of Legendre polynomials along y and x on a region, their products with each other and with an image."""
+class _Solution:
+    """How a surface of a degree is fitted.
 
-    down: _Array
-    right: _Array
-    with_each_other: _Array
-    with_image: _Array
+    Parameters
+    ----------
+    along_y, along_x : ndarray of int, shape (k,)
+        Degrees along y and x of the surfaces that it is the sum of.
+    directions, sizes : ndarray of float, shape (k, n) and (n,)
+        Eigenvectors and eigenvalues of the matrix of their products with each other; only n of k, where some surfaces
+        are the same as others on a region of few rows or columns.
+    """
+
+    along_y: NDArray[np.intp]
+    along_x: NDArray[np.intp]
+    directions: _Array
+    sizes: _Array
 
     @classmethod
-    def of(cls, level: _Array, mask: NDArray[np.bool_]) -> _Surfaces:
-        down, right = (
-            np.polynomial.legendre.legvander((2 * np.arange(length) + 1) / length - 1, _NOISE_DEGREE)
-            for length in mask.shape
-        )
-        # A surface is a product of lines, and so is the product of two: no surface has to be made.
-        pairs = [(line[:, :, None] * line[:, None, :]).reshape(line.shape[0], -1) for line in (down, right)]
-        count = _NOISE_DEGREE + 1
-        each_other = (pairs[0].T @ mask.astype(float) @ pairs[1]).reshape((count,) * 4)
-        return cls(down, right, each_other.transpose(0, 2, 1, 3), down.T @ level @ right)
-
-    def fit(self, degree: int) -> _Fit:
-        """Fit a surface of a degree to the image."""
+    def of(cls, with_each_other: _Array, degree: int) -> _Solution:
         along_y, along_x = np.nonzero(np.add.outer(*2 * [np.arange(_NOISE_DEGREE + 1)]) <= degree)
-        matrix = self.with_each_other[along_y[:, None], along_x[:, None], along_y, along_x]
-        wanted = self.with_image[along_y, along_x]
-        found, _, rank, _ = np.linalg.lstsq(matrix, wanted, rcond=_SAME_SURFACE)
-        factors = np.zeros(self.with_image.shape)
-        factors[along_y, along_x] = found
-        return _Fit(factors, float(found @ wanted), int(rank))
+        sizes, directions = np.linalg.eigh(with_each_other[along_y[:, None], along_x[:, None], along_y, along_x])
+        apart = sizes > _SAME_SURFACE * sizes[-1]
+        return cls(along_y, along_x, directions[:, apart], sizes[apart])
 
-    def surface(self, fit: _Fit) -> _Array:
-        """Surface on the whole image."""
-        return self.down @ fit.factors @ self.right.T
+    def fit(self, with_image: _Array) -> _Fit:
+        wanted = with_image[self.along_y, self.along_x]
+        found = self.directions @ (wanted @ self.directions / self.sizes)
+        factors = np.zeros(with_image.shape)
+        factors[self.along_y, self.along_x] = found
+        return _Fit(factors, float(found @ wanted), self.sizes.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """What of a region does not depend on its pixels' values.
+
+    Parameters
+    ----------
+    window : tuple of slice
+        Rows and columns that it spans.
+    mask : ndarray of bool, shape (height, width)
+        Its pixels in these.
+    n : int
+        Number of its pixels.
+    lines : tuple of float
+        As many columns, and rows, of equal length as would have the same scatter.
+    down, right : ndarray of float, shape (degrees, height) and (degrees, width)
+        Legendre polynomials along y and x. A surface is a product of two, and so is the product of two surfaces: none
+        has to be made.
+    fits : tuple of _Solution
+        What makes, of its products with an image, the slow surface that fits best, and that of all degrees.
+    """
+
+    window: tuple[slice, slice]
+    mask: NDArray[np.bool_]
+    n: int
+    lines: tuple[float, float]
+    down: _Array
+    right: _Array
+    fits: tuple[_Solution, _Solution]
+
+
+@kept_by_mask
+def _region(mask: NDArray[np.bool_]) -> _Region:
+    pixels = [mask.sum(axis=axis) for axis in (0, 1)]
+    columns, rows = (np.flatnonzero(count) for count in pixels)
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    inside = mask[window].copy()
+    n = int(pixels[0].sum())
+    down, right = map(_polynomials, inside.shape)
+    pairs = [(line[:, None] * line).reshape(-1, line.shape[1]) for line in (down, right)]
+    count = _NOISE_DEGREE + 1
+    each_other = (pairs[0] @ inside.astype(float) @ pairs[1].T).reshape((count,) * 4).transpose(0, 2, 1, 3)
+    return _Region(
+        window=window,
+        mask=inside,
+        n=n,
+        lines=(n**2 / float(np.square(pixels[0]).sum()), n**2 / float(np.square(pixels[1]).sum())),
+        down=down,
+        right=right,
+        fits=(_Solution.of(each_other, _SLOW_DEGREE), _Solution.of(each_other, _NOISE_DEGREE)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _polynomials(length: int) -> _Array:
+    """Legendre polynomials along a line of pixels, shape (degrees, length)."""
+    places = (2 * np.arange(length) + 1) / length - 1
+    return np.ascontiguousarray(np.polynomial.legendre.legvander(places, _NOISE_DEGREE).T)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..contrast import Distribution, Epsilon, csnr, snr, weber_contrast
 from ..contrast.pairs import bright_and_dark
-from ..contrast.uncertainty import confidence_interval, unbiased_variance
+from ..contrast.uncertainty import confidence_interval, variance_of_scatters
 from ..errors import InputError
 from ..frame import Frame
 from ..luminance import LuminanceMap, Window
@@ -142,6 +142,7 @@ class _Region:
     window: Window
     mask: NDArray[np.bool_]
     map: LuminanceMap
+    image: _Array
     light: Distribution
 
     @classmethod
@@ -151,7 +152,8 @@ class _Region:
         region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
         window, mask = region.window(shape), _mask(region, shape)
         found = conversion.convert(frame, window)
-        return cls(roi, window, mask, found, _light(frame, roi, window, mask, found))
+        image = found.luminance_cd_m2.astype(np.float64, order="C")
+        return cls(roi, window, mask, found, image, _light(frame, roi, window, mask, image))
 
     @cached_property
     def mean(self) -> float:
@@ -165,7 +167,7 @@ class _Region:
     @cached_property
     def inflation(self) -> float:
         """Factor of the variance of a mean by the correlation of the pixels."""
-        return noise_inflation(self.map.luminance_cd_m2.astype(np.float64), self.mask)
+        return noise_inflation(self.image, self.mask)
 
     @cached_property
     def random(self) -> float:
@@ -191,7 +193,7 @@ class _Region:
     def _mean_of(self, relative: NDArray[np.floating[Any]] | float) -> float:
         if np.ndim(relative) == 0:
             return float(relative)
-        light = self.map.luminance_cd_m2[self.mask].astype(float)
+        light = self.image[self.mask]
         errors = np.asarray(relative)[self.mask] * light
         finite = np.isfinite(errors)
         return float(errors[finite].sum() / light.sum()) if finite.any() and light.sum() else 0.0
@@ -203,29 +205,29 @@ class _Region:
 
     @property
     def invalid_shares(self) -> dict[str, float]:
-        flags = self.map.invalid[self.mask]
+        flags = self.map.invalid
         if not flags.any():
             return {}
+        flags = flags[self.mask]
         shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()}
         return {name: share for name, share in shares.items() if share}
 
 
 def _by_pixels(tally: Tally, bright: _Region, dark: _Region) -> tuple[list[float], float]:
     """Variances by the pixels for the correlation of their noise, and how many independent pixels know as much."""
+    regions = (bright, dark)
+    inflations = [region.inflation for region in regions]
+    scatters = [
+        (np.square(shares - tally.inside[:, None]) @ region.light.weights).tolist()
+        for region, shares in zip(regions, (tally.per_bright, tally.per_dark), strict=True)
+    ]
     variances = []
-    for share, of_bright, of_dark in zip(tally.inside.tolist(), tally.per_bright, tally.per_dark, strict=True):
-        scatters = [
-            float(region.light.weights @ (shares - share) ** 2) / region.size**2
-            for region, shares in ((bright, of_bright), (dark, of_dark))
-        ]
-        inflations = [bright.inflation, dark.inflation]
-        total = sum(scatters)
+    for share, *both in zip(tally.inside.tolist(), *scatters, strict=True):
+        parts = [scatter / region.size**2 for scatter, region in zip(both, regions, strict=True)]
         # All pairs agree and tell nothing about correlation where nothing scatters.
-        factor = sum(map(float.__mul__, scatters, inflations)) / total if total > 0 else max(inflations)
-        variances.append(
-            factor * unbiased_variance(share, of_dark, dark.light.weights, of_bright, bright.light.weights)
-        )
-    return variances, min(bright.size / bright.inflation, dark.size / dark.inflation)
+        factor = sum(map(float.__mul__, parts, inflations)) / sum(parts) if sum(parts) > 0 else max(inflations)
+        variances.append(factor * variance_of_scatters(share, both[1], dark.size, both[0], bright.size))
+    return variances, min(region.size / inflation for region, inflation in zip(regions, inflations, strict=True))
 
 
 def _relative_errors(bright: _Region, dark: _Region) -> list[tuple[float, float]]:
@@ -242,34 +244,29 @@ def _scaled(light: Distribution, factor: float) -> Distribution:
     return Distribution(light.values * factor, light.weights.astype(np.int64))
 
 
-def _light(frame: Frame, roi: Roi, window: Window, mask: NDArray[np.bool_], found: LuminanceMap) -> Distribution:
+def _light(frame: Frame, roi: Roi, window: Window, mask: NDArray[np.bool_], image: _Array) -> Distribution:
     """How often each light occurs in a region."""
-    values = found.luminance_cd_m2[mask]
-    if frame.colour_filter is None:
-        by_level = _by_level(frame.dn[window][mask], values)
+    if frame.colour_filter is None and frame.dn.dtype == np.uint8:
+        by_level = _by_level(frame.dn[window], image, mask)
         if by_level is not None:
             return by_level
-    return Distribution.from_array(values, f"region {roi.name!r}")
+    return Distribution.from_array(image[mask], f"region {roi.name!r}")
 
 
-def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: NDArray[np.floating[Any]]) -> Distribution | None:
+def _by_level(dn: NDArray[np.unsignedinteger[Any]], image: _Array, mask: NDArray[np.bool_]) -> Distribution | None:
     """Distribution of 8-bit pixels whose light follows from the DN alone, without sorting; None for any other."""
-    if dn.dtype != np.uint8:
+    from .pair_kernel import light_by_level
+
+    counts, of_level, alike = light_by_level(dn.copy(), image, mask)
+    if not alike:
         return None
-    of_level = np.zeros(256)
-    of_level[dn] = light
-    if not np.array_equal(of_level[dn], light):
-        return None
-    counts = np.bincount(dn, minlength=256)
     levels = np.flatnonzero(counts)
-    values = of_level[levels]
-    if not np.isfinite(values).all():
-        return None
-    if not (np.diff(values) > 0).all():
+    values, counts = of_level[levels], counts[levels]
+    if not (values[1:] > values[:-1]).all():
         # Several DN may have one light, and a response may fall.
         values, place = np.unique(values, return_inverse=True)
-        return Distribution(values, np.bincount(place, weights=counts[levels]).astype(np.int64))
-    return Distribution(values, counts[levels])
+        counts = np.bincount(place, weights=counts).astype(np.int64)
+    return Distribution(values, counts)
 
 
 @lru_cache(maxsize=16)

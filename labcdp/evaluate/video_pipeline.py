@@ -70,7 +70,11 @@ def ahead(items: Iterable[_In]) -> Generator[_In, None, None]:
 def in_order(
     items: Iterable[_In], work: Callable[[_In], _Out], n_workers: int
 ) -> Generator[tuple[_In, _Out], None, None]:
-    """Work on items in threads and return each with its result, in the order of the items."""
+    """Work on items in threads, or in this one if there are none, and return each with its result, in order."""
+    if not n_workers:
+        for item in items:
+            yield item, work(item)
+        return
     with ThreadPoolExecutor(n_workers, thread_name_prefix="labcdp video") as pool:
         waiting: deque[tuple[_In, Future[_Out]]] = deque()
         try:

@@ -91,7 +91,8 @@ class VideoRun:
                 if not is_end(row):
                     self._reference.learn(row["measured_contrast"])
         place = 0
-        n_workers = 1 if self._settings.rois else 2
+        # Small steps in several threads wait for each other; a whole frame from pixel to pixel does not.
+        n_workers = 0 if self._settings.rois else 2
         with (
             closing(ahead(self._frames(observer is not None))) as frames,
             closing(in_order(self._followed(frames), self._worked, n_workers)) as worked,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 #: Pixels of a picture that are looked at, of each step of so many rows and columns one.
 _LOOKED_AT = 2**17
-#: Black and white of Y' in limited range (ITU-R BT.601 and BT.709: 16 and 235 of 8 bits).
-_LIMITED = (16, 235)
+#: Factor by which Y' of limited range is stretched (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits).
+_STRETCH = 255 / 219
 #: Mean spread of red, green and blue from which a picture is coloured, DN.
 _COLOURED_DN = 4.0
 #: So far the stored values may be off OpenCV's grey (median), which its rounding and clipped colours explain, DN.
@@ -109,7 +109,9 @@ def _luma_of(
 
 def _is_full(luma: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool | None:
     """Whether Y' has full range, by its level where both differ, else by how steeply grey follows; None if unknown."""
-    apart = _STRETCHED.astype(int) - np.arange(256)
+    from .video_kernel import stretched
+
+    apart = stretched(np.arange(256, dtype=np.uint8)).astype(int) - np.arange(256)
     telling = np.abs(apart) >= _TELLING_DN
     found = telling[luma]
     if np.count_nonzero(found) >= _ENOUGH:
@@ -121,7 +123,7 @@ def _is_full(luma: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool | None:
     if luma.std() < _ENOUGH_SPREAD_DN:
         return None
     slope = np.cov(luma, grey)[0, 1] / np.var(luma, ddof=1)
-    return bool(slope < (1 + 255 / (_LIMITED[1] - _LIMITED[0])) / 2)
+    return bool(slope < (1 + _STRETCH) / 2)
 
 
 def _off_line(luma: NDArray[np.float64], grey: NDArray[np.float64]) -> float:
@@ -155,7 +157,9 @@ def grey_pixels(pixels: NDArray[Any], kind: Pixels) -> NDArray[Any]:
     import cv2
 
     if kind == "limited luma":
-        return np.asarray(cv2.LUT(pixels, _STRETCHED))
+        from .video_kernel import stretched
+
+        return stretched(np.ascontiguousarray(pixels))
     if kind == "colours" and pixels.ndim == 3:
         return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
     return pixels
@@ -163,9 +167,6 @@ def grey_pixels(pixels: NDArray[Any], kind: Pixels) -> NDArray[Any]:
 
 #: Formats of grey alone, which are of full range.
 _GREY_FORMATS = ("Y800", "GREY", "Y8  ")
-_STRETCHED: NDArray[np.uint8] = np.clip(
-    np.rint((np.arange(256) - _LIMITED[0]) * 255 / (_LIMITED[1] - _LIMITED[0])), 0, 255
-).astype(np.uint8)
 
 
 def text_of_code(code: int) -> str:

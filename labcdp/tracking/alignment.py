@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,12 @@ from .outline import Outline
 from .template import Template, gradients
 from .view import View
 
-#: Residual of a pixel that is still found again: times the noise, and in parts of the structure.
-_AGREES_NOISE, _AGREES_STRUCTURE = 2.5, 0.25
-#: Deviation of a region's own pixels from which on they are covered: times the noise, and in parts of the structure.
-_COVERED_NOISE, _COVERED_STRUCTURE = 5.0, 0.2
 #: Trust that is kept in a patch and its edge whatever is learnt.
 _TRUST_KEPT = 0.7
 #: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
 _LEARNT_AT_FIRST, _LEARNT_AT_MOST = 4, 20
+#: A light that is not known: all pixels count alike at first.
+_ANY_LIGHT = (nan, nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +79,7 @@ class Aligner:
         structure = template.values - template.values.mean()
         dx, dy = gradients(template.values)
         self._carries = (np.abs(structure) + 2 * np.hypot(dx, dy)).ravel()
+        self._inside = template.inside.ravel()
         self._trust = template.trust.ravel()
         self._trust_least = _TRUST_KEPT * self._trust**2
         self._learnt = _LEARNT_AT_FIRST
@@ -92,41 +91,26 @@ class Aligner:
 
         `light` is a guess of gain and offset, as of the frame before.
         """
-        guesses: tuple[GainOffset | None, ...] = (None,) if light is None else (light, None)
+        guesses: tuple[GainOffset, ...] = (_ANY_LIGHT,) if light is None else (light, _ANY_LIGHT)
         for level, steps in zip(self._levels, (8, 5), strict=True):
             improved = level.improve(view, to_view, steps, guesses)
             if improved is None:
                 return None
             to_view, found = improved
-            guesses = ((found.gain, found.offset),)
+            guesses = (found,)
         return self._judge(view, to_view, guesses)
 
-    def _judge(self, view: View, to_view: Matrix, guesses: Sequence[GainOffset | None]) -> Fit | None:
+    def _judge(self, view: View, to_view: Matrix, guesses: Sequence[GainOffset]) -> Fit | None:
         """Say how well a template fits where it is put; None if hardly any of it is in the image."""
-        level = self._levels[-1]
-        values, seen = level.sample(view, to_view)
-        light = level.first_light(values, seen, guesses)
-        if light is None:
+        from .fit_kernel import judge
+
+        gain, offset, quality, covered, in_image, agrees, values = judge(
+            view.values, view.bounds, self._levels[-1].pixels, to_view, np.array(guesses), self._carries, self._inside
+        )
+        if gain == 0:
             return None
-        gain, residuals = light.gain, light.residuals
-        template = self.template
-        noise = template.noise_dn * hypot(1, 1 / gain)
-        structure = template.structure_dn
-        allowed = hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
-        agrees = np.reciprocal(1 + np.square(np.square(residuals * np.float32(1 / allowed))))
-        carries = self._carries * np.square(self._trust)
-        quality = float(np.vdot(carries * seen, agrees) / max(float(carries.sum()), 1e-9))
-        # Whatever there is agrees with noise as strong as the structure.
-        quality *= min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
-        inside = template.inside & seen
-        covered = 0.0
-        if np.count_nonzero(inside) >= 4:
-            own = residuals[inside]
-            most = hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)
-            covered = float((np.abs(own - np.median(own)) > most).mean())
-        heights = self._outline.heights(values, seen, gain)
-        agrees[~seen] = np.nan
-        return Fit(to_view, quality, (gain, light.offset), covered, float(seen.mean()), agrees, heights)
+        heights = self._outline.heights(values, agrees, gain)
+        return Fit(to_view, quality, (gain, offset), covered, in_image, agrees, heights)
 
     def vanished(self, fit: Fit) -> float:
         """Share of the region's outline that had edges until now and has none where it was found."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan2, hypot, isfinite
+from math import atan2, dist, hypot, isfinite
 from typing import TypeGuard
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..roi import Roi
 from .alignment import Aligner, Fit
-from .geometry import Matrix, carried, inverse, local_scale, scaling, shift, transform
+from .geometry import Matrix, carried, inverse, local_scale, moved, scaling, shift
 from .movers import make_mover
 from .repeats import repeat_px
 from .search import candidates
@@ -57,12 +57,16 @@ class Follower:
         self._aligner = Aligner(self._template, planar=method == "homography")
         self._mover = make_mover(method, self._template)
         self._from_first = inverse(self._template.to_image)
+        height, width = self._template.shape
+        # Template pixels to coordinates of -1 to 1 along its longer side, and back.
+        self._to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
+        self._from_centred = inverse(self._to_centred)
         self._to_image = self._template.to_image
-        self._velocity = np.zeros(2)
+        self._velocity = (0.0, 0.0)
         self._light = (1.0, 0.0)
         self._lost_for = 0
         self._held: Matrix | None = None
-        self._before: tuple[Matrix, NDArray[np.float64]] | None = None
+        self._before: tuple[Matrix, tuple[float, float]] | None = None
         self._before_roi = roi
         self._result = TrackedRoi(roi, 1.0, False, "")
         view = self._view(grey, self._to_image)
@@ -86,7 +90,7 @@ class Follower:
         if self._before is None:
             return None
         to_image, velocity = self._before
-        return self._middle(self._to_image) - self._middle(to_image), velocity
+        return np.subtract(self._middle(self._to_image), self._middle(to_image)), np.array(velocity)
 
     def take_back(self, reason: str) -> None:
         """Say that it is lost although it was found in this frame."""
@@ -179,10 +183,10 @@ class Follower:
 
     def _off(self, view: View, fit: Fit, expected: Matrix) -> float:
         """Distance of a fit from the `expected` place over that to the next place that looks the same."""
-        there = self._middle(inverse(view.from_image) @ fit.to_view)
+        there = self._middle(view.to_image @ fit.to_view)
         height, width = self._template.shape
         scale = local_scale(expected, (width / 2, height / 2)) * self._template.reduction
-        return float(np.hypot(*(there - self._middle(expected)))) / (scale * self._repeat_px)
+        return dist(there, self._middle(expected)) / (scale * self._repeat_px)
 
     @property
     def result(self) -> TrackedRoi:
@@ -191,12 +195,12 @@ class Follower:
 
     def _hold(self, view: View, fit: Fit) -> None:
         """Take it for found if it is seen in two frames in a row."""
-        place = inverse(view.from_image) @ fit.to_view
+        place = view.to_image @ fit.to_view
         if self._held is None:
             self._held = place
             return
         self._held = None
-        self._velocity = np.zeros(2)
+        self._velocity = (0.0, 0.0)
         self._accept(view, fit, self._middle(place))
 
     def _best(self, view: View, expected: Matrix, need: float) -> Fit | None:
@@ -228,35 +232,39 @@ class Follower:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
         if fit.in_image < _IN_IMAGE_LEAST:
             return False
-        to_image = inverse(view.from_image) @ fit.to_view
-        height, width = self._template.shape
-        to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
-        changed = to_centred @ inverse(self._to_image) @ to_image @ inverse(to_centred)
-        changed /= changed[2, 2]
+        to_image = view.to_image @ fit.to_view
+        changed = self._to_centred @ inverse(self._to_image) @ to_image @ self._from_centred
+        a, b, x, c, d, y, g, h, whole = changed.ravel().tolist()
+        if whole == 0:
+            return False
+        g, h = g / whole, h / whole
         # Where it went does not matter here, but how its shape changed.
-        linear = changed[:2, :2] - np.outer(changed[:2, 2], changed[2, :2])
-        (a, b), (c, d) = linear.tolist()
+        a, b, c, d = (a - x * g) / whole, (b - x * h) / whole, (c - y * g) / whole, (d - y * h) / whole
         # Singular values of a 2 x 2 matrix.
         plain, mirrored = hypot(a + d, c - b), hypot(a - d, b + c)
         long, short = (plain + mirrored) / 2, abs(plain - mirrored) / 2
         size = (long * short) ** 0.5
         turned = atan2(c - b, a + d)
         frames = 1 + min(self._lost_for, 3)
+        height, width = self._template.shape
         over_all = local_scale(to_image, (width / 2, height / 2)) * self._template.reduction
-        return bool(
+        return (
             1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
             and long < _STRETCH_STEP**frames * short
             and abs(turned) < _TURN_STEP * frames
-            and np.abs(changed[2, :2]).max() < _TILT_STEP * frames
+            and max(abs(g), abs(h)) < _TILT_STEP * frames
             and _SIZE_LEAST < over_all < _SIZE_MOST
         )
 
-    def _accept(self, view: View, fit: Fit, middle: NDArray[np.float64]) -> None:
+    def _accept(self, view: View, fit: Fit, middle: tuple[float, float]) -> None:
         self._mover.settle(view, fit.to_view)
-        self._to_image = inverse(view.from_image) @ fit.to_view
+        self._to_image = view.to_image @ fit.to_view
         self._to_image = self._to_image / self._to_image[2, 2]
-        step = self._middle(self._to_image) - middle
-        self._velocity = _LAST_STEP * step + (1 - _LAST_STEP) * self._velocity
+        (x, y), (u, v) = self._middle(self._to_image), self._velocity
+        self._velocity = (
+            _LAST_STEP * (x - middle[0]) + (1 - _LAST_STEP) * u,
+            _LAST_STEP * (y - middle[1]) + (1 - _LAST_STEP) * v,
+        )
         self._lost_for = 0
         self._light = fit.light
         if fit.covered <= COVERED_MOST:
@@ -277,10 +285,9 @@ class Follower:
         self._held = None
         self._result = TrackedRoi(self._result.roi if roi is None else roi, quality, True, reason)
 
-    def _middle(self, to_image: Matrix) -> NDArray[np.float64]:
+    def _middle(self, to_image: Matrix) -> tuple[float, float]:
         height, width = self._template.shape
-        middle: NDArray[np.float64] = transform(to_image, np.array([(width / 2, height / 2)]))[0]
-        return middle
+        return moved(to_image, width / 2, height / 2)
 
     def _view(self, grey: NDArray[np.uint8], to_image: Matrix, wider: float = 1.0) -> View | None:
         height, width = self._template.shape

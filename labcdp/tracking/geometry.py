@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -52,15 +53,21 @@ def transform(matrix: Matrix, points: NDArray[Any]) -> NDArray[np.float64]:
     return result
 
 
+def moved(matrix: Matrix, x: float, y: float) -> tuple[float, float]:
+    """Point moved by `matrix`, as `transform` does, without arrays; nan where that has no end."""
+    a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
+    w = g * x + h * y + i
+    return ((a * x + b * y + c) / w, (d * x + e * y + f) / w) if w else (nan, nan)
+
+
 def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
     """Square root of the factor by which `matrix` enlarges areas at `point`; nan where it mirrors."""
     a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
     w = g * point[0] + h * point[1] + i
-    area = (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) / w**3 if w else float("nan")
-    return area**0.5 if area > 0 else float("nan")
+    area = (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) / w**3 if w else nan
+    return area**0.5 if area > 0 else nan
 
 
 def carried(roi: Roi, matrix: Matrix) -> Roi:
     """Region whose corners are moved by `matrix`."""
-    corners = transform(matrix, np.array(roi.corners))
-    return Roi(roi.name, tuple((float(x), float(y)) for x, y in corners))
+    return Roi(roi.name, tuple(moved(matrix, x, y) for x, y in roi.corners))

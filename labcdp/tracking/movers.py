@@ -7,12 +7,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, inverse, scaling, shift, transform
+from .geometry import Matrix, inverse, moved, shift, transform
 from .template import Template
 from .view import View
 
 #: Longest side in pixels of what a correlation filter of each kind looks at: more costs much time.
-_KCF_PX, _CSRT_PX = 20, 40
+_KCF_PX, _CSRT_PX = 12, 40
 #: Pixels by which a filter may differ from what was found before it is started anew.
 _OFF_PX = 2.0
 #: Points followed by optical flow, and their least distance in pixels.
@@ -73,44 +73,46 @@ class _FilterMover:
         self._box = max(round(width * self._scale), 4), max(round(height * self._scale), 4)
         self._side = 3 * max(*self._box, 12)
         self._filter: Any = None
-        self._offset = (0.0, 0.0)
-        self._to_patch = np.eye(3)
+        # Middle of the target in the view as expected, and from there to the filter's box, in patch pixels.
+        self._expected = self._offset = (0.0, 0.0)
+        # From the middle of the box to where the target was found: boxes move by whole pixels.
+        self._missed = (0.0, 0.0)
 
     def propose(self, view: View, expected: Matrix) -> Matrix | None:
         if self._filter is None:
             return None
-        self._to_patch = self._patch_of(expected)
+        self._expected = moved(expected, *self._middle)
         found, box = self._filter.update(self._patch(view))
         if not found:
             self._filter = None
             return None
-        x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
-        self._offset = x - self._side / 2, y - self._side / 2
-        return shift(self._offset[0] / self._scale, self._offset[1] / self._scale) @ expected
+        self._offset = box[0] + box[2] / 2 - self._side / 2, box[1] + box[3] / 2 - self._side / 2
+        x, y = ((offset + missed) / self._scale for offset, missed in zip(self._offset, self._missed, strict=True))
+        return shift(x, y) @ expected
 
     def settle(self, view: View, found: Matrix) -> None:
-        if self._filter is not None:
-            x, y = transform(self._to_patch @ found, np.array([self._middle]))[0] - self._side / 2
-            if max(abs(x - self._offset[0]), abs(y - self._offset[1])) <= _OFF_PX:
-                return
-        self._to_patch = self._patch_of(found)
+        here = moved(found, *self._middle)
+        self._missed = self._from_box(here)
+        if self._filter is not None and max(map(abs, self._missed)) <= _OFF_PX:
+            return
+        self._expected = here
         self._filter = self._make()
         left, top = (self._side - self._box[0]) // 2, (self._side - self._box[1]) // 2
         self._filter.init(self._patch(view), (left, top, *self._box))
         self._offset = left + self._box[0] / 2 - self._side / 2, top + self._box[1] / 2 - self._side / 2
+        self._missed = self._from_box(here)
 
-    def _patch_of(self, to_view: Matrix) -> Matrix:
-        """View pixels to those of the patch that has the target in its middle."""
-        x, y = transform(to_view, np.array([self._middle]))[0]
-        return shift(self._side / 2, self._side / 2) @ scaling(self._scale) @ shift(-float(x), -float(y))
+    def _from_box(self, there: tuple[float, float]) -> tuple[float, float]:
+        """From the middle of the filter's box to a point of the view, in patch pixels."""
+        (x, y), (u, v), (a, b) = there, self._expected, self._offset
+        return (x - u) * self._scale - a, (y - v) * self._scale - b
 
     def _patch(self, view: View) -> NDArray[np.uint8]:
-        import cv2
+        """Surroundings of what is expected."""
+        from .view_kernel import patch_around
 
-        patch = warped(view.sharp if self._scale == 1 else view.values, self._to_patch, (self._side, self._side))
-        # The filters of OpenCV 5 fail on grey images.
-        colour: NDArray[np.uint8] = cv2.cvtColor(patch.astype(np.uint8), cv2.COLOR_GRAY2BGR)
-        return colour
+        image = view.pixels if self._scale == 1 else view.values
+        return patch_around(image, *self._expected, self._scale, self._side)
 
 
 def warped(image: NDArray[Any], matrix: Matrix, size: tuple[int, int]) -> NDArray[Any]:
@@ -170,8 +172,8 @@ class _FlowMover:
 
     def _patch_of(self, to_view: Matrix) -> Matrix:
         height, width = self._template.shape
-        x, y = transform(to_view, np.array([(width / 2, height / 2)]))[0]
-        return shift(self._size[0] / 2 - float(x), self._size[1] / 2 - float(y))
+        x, y = moved(to_view, width / 2, height / 2)
+        return shift(self._size[0] / 2 - x, self._size[1] / 2 - y)
 
 
 def common_motion(before: NDArray[Any], after: NDArray[Any]) -> Matrix:

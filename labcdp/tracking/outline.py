@@ -33,7 +33,7 @@ class Outline:
     def __init__(self, template: Template) -> None:
         import cv2
 
-        self._shape = template.shape
+        self._columns = template.shape[1]
         patch = template.patch.astype(np.uint8)
         square = np.ones((5, 5), np.uint8)
         near = (cv2.dilate(patch, square) > 0) & (cv2.erode(patch, square) == 0)
@@ -46,36 +46,38 @@ class Outline:
         self._near = np.flatnonzero(near.ravel())
         self._parts = parts[self._near]
         dx, dy = gradients(template.values)
-        self._dx, self._dy = dx.ravel()[self._near], dy.ravel()[self._near]
-        self._energies = self._sums(np.square(self._dx) + np.square(self._dy))
+        self._slopes = np.stack([dx.ravel()[self._near], dy.ravel()[self._near]])
+        energies = np.square(self._slopes).sum(axis=0)
+        self._energies = np.bincount(self._parts, weights=energies, minlength=_PARTS)
         clear = self._energies > _STEP_ENERGY * length * (_CLEAR * template.noise_dn) ** 2
         self._length = np.where(clear, length, 0.0)
         self._enough = _LEAST * float(length.sum())
         self._usual = np.ones(_PARTS)
 
-    def heights(self, values: NDArray[np.float32], seen: NDArray[np.bool_], gain: float) -> NDArray[np.float64]:
-        """Heights of the edges of each part in the view over those in the first frame; nan outside the image."""
-        dx, dy = gradients(values.reshape(self._shape))
-        products = self._sums(dx.ravel()[self._near] * self._dx + dy.ravel()[self._near] * self._dy)
+    def heights(self, values: NDArray[np.float32], agrees: NDArray[np.float32], gain: float) -> NDArray[np.float64]:
+        """Heights of the edges of each part in the view over those in the first frame.
+
+        They are nan outside the image, where `agrees` is, as told of each template pixel.
+        """
+        from .outline_kernel import sum_edges
+
+        sums = np.zeros(_PARTS)
+        sum_edges(values, agrees, self._columns, self._near, self._parts, self._slopes, sums)
         # Before a background that moves otherwise an edge may change its sign.
-        heights = np.abs(products) / (gain * np.maximum(self._energies, 1e-9))
-        hidden = self._sums(~seen[self._near]) > 0
-        heights[hidden] = np.nan
+        heights: NDArray[np.float64] = np.abs(sums) / (gain * np.maximum(self._energies, 1e-9))
         return heights
 
     def gone(self, heights: NDArray[np.float64]) -> float:
         """Share of the outline that had edges until now and has lost them."""
+        from .outline_kernel import share_gone
+
         known = np.isfinite(heights) & (self._usual > _FAINT) & (self._length > 0)
         length, kept = self._length[known], heights[known] / self._usual[known]
         if length.sum() <= self._enough:
             return 0.0
-        light = min(max(float(np.quantile(kept, _HIGHEST)), _DIMMEST), 1.0)
-        return float(length[kept < _GONE * light].sum() / length.sum())
+        return share_gone(kept.astype(np.float32), length, _GONE, _HIGHEST, _DIMMEST)
 
     def learn(self, heights: NDArray[np.float64]) -> None:
         """Remember the heights of a frame in which the region was found."""
-        change = np.clip(heights, 0.0, 1.5) - self._usual
+        change = np.minimum(heights, 1.5) - self._usual
         self._usual = self._usual + _LEARNT * np.where(np.isfinite(change), change, 0.0)
-
-    def _sums(self, values: NDArray[np.generic]) -> NDArray[np.float64]:
-        return np.asarray(np.bincount(self._parts, weights=values, minlength=_PARTS), dtype=np.float64)

@@ -120,11 +120,6 @@ class Template:
                 crossings ^= ((ya > y) != (yb > y)) & (x < xa + (y - ya) * (xb - xa) / (yb - ya))
         return crossings
 
-    @cached_property
-    def structure_dn(self) -> float:
-        """Standard deviation of the values."""
-        return float(self.values.std())
-
 
 def make_template(grey: NDArray[np.uint8], roi: Roi) -> Template:
     """Choose the smallest window around a region that fixes its place, and remember it.
@@ -182,10 +177,9 @@ SMOOTHED_NOISE = 0.375
 
 def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Image smoothed by 1 2 1 along both axes."""
-    import cv2
+    from .view_kernel import smoothed
 
-    smoothed: NDArray[np.float32] = cv2.GaussianBlur(image, (3, 3), 0.8493218)
-    return smoothed
+    return smoothed(image)
 
 
 def gradients(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, floor
+from math import ceil, floor, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, local_scale, scaling, shift, transform
+from .geometry import Matrix, local_scale, moved
 from .template import Template, smooth
 
 
@@ -19,29 +19,49 @@ class View:
 
     Parameters
     ----------
-    sharp : ndarray of uint8, shape (h, w)
+    pixels : ndarray of float32, shape (h, w)
         The part, in another size; beyond the image its last pixels are repeated.
-    from_image : ndarray of float, shape (3, 3)
-        Image pixels to the view's pixels.
+    factors : (float, float)
+        Pixels of the view for each of the image, along x and y.
+    corner : (int, int)
+        Where it begins in the image, x and y.
     image_shape : (int, int)
         Height and width of the frame.
     """
 
-    sharp: NDArray[np.uint8]
-    from_image: Matrix
+    pixels: NDArray[np.float32]
+    factors: tuple[float, float]
+    corner: tuple[int, int]
     image_shape: tuple[int, int]
+
+    @cached_property
+    def from_image(self) -> Matrix:
+        """Image pixels to the view's pixels."""
+        (across, down), (x, y) = self.factors, self.corner
+        return np.array([[across, 0.0, -across * x], [0.0, down, -down * y], [0.0, 0.0, 1.0]])
+
+    @cached_property
+    def to_image(self) -> Matrix:
+        """The view's pixels to image pixels."""
+        (across, down), (x, y) = self.factors, self.corner
+        return np.array([[1 / across, 0.0, x], [0.0, 1 / down, y], [0.0, 0.0, 1.0]])
+
+    @cached_property
+    def sharp(self) -> NDArray[np.uint8]:
+        """The view in whole DN, shape (h, w)."""
+        return np.rint(self.pixels).astype(np.uint8)
 
     @cached_property
     def values(self) -> NDArray[np.float32]:
         """The view smoothed as templates are."""
-        return smooth(self.sharp.astype(np.float32))
+        return smooth(self.pixels)
 
-    @cached_property
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Left, top, right and bottom end of the image in the view."""
+        (across, down), (x, y) = self.factors, self.corner
         height, width = self.image_shape
-        (left, top), (right, bottom) = transform(self.from_image, np.array([(0, 0), (width, height)]))
-        return float(left), float(top), float(right), float(bottom)
+        return -across * x, -down * y, across * (width - x), down * (height - y)
 
 
 def view_around(grey: NDArray[np.uint8], template: Template, to_image: Matrix, reach_px: float) -> View | None:
@@ -50,26 +70,30 @@ def view_around(grey: NDArray[np.uint8], template: Template, to_image: Matrix, r
     The view has the size the template would have: a target that comes nearer is reduced more.
     """
     height, width = template.shape
-    corners = transform(to_image, np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=float))
+    corners = [moved(to_image, x, y) for x, y in ((0, 0), (width, 0), (width, height), (0, height))]
     scale = local_scale(to_image, (width / 2, height / 2))
-    if not np.isfinite(corners).all() or not np.isfinite(scale):
+    if not all(isfinite(x) and isfinite(y) for x, y in corners) or not isfinite(scale):
         return None
-    low, high = corners.min(axis=0) - reach_px, corners.max(axis=0) + reach_px
-    return view_of(grey, (float(low[0]), float(low[1]), float(high[0]), float(high[1])), 1 / scale)
+    xs, ys = zip(*corners, strict=True)
+    box = min(xs) - reach_px, min(ys) - reach_px, max(xs) + reach_px, max(ys) + reach_px
+    return view_of(grey, box, 1 / scale)
 
 
 def view_of(grey: NDArray[np.uint8], box: tuple[float, float, float, float], reduction: float) -> View | None:
     """View of a `box` (left, top, right, bottom) of the frame, `reduction` view pixels for each; None if outside."""
     import cv2
 
+    from .view_kernel import reduced
+
     height, width = grey.shape
     left, top = max(floor(box[0]), 0), max(floor(box[1]), 0)
     right, bottom = min(ceil(box[2]), width), min(ceil(box[3]), height)
     if right - left < 3 or bottom - top < 3:
         return None
-    part = grey[top:bottom, left:right]
-    size = max(round(reduction * (right - left)), 3), max(round(reduction * (bottom - top)), 3)
-    how = cv2.INTER_AREA if reduction < 1 else cv2.INTER_LINEAR
-    sharp = part if size == part.shape[::-1] else cv2.resize(part, size, interpolation=how)
-    factors = size[0] / (right - left), size[1] / (bottom - top)
-    return View(np.ascontiguousarray(sharp), scaling(*factors) @ shift(-left, -top), (height, width))
+    rows, columns = max(round(reduction * (bottom - top)), 3), max(round(reduction * (right - left)), 3)
+    if rows <= bottom - top and columns <= right - left:
+        pixels = reduced(grey, left, top, right, bottom, (rows, columns))
+    else:
+        part = grey[top:bottom, left:right].astype(np.float32)
+        pixels = np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_LINEAR))
+    return View(pixels, (columns / (right - left), rows / (bottom - top)), (left, top), (height, width))

@@ -2,10 +2,12 @@ from math import nan, sqrt
 
 import numpy as np
 import pytest
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter1d, uniform_filter
 from scipy.stats import norm
 
 from labcdp.contrast import cdp, cdp_correlated, variance_inflation
+from labcdp.contrast.correlation import _reach, _weights_of_lags
+from labcdp.contrast.lags import Lags, lags_of_mask
 from labcdp.errors import InputError
 
 SIDE = 40
@@ -89,6 +91,33 @@ def test_a_pattern_of_rows_is_found():
     ]
     # Variance of the mean of a row over that of 80 independent pixels of the same variance.
     assert np.mean(found) == pytest.approx((0.3**2 + 1 / 80) / ((1 + 0.3**2) / 80), rel=0.15)
+
+
+def test_a_strip_whose_far_lags_count_is_not_taken_for_independent():
+    """The sum over all lags of a strip is 0 whatever the noise: by itself it would say that nothing is correlated."""
+    rng = np.random.default_rng(41)
+    strips = gaussian_filter1d(rng.normal(size=(2000, 160)), 6, axis=1)[:, 60:-60]
+    factors = {True: [], False: []}
+    for strip in strips:
+        products, pairs = Lags((strip - strip.mean())[None]), lags_of_mask(np.ones((1, strip.size), dtype=bool))
+        weights = _weights_of_lags(products, pairs, (0, _reach(products, pairs, 1)))
+        factors[weights.all_right].append(variance_inflation(strip[None], np.ones((1, strip.size), dtype=bool)))
+    assert len(factors[True]) >= 20
+    # What a strip knows of its noise is little, but about as much as others do of theirs.
+    spread = np.std(factors[True], ddof=1) / sqrt(len(factors[True]))
+    assert np.mean(factors[True]) > np.mean(factors[False]) / 2 + 3 * spread
+    assert 1 not in factors[True]
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (1, 8), (1, 16), (16, 1), (1, 40), (2, 8), (3, 3), (4, 4), (8, 8)])
+def test_independent_noise_stays_so_on_tiny_regions(shape):
+    """Stated variance of a mean: the true one, and up to 15 % more for what chance alone makes of few pixels."""
+    rng = np.random.default_rng(42)
+    images = rng.normal(size=(1500, *shape))
+    mask = np.ones(shape, dtype=bool)
+    stated = [image.var(ddof=1) * variance_inflation(image, mask) for image in images]
+    three_sigma = 3 * np.std(stated, ddof=1) / sqrt(len(stated))
+    assert 1 - three_sigma <= np.mean(stated) <= 1.15 + three_sigma
 
 
 def test_pixels_outside_the_mask_do_not_matter():

@@ -1,3 +1,5 @@
+from math import inf
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,14 +28,28 @@ def table(values, down, right):
 
 
 # More lags than the image has are asked for, too.
-@pytest.mark.parametrize("most_passes", [0, 1000])
+@pytest.mark.parametrize("cost_of_transform", [0, inf])
 @given(shape=SHAPES, down=st.integers(1, 11), right=st.integers(1, 11), seed=SEEDS)
-def test_sums_as_by_brute_force(most_passes, shape, down, right, seed):
+def test_sums_as_by_brute_force(cost_of_transform, shape, down, right, seed):
     values = np.random.default_rng(seed).normal(size=shape)
+    expected = np.array(table(values, down, right))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lags, "_MOST_PASSES", most_passes)
-        near = Lags(values).near(down, right)
-    np.testing.assert_allclose(near, table(values, down, right), atol=1e-12)
+        patch.setattr(lags, "_PRODUCTS_OF_TRANSFORM", cost_of_transform)
+        patch.setattr(lags, "_PRODUCTS_OF_STEP", 0)
+        np.testing.assert_allclose(Lags(values).near(down, right), expected, atol=1e-12)
+        np.testing.assert_allclose(Lags(values).line(0, down), expected[down - 1 :, right - 1], atol=1e-12)
+        np.testing.assert_allclose(Lags(values).line(1, right), expected[down - 1, right - 1 :], atol=1e-12)
+
+
+@given(shape=SHAPES, counts=st.lists(st.tuples(st.integers(1, 11), st.integers(1, 11)), min_size=2), seed=SEEDS)
+def test_what_was_asked_for_before_does_not_matter(shape, counts, seed):
+    mask = np.random.default_rng(seed).random(shape) < 0.6
+    of_mask = lags_of_mask(mask)
+    for down, right in counts:
+        expected = np.array(table(mask.astype(float), down, right))
+        assert (of_mask.line(1, right) == expected[down - 1, right - 1 :]).all()
+        assert (of_mask.near(down, right) == expected).all()
+        assert (of_mask.line(0, down) == expected[down - 1 :, right - 1]).all()
 
 
 @given(shape=SHAPES, down=st.integers(1, 11), right=st.integers(1, 11), full=st.booleans(), seed=SEEDS)

@@ -1,0 +1,98 @@
+"""Gauss-Newton steps that align a template with a view, compiled: see `labcdp.tracking.level`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import compiled
+from .level_kernel import Bounds, Pixels, Seen, first_light, next_light, nothing_seen, sample
+from .matrix_kernel import all_finite, invert, multiply, solve_positive
+
+
+@compiled
+def improve(
+    image: NDArray[np.float32], bounds: Bounds, pixels: Pixels, to_view: NDArray[np.float64], steps: int,
+    guesses: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], float, float]:  # fmt: skip
+    """Make up to `steps` steps from `to_view`: see `labcdp.tracking.level.Level.improve`.
+
+    Returns
+    -------
+    to_view : ndarray of float64, shape (3, 3)
+    gain, offset : float
+        Light before the last step; gain 0 if the steps lead nowhere.
+    """
+    seen = nothing_seen(pixels.trust.size)
+    weights = np.empty_like(pixels.trust)
+    place, change, other = to_view.copy(), np.empty((3, 3)), np.empty((3, 3))
+    light = (0.0, 0.0, np.nan, 0.0)
+    for number in range(steps):
+        sample(image, bounds, place, pixels, seen)
+        light = first_light(pixels, seen, guesses) if number == 0 else next_light(pixels, seen, light[2])
+        if light[0] == 0:
+            break
+        step = _step(pixels, seen, weights)
+        most = 0.0
+        for k in range(step.size):
+            most = max(most, abs(step[k]))
+        _move(pixels, step, place, change, other)
+        if not all_finite(place):
+            return place, 0.0, 0.0
+        if most < pixels.still:
+            break
+    return place, light[0], light[1]
+
+
+@compiled
+def _move(
+    pixels: Pixels, step: NDArray[np.float64], place: NDArray[np.float64], change: NDArray[np.float64],
+    other: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Change a place by the inverse of a step; `change` and `other`, of shape (3, 3), are written over."""
+    for row in range(3):
+        for column in range(3):
+            change[row, column] = 1.0 if row == column else 0.0
+            for k in range(step.size):
+                change[row, column] += step[k] * pixels.generators[k, row, column]
+    invert(change, other)
+    multiply(other, pixels.centred, change)
+    multiply(pixels.from_centred, change, other)
+    multiply(place, other, change)
+    for row in range(3):
+        for column in range(3):
+            place[row, column] = change[row, column] / change[2, 2]
+
+
+@compiled
+def _step(pixels: Pixels, seen: Seen, weights: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Gauss-Newton step along each generator, from the residuals in the template's DN; `weights` is written over."""
+    jacobian = pixels.jacobian
+    unknowns, n = jacobian.shape
+    products, pull = np.empty((unknowns, unknowns)), np.empty(unknowns)
+    total = scatter = np.float32(0)
+    for i in range(n):
+        weight = seen.trusted[i] * seen.robust[i]
+        total += weight
+        scatter += weight * seen.residuals[i] * seen.residuals[i]
+    least = max(float(scatter) / max(float(total), 1e-9), pixels.noise**2)
+    for row in range(unknowns):
+        for i in range(n):
+            weights[i] = jacobian[row, i] * seen.trusted[i] * seen.robust[i]
+        pull[row] = _dot(weights, seen.residuals)
+        for column in range(row + 1):
+            products[row, column] = _dot(weights, jacobian[column])
+        products[row, row] += pixels.damping[row] * least + 1e-6 * products[row, row] + 1e-9
+    # Damped, it is positive definite; if not for all that, the step is none.
+    if not solve_positive(products, pull):
+        for row in range(unknowns):
+            pull[row] = 0.0
+    return pull[: pixels.generators.shape[0]]
+
+
+@compiled
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    total = np.float32(0)
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return float(total)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import ceil, floor, isfinite
 from typing import Any
 
 import numpy as np
@@ -119,7 +119,7 @@ class Roi:
                 f"region {self.name!r} spans x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, but the image is "
                 f"{width} x {height} pixels: move it inside"
             )
-        return slice(int(np.floor(y0)), int(np.ceil(y1))), slice(int(np.floor(x0)), int(np.ceil(x1)))
+        return slice(floor(y0), ceil(y1)), slice(floor(x0), ceil(x1))
 
     def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
         """Mask of the region's pixels in its `window` of an image of `shape` (height, width).
@@ -134,8 +134,8 @@ class Roi:
         y = np.arange(rows.start, rows.stop) + 0.5
         # Even-odd rule: a pixel is inside if its horizontal ray to the right crosses an odd number of edges. Only the
         # rows that an edge spans are looked at, so that many corners cost little.
-        xa, ya = np.array(self.corners).T
-        xb, yb = np.roll(xa, -1), np.roll(ya, -1)
+        closed = np.array((*self.corners, self.corners[0])).T
+        (xa, ya), (xb, yb) = closed[:, :-1], closed[:, 1:]
         first = np.searchsorted(y, np.minimum(ya, yb))
         count = np.searchsorted(y, np.maximum(ya, yb)) - first
         edge = np.repeat(np.arange(xa.size), count)
@@ -144,8 +144,10 @@ class Roi:
         crossing = xa + (y[row] - ya) * (xb[edge] - xa) / (yb[edge] - ya)
         # Along all rows in one line, the pixels between one crossing and the next are outside and inside in turn: each
         # row has an even number of crossings.
-        turns = np.sort(row * x.size + np.searchsorted(x, crossing))
-        lengths = np.diff(turns, prepend=0, append=y.size * x.size)
+        turns = np.empty(row.size + 2, np.intp)
+        turns[0], turns[-1] = 0, y.size * x.size
+        turns[1:-1] = np.sort(row * x.size + np.searchsorted(x, crossing))
+        lengths = turns[1:] - turns[:-1]
         inside = np.repeat(np.arange(lengths.size) % 2 == 1, lengths).reshape(y.size, x.size)
         if not inside.any():
             raise InputError(f"region {self.name!r} holds no pixel: make it larger")

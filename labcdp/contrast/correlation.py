@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
 from math import log10, nan, sqrt
 
 import numpy as np
@@ -11,14 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from .image import image_array, mask_array
-from .lags import Lags, both_signs, lags_of_mask
 
-#: A correlation counts from so many times sqrt(log10(n) / n) on, unless so many lags in a row are below it
-#: (Politis 2003, with the constants he recommends).
+#: A correlation counts from so many times sqrt(log10(n) / pairs) on, unless so many lags in a row are below it
+#: (Politis 2003, with the constants he recommends; he has n for the pairs, of which an outline may leave far fewer).
 _SIGNIFICANT, _LAGS_BELOW = 2.0, 5
-
-#: Lags that are looked at first: noise of cameras reaches a few pixels, which as many more below the limit show.
-_FEW_LAGS = 8
 
 #: Standard deviations from which the correlation along whole rows or columns counts: chance alone in 1 % of cases.
 _LINE_SIGNIFICANT = 2.3
@@ -50,11 +44,12 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
     -----
     The factor is the sum of the autocorrelation over lags (dy, dx), each lag at the number of pairs of pixels the mask
     has for it. The lags that count are chosen by the region itself, separately for rows and columns: q is the last lag
-    along the axis before five in a row whose correlation is below 2 sqrt(log10(n) / n), and the weight is 1 up to
+    along the axis before five in a row whose correlation is below 2 sqrt(log10(n) / pairs), and the weight is 1 up to
     q + 1 and falls to 0 at 2 (q + 1), and only lag 0 counts if q is 0 (after D. N. Politis, Adaptive bandwidth choice,
     J. Nonparametr. Stat. 15, 2003; one lag more, as the last correlations are often below the limit). The weight of a
-    lag is the product for both axes. A pattern of rows or columns correlates little at each lag but over all lags; if
-    the lags beyond 2 (q + 1) together exceed 0 by 2.3 standard deviations, all lags along that axis count. As the mean
+    lag is the product of those, u and v, for both axes. A pattern of rows or columns correlates little at each lag but
+    over all lags; if the lags beyond 2 (q + 1) together exceed 0 by 2.3 standard deviations, all lags along that axis
+    count: the weight is then that for the other axis, or u + v - u v if this is so along both. As the mean
     is itself an estimate, the sum falls short by the share of all n^2 pairs that it goes over, which is put back. Where
     that share would be all of them, as for all lags along a region of one row, the sum is 0 whatever the noise; the
     factor is then the largest that follows with any q from 0 to that found.
@@ -73,111 +68,41 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
 
 def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) -> float:
     """Inflation as `variance_inflation` of pixels less their mean, 0 outside the mask; nan if all are 0."""
+    from .correlation_kernel import at_lag, chosen
+
     if not mask.all():
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        scores, mask = np.ascontiguousarray(scores[window]), mask[window]
-    products, pairs = Lags(scores), lags_of_mask(mask)
-    n = pairs.at_0
-    if not products.at_0 > 0:
+        scores, mask = scores[window], mask[window]
+    image, inside = np.ascontiguousarray(scores), np.ascontiguousarray(mask, dtype=np.float64)
+    scatter, n = at_lag(image, image, 0), float(inside.sum())
+    if not scatter > 0:
         return nan
-    reaches = _reach(products, pairs, 0), _reach(products, pairs, 1)
-    weights = _weights_of_lags(products, pairs, reaches)
-    if weights.sum_of(pairs) < n**2:
-        return max(_inflation(weights, products, pairs), 1.0)
+    down, right, *whole = chosen(image, inside, _SIGNIFICANT * sqrt(log10(n) / n), _LAGS_BELOW, _LINE_SIGNIFICANT)
+    if not any((down, right, *whole)):
+        return 1.0
+    found = _inflation(image, inside, down, right, *whole)
+    if found is not None:
+        return max(found / scatter, 1.0)
     # The sum over all lags is the square of the sum of the scores, 0. Near ones never go over all pairs: the farthest
     # lag of a region weighs less than 1.
-    nearer = (_Weights.of(*(min(reach, most) for reach in reaches)) for most in range(max(reaches) + 1))
-    return max(_inflation(weights, products, pairs) for weights in nearer)
+    nearer = (_inflation(image, inside, min(down, most), min(right, most)) for most in range(max(down, right) + 1))
+    return max(1.0, *(one / scatter for one in nearer if one is not None))
 
 
-def _inflation(weights: _Weights, products: Lags, pairs: Lags) -> float:
-    n = pairs.at_0
-    return weights.sum_of(products) / products.at_0 * (1 - 1 / n) / (1 - weights.sum_of(pairs) / n**2)
+def _inflation(
+    image: NDArray[np.float64],
+    mask: NDArray[np.float64],
+    down: int,
+    right: int,
+    all_down: bool = False,
+    all_right: bool = False,
+) -> float | None:
+    """Sum over the lags that count, less what the mean took; None if that is all."""
+    from .correlation_kernel import summed
 
-
-@dataclass(frozen=True, eq=False)
-class _Weights:
-    """How much each lag (dy, dx) counts, 0 to 1.
-
-    Parameters
-    ----------
-    down, right : ndarray of float
-        By the lag along each axis, from 0; lags beyond the last count nothing. The weight of a lag is their product.
-    all_down, all_right : bool
-        Whether all lags along the axis count as lag 0 along it does.
-    """
-
-    down: NDArray[np.float64]
-    right: NDArray[np.float64]
-    all_down: bool = False
-    all_right: bool = False
-
-    @classmethod
-    def of(cls, down: int, right: int) -> _Weights:
-        """Return the weights for last lags that count along each axis."""
-        return cls(_weights_of_line(down), _weights_of_line(right))
-
-    @cached_property
-    def both(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """By the lag along each axis, of both signs."""
-        return both_signs(self.down), both_signs(self.right)
-
-    def sum_of(self, lags: Lags) -> float:
-        """Weighted sum over all lags."""
-        down, right = self.both
-        if not (self.all_down or self.all_right):
-            return float(down @ lags.near(self.down.size, self.right.size) @ right)
-        total = 0.0
-        if self.all_down:
-            total += float(lags.summed(0).near(1, self.right.size)[0] @ right)
-        if self.all_right:
-            total += float(lags.summed(1).near(self.down.size, 1)[:, 0] @ down)
-        if self.all_down and self.all_right:
-            # The larger one of both weights is their sum less the smaller one.
-            smaller = np.minimum.outer(down, right)
-            total -= float((smaller * lags.near(self.down.size, self.right.size)).sum())
-        return total
-
-
-def _weights_of_lags(products: Lags, pairs: Lags, reaches: tuple[int, int]) -> _Weights:
-    """Choose how much each lag counts, from the last ones that do along each axis."""
-    from .correlation_kernel import squared_sums
-
-    weights = _Weights.of(*reaches)
-    counts = weights.down.size, weights.right.size
-    squares = squared_sums(products.table(*counts), pairs.table(*counts), *weights.both)
-    whole = []
-    for axis, reach in enumerate(reaches):
-        far_pairs = round(_far(pairs, axis, 2 * (reach + 1)))
-        # Variance of the sum of far products (Bartlett's formula, summed over lags along the line).
-        spread = sqrt(2 * far_pairs * squares[axis])
-        whole.append(far_pairs > 0 and _far(products, axis, 2 * (reach + 1)) > _LINE_SIGNIFICANT * spread)
-    return replace(weights, all_down=whole[0], all_right=whole[1])
-
-
-def _reach(products: Lags, pairs: Lags, axis: int) -> int:
-    """Last lag along an axis before so many in a row that do not count, up to a quarter of its length."""
-    from .correlation_kernel import last_significant
-
-    n = pairs.at_0
-    least = _SIGNIFICANT * sqrt(log10(n) / n) * products.at_0 / n
-    most = products.shape[axis] // 4
-    few = min(_FEW_LAGS, most) + 1
-    reach, known = last_significant(products.line(axis, few), pairs.line(axis, few), least, _LAGS_BELOW)
-    if known or few > most:
-        return reach
-    return last_significant(products.line(axis, most + 1), pairs.line(axis, most + 1), least, _LAGS_BELOW)[0]
-
-
-@lru_cache(maxsize=256)
-def _weights_of_line(reach: int) -> NDArray[np.float64]:
-    """Weights of the lags along an axis, from 0; the last one is 0, but its lag is needed to know those beyond."""
-    # Only lag 0 counts where none is significant.
-    return np.clip(2 - np.arange(2 * reach + 3) / (reach + 1), 0, 1) if reach else np.ones(1)
-
-
-def _far(lags: Lags, axis: int, last: int) -> float:
-    """Sum over all lags along an axis beyond the `last`."""
-    near = lags.line(axis, min(last + 1, lags.shape[axis]))
-    return lags.summed(axis).at_0 - float(2 * near.sum() - near[0])
+    n = mask.sum()
+    share = summed(mask, down, right, all_down, all_right) / n**2
+    if not share < 1:
+        return None
+    return float(summed(image, down, right, all_down, all_right) * (1 - 1 / n) / (1 - share))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import sqrt
+from math import isqrt, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ _Z_99 = 2.33
 _ROUNDING = 1e-10
 #: Relative size below which a surface is one of the others on a region of few rows or columns.
 _SAME_SURFACE = 1e-10
+#: Blocks of pixels that are enough, and the least share of a region that has to lie in them.
+_FEWEST_BLOCKS, _IN_BLOCKS_LEAST = 1500, 0.75
 #: Fewest degrees of freedom that something is said for.
 _FEWEST = 4.0
 _Array = NDArray[np.float64]
@@ -53,34 +55,53 @@ def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     The factor is itself uncertain. As for a mean of few readings (JCGM 101:2008, 6.4.9.4), it is raised by
     k / (k - 2) for the k surfaces it rests on, and by (m - 1) / (m - 3) for m = n / factor independent pixels.
 
+    Of regions of 6000 pixels and more, blocks of pixels are looked at in their place, some 1500 to 6000 of them. Their
+    means, times the root of the pixels of a block, have the variance of a pixel if the noise is independent; what they
+    have more is correlation within the blocks (E. Carlstein, The use of subseries values for estimating the variance
+    of a general statistic from a stationary sequence, Ann. Stat. 14, 1986), by which the first factor is multiplied.
+
     A slow change across the region, of the light or by the lens' fall-off, is the same in each picture, and no noise.
     The surface of second degree is taken off where its mean square is 30 times what the rest has in surfaces of the
     third and fourth degree, in rows, in columns and by its correlation: smooth noise has about as much in all of these.
 
-    In simulations of regions of 30 x 30 to 100 x 100 pixels, independent noise and noise smoothed by a Gaussian of 0.6
-    to 3 px, the 95 % intervals of means, contrasts and CDP covered the truth in 93 to 99 % of the cases.
+    In simulations of regions of 30 x 30 to 300 x 300 pixels, independent noise and noise smoothed by a Gaussian of 0.6
+    to 3 px, of large ones to 6 px, the 95 % intervals of means covered the truth in 91 to 99 % of the cases, and of
+    contrasts and CDP in 93 to 99 %.
     """
-    from .noise_kernel import centred, less_surface, with_surfaces
+    from .noise_kernel import centred, in_blocks, less_surface, with_surfaces
 
-    region = _region(mask)
-    level, any_differ = centred(image[region.window].astype(np.float64, order="C"), region.mask)
+    level, any_differ = centred(image.astype(np.float64, order="C"), mask)
+    n = int(np.count_nonzero(mask))
+    variance = float(np.vdot(level, level)) / n
+    side, inside = max(isqrt(n // _FEWEST_BLOCKS), 1), mask
+    if side > 1:
+        blocks, whole = in_blocks(level, mask, side)
+        # A thin region has no blocks.
+        if np.count_nonzero(whole) * side**2 >= _IN_BLOCKS_LEAST * n:
+            (level, any_differ), inside = centred(blocks, whole), whole
+        else:
+            side = 1
     if not any_differ:
         return 1.0
+    region = _region(inside)
+    level = np.ascontiguousarray(level[region.window])
     products = with_surfaces(level, region.down, region.right)
     slow, all_degrees = (solution.fit(products) for solution in region.fits)
-    plain = _Noise.of(level, region, 1, _Power(all_degrees.square, all_degrees.rank - 1))
+    plain = _Noise.of(level, region, 1, _Power(all_degrees.square, all_degrees.rank - 1), variance)
     if not plain.found:
         return 1.0
     rest = less_surface(level, region.mask, region.down, region.right, slow.factors)
     power = _Power(max(all_degrees.square - slow.square, 0.0), all_degrees.rank - slow.rank)
-    without = _Noise.of(rest, region, _SLOW_DEGREE + 1, power)
-    if without.square <= _ROUNDING * plain.square:
+    # Blocks of noise scatter as pixels do, blocks of a surface as many times more as they have pixels.
+    less = variance - slow.square / (region.n * side**2)
+    without = _Noise.of(rest, region, _SLOW_DEGREE + 1, power, less)
+    if min(without.square / region.n, less) <= _ROUNDING * variance:
         return 1.0
     # Sums over lags take their time: the least that the factor can be is often enough to say that a change is noise.
     most = _Power(slow.square, slow.rank - 1).mean / (_SIGNIFICANT_CHANGE * without.variance)
     if most > without.least and most > without.inflation:
-        return _widened(without.inflation, power.freedom, region.n)
-    return _widened(plain.inflation, all_degrees.rank - 1, region.n)
+        return _widened(without.inflation, power.freedom, n)
+    return _widened(plain.inflation, all_degrees.rank - 1, n)
 
 
 @dataclass(frozen=True)
@@ -112,10 +133,12 @@ class _Noise:
         The noise, 0 outside the region.
     region : _Region
         The region.
-    square, variance : float
-        Sum and mean of the squares.
+    square : float
+        Sum of its squares.
+    variance : float
+        Of the pixels, which that of blocks is compared with.
     powers : tuple of _Power
-        Of surfaces, of sums of columns and of sums of rows.
+        Of blocks, of surfaces, of sums of columns and of sums of rows.
     """
 
     level: _Array
@@ -125,7 +148,7 @@ class _Noise:
     powers: tuple[_Power, ...]
 
     @classmethod
-    def of(cls, level: _Array, region: _Region, known: int, surfaces: _Power) -> _Noise:
+    def of(cls, level: _Array, region: _Region, known: int, surfaces: _Power, variance: float) -> _Noise:
         """Take noise that lost so many degrees of freedom along each axis."""
         from .noise_kernel import sums_along_axes
 
@@ -134,18 +157,19 @@ class _Noise:
             _Power(float(one @ one) * lines / region.n, lines - known)
             for one, lines in zip(sums, region.lines, strict=True)
         )
-        return cls(level, region, square, square / region.n, (surfaces, *of_lines))
+        # Pixels have no more power than they have.
+        return cls(level, region, square, variance, (_Power(square, region.n), surfaces, *of_lines))
 
     @cached_property
     def beyond_chance(self) -> bool:
-        """Whether surfaces, columns or rows show correlation."""
+        """Whether blocks, surfaces, columns or rows show correlation."""
         return any(power.beyond_chance(self.variance) for power in self.powers)
 
     @cached_property
     def by_lags(self) -> float:
         """Factor by the correlation at near lags; 1 where there is none, or all pixels are equal."""
         factor = inflation_of_scores(self.level, self.region.mask)
-        return factor if factor > 1 else 1.0
+        return factor * self.square / (self.region.n * self.variance) if factor > 1 else 1.0
 
     @property
     def found(self) -> bool:
@@ -154,7 +178,7 @@ class _Noise:
 
     @property
     def least(self) -> float:
-        """What the inflation is at least, by surfaces, columns and rows alone."""
+        """What the inflation is at least, by blocks, surfaces, columns and rows alone."""
         return max(1.0, *(power.mean / self.variance for power in self.powers)) if self.beyond_chance else 1.0
 
     @property
@@ -162,7 +186,7 @@ class _Noise:
         """Largest of the factors; 1 where none is more than chance makes."""
         if not self.found:
             return 1.0
-        return max(self.by_lags, *(power.mean / self.variance for power in self.powers))
+        return max(1.0, self.by_lags, *(power.mean / self.variance for power in self.powers))
 
 
 def _widened(inflation: float, freedom: float, n: int) -> float:

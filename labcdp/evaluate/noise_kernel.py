@@ -46,6 +46,40 @@ def centred(image: _Array, mask: NDArray[np.bool_]) -> tuple[_Array, bool]:
 
 
 @compiled
+def in_blocks(level: _Array, mask: NDArray[np.bool_], side: int) -> tuple[_Array, NDArray[np.bool_]]:
+    """Means of square blocks, times the root of their pixels, so that independent pixels keep their variance.
+
+    Parameters
+    ----------
+    level : ndarray of float, shape (height, width)
+        The image, 0 outside the mask.
+    mask : ndarray of bool, shape (height, width)
+        Its pixels that count.
+    side : int
+        Rows and columns of a block.
+
+    Returns
+    -------
+    (ndarray of float, ndarray of bool), shape (rows, columns)
+        In the unit of the image, 0 for a block that does not count; and which do: those with three quarters of their
+        pixels.
+    """
+    height, width = level.shape
+    means = np.empty(((height + side - 1) // side, (width + side - 1) // side))
+    inside = np.empty(means.shape, np.bool_)
+    for row in range(means.shape[0]):
+        for column in range(means.shape[1]):
+            total, n = 0.0, 0
+            for y in range(row * side, min((row + 1) * side, height)):
+                for x in range(column * side, min((column + 1) * side, width)):
+                    total += level[y, x]
+                    n += mask[y, x]
+            inside[row, column] = 4 * n >= 3 * side * side
+            means[row, column] = total / np.sqrt(n) if inside[row, column] else 0.0
+    return means, inside
+
+
+@compiled
 def sums_along_axes(level: _Array) -> tuple[float, _Array, _Array]:
     """Sum of the squares of an image, its sums along y and its sums along x.
 

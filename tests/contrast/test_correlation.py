@@ -1,4 +1,4 @@
-from math import nan, sqrt
+from math import log10, nan, sqrt
 
 import numpy as np
 import pytest
@@ -6,8 +6,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter
 from scipy.stats import norm
 
 from labcdp.contrast import cdp, cdp_correlated, variance_inflation
-from labcdp.contrast.correlation import _reach, _weights_of_lags
-from labcdp.contrast.lags import Lags, lags_of_mask
+from labcdp.contrast.correlation_kernel import chosen
 from labcdp.errors import InputError
 
 SIDE = 40
@@ -96,12 +95,12 @@ def test_a_pattern_of_rows_is_found():
 def test_a_strip_whose_far_lags_count_is_not_taken_for_independent():
     """The sum over all lags of a strip is 0 whatever the noise: by itself it would say that nothing is correlated."""
     rng = np.random.default_rng(41)
-    strips = gaussian_filter1d(rng.normal(size=(2000, 160)), 6, axis=1)[:, 60:-60]
+    strips = gaussian_filter1d(rng.normal(size=(6000, 160)), 6, axis=1)[:, 60:-60]
     factors = {True: [], False: []}
     for strip in strips:
-        products, pairs = Lags((strip - strip.mean())[None]), lags_of_mask(np.ones((1, strip.size), dtype=bool))
-        weights = _weights_of_lags(products, pairs, (0, _reach(products, pairs, 1)))
-        factors[weights.all_right].append(variance_inflation(strip[None], np.ones((1, strip.size), dtype=bool)))
+        limit = 2 * sqrt(log10(strip.size) / strip.size)
+        *_, all_right = chosen((strip - strip.mean())[None], np.ones((1, strip.size)), limit, 5, 2.3)
+        factors[all_right].append(variance_inflation(strip[None], np.ones((1, strip.size), dtype=bool)))
     assert len(factors[True]) >= 20
     # What a strip knows of its noise is little, but about as much as others do of theirs.
     spread = np.std(factors[True], ddof=1) / sqrt(len(factors[True]))

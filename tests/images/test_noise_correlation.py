@@ -9,8 +9,8 @@ from labcdp.evaluate.pair import evaluate_pair
 from labcdp.luminance import LuminanceMap
 from labcdp.roi import Roi
 
-SIZES, SMOOTHING_PX = (30, 60, 100), (0.0, 0.6, 1.2, 2.0, 3.0)
-REPEATS = {30: 100, 60: 60, 100: 30}
+SIZES, SMOOTHING_PX = (30, 60, 100, 150), (0.0, 0.6, 1.2, 2.0, 3.0)
+REPEATS = {30: 100, 60: 60, 100: 30, 150: 30}
 
 
 def _noise(rng, size, smoothing_px):
@@ -92,3 +92,14 @@ def test_regions_of_any_outline_and_of_few_pixels_have_a_factor():
     smooth = _noise(rng, 40, 2.0)
     # What lies outside does not matter.
     assert noise_inflation(np.where(disc, smooth, 1e6), disc) == pytest.approx(noise_inflation(smooth, disc))
+
+
+@pytest.mark.parametrize("width", [1, 6])
+def test_a_thin_region_is_no_more_often_taken_for_correlated_than_chance_says(width):
+    """Four tests at 1 % each, and one of the lags: a diagonal line, whose blocks, if it has any, are cut off."""
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[:600, :600]
+    thin = np.abs(x - y) < width
+    found = [noise_inflation(rng.normal(size=thin.shape), thin) > 1 for _ in range(40)]
+    assert np.mean(found) <= 0.05 + 3 * sqrt(0.05 * 0.95 / 40)
+    assert noise_inflation(_noise(rng, 600, 2.0), thin) > 5

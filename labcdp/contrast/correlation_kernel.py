@@ -162,14 +162,14 @@ def _lines_count(
     squares = 0.0
     for lag in range(means_across.size):
         squares += (1 if lag == 0 else 2) * (n * means_across[lag] * at_lag(turned, smooth, lag)) ** 2
-    return _far(image, products) > limit * np.sqrt(2 * far_pairs * squares)
+    return bool(_far(image, products) > limit * np.sqrt(2 * far_pairs * squares))
 
 
 @compiled
 def _far(image: _Array, near: _Array) -> float:
     """Sum of the products at all lags along y beyond those known, of both signs."""
     columns = image.sum(axis=0)
-    return (columns * columns).sum() - 2 * near.sum() + near[0]
+    return float((columns * columns).sum() - 2 * near.sum() + near[0])
 
 
 @compiled
@@ -189,9 +189,9 @@ def _smoothed(image: _Array, weight: _Array) -> _Array:
 @compiled
 def _weighted(image: _Array, weight: _Array) -> float:
     """Sum of the products at the lags along y of both signs, times their weight."""
-    total = weight[0] * at_lag(image, image, 0)
-    for lag in range(1, weight.size):
-        total += 2 * weight[lag] * at_lag(image, image, lag)
+    total = 0.0
+    for lag in range(weight.size):
+        total += (1 if lag == 0 else 2) * float(weight[lag]) * at_lag(image, image, lag)
     return total
 
 

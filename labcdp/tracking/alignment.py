@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .fit_kernel import align, trust_learnt
 from .geometry import Matrix
 from .level import GainOffset, Level
 from .outline import Outline
@@ -19,7 +19,7 @@ from .view import View
 _TRUST_KEPT = 0.7
 #: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
 _LEARNT_AT_FIRST, _LEARNT_AT_MOST = 4, 20
-#: A light that is not known: all pixels count alike at first.
+#: A light that is not known.
 _ANY_LIGHT = (nan, nan)
 
 
@@ -31,6 +31,8 @@ class Fit:
     ----------
     to_view : ndarray of float, shape (3, 3)
         Template pixels to view pixels.
+    to_image : ndarray of float, shape (3, 3)
+        Template pixels to pixels of the frame.
     quality : float
         Share of the template's structure that is found again, 0 to 1: each pixel counts with its deviation
         from the template's mean and its gradient, and with how far it was seen to move with the region so far; it is
@@ -48,6 +50,7 @@ class Fit:
     """
 
     to_view: Matrix
+    to_image: Matrix
     quality: float
     light: tuple[float, float]
     covered: float
@@ -75,11 +78,10 @@ class Aligner:
 
     def __init__(self, template: Template, *, planar: bool) -> None:
         self.template = template
-        self._levels = [Level(template, planar, coarse) for coarse in (True, False)]
+        self._coarse, self._fine = (Level(template, planar, coarse) for coarse in (True, False))
         structure = template.values - template.values.mean()
         dx, dy = gradients(template.values)
-        self._carries = (np.abs(structure) + 2 * np.hypot(dx, dy)).ravel()
-        self._inside = template.inside.ravel()
+        self._own = (np.abs(structure) + 2 * np.hypot(dx, dy)).ravel(), template.inside
         self._trust = template.trust.ravel()
         self._trust_least = _TRUST_KEPT * self._trust**2
         self._learnt = _LEARNT_AT_FIRST
@@ -91,26 +93,11 @@ class Aligner:
 
         `light` is a guess of gain and offset, as of the frame before.
         """
-        guesses: tuple[GainOffset, ...] = (_ANY_LIGHT,) if light is None else (light, _ANY_LIGHT)
-        for level, steps in zip(self._levels, (8, 5), strict=True):
-            improved = level.improve(view, to_view, steps, guesses)
-            if improved is None:
-                return None
-            to_view, found = improved
-            guesses = (found,)
-        return self._judge(view, to_view, guesses)
-
-    def _judge(self, view: View, to_view: Matrix, guesses: Sequence[GainOffset]) -> Fit | None:
-        """Say how well a template fits where it is put; None if hardly any of it is in the image."""
-        from .fit_kernel import judge
-
-        gain, offset, quality, covered, in_image, agrees, values = judge(
-            view.values, view.bounds, self._levels[-1].pixels, to_view, np.array(guesses), self._carries, self._inside
-        )
-        if gain == 0:
-            return None
-        heights = self._outline.heights(values, agrees, gain)
-        return Fit(to_view, quality, (gain, offset), covered, in_image, agrees, heights)
+        to_view, to_image, gain, offset, quality, covered, in_image, agrees, heights = align(
+            view.values, (view.factors, view.corner, view.image_shape), self._coarse.pixels, self._fine.pixels, to_view,
+            _ANY_LIGHT if light is None else light, self._own, self._outline.edges,
+        )  # fmt: skip
+        return Fit(to_view, to_image, quality, (gain, offset), covered, in_image, agrees, heights) if gain > 0 else None
 
     def vanished(self, fit: Fit) -> float:
         """Share of the region's outline that had edges until now and has none where it was found."""
@@ -120,11 +107,10 @@ class Aligner:
         """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
         self._outline.learn(fit.heights)
         self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
-        known = np.isfinite(fit.agrees)
-        learnt = self._trust + (fit.agrees - self._trust) / self._learnt
-        self._trust = np.where(known, np.maximum(learnt, self._trust_least), self._trust)
+        self._trust = trust_learnt(self._trust, self._trust_least, fit.agrees, self._learnt)
         self._spread_trust()
 
     def _spread_trust(self) -> None:
-        for level in self._levels:
-            level.trust_in(self._trust.reshape(self.template.shape))
+        trust = self._trust.reshape(self.template.shape)
+        self._coarse.trust_in(trust)
+        self._fine.trust_in(trust)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan2, dist, hypot, isfinite
+from math import dist, isfinite
 from typing import TypeGuard
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..roi import Roi
 from .alignment import Aligner, Fit
 from .geometry import Matrix, carried, inverse, local_scale, moved, scaling, shift
 from .movers import make_mover
+from .place_kernel import shape_change
 from .repeats import repeat_px
 from .search import candidates
 from .template import make_template
@@ -58,9 +59,8 @@ class Follower:
         self._mover = make_mover(method, self._template)
         self._from_first = inverse(self._template.to_image)
         height, width = self._template.shape
-        # Template pixels to coordinates of -1 to 1 along its longer side, and back.
+        # Template pixels to coordinates of -1 to 1 along its longer side.
         self._to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
-        self._from_centred = inverse(self._to_centred)
         self._to_image = self._template.to_image
         self._velocity = (0.0, 0.0)
         self._light = (1.0, 0.0)
@@ -85,12 +85,13 @@ class Follower:
         return moved
 
     @property
-    def step(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def step(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Its last step in pixels and the one that was expected; None if it was not seen in this frame and before."""
         if self._before is None:
             return None
         to_image, velocity = self._before
-        return np.subtract(self._middle(self._to_image), self._middle(to_image)), np.array(velocity)
+        (x, y), (u, v) = self._middle(self._to_image), self._middle(to_image)
+        return (x - u, y - v), velocity
 
     def take_back(self, reason: str) -> None:
         """Say that it is lost although it was found in this frame."""
@@ -124,7 +125,7 @@ class Follower:
             why = "the scene changed at once, and " if change == "cut" else ""
             self._lose(f"{why}{found} of the structure around it is found again", best.quality if best else 0.0)
             return
-        if self._off(view, best, expected) > _NEAR:
+        if self._off(best, expected) > _NEAR:
             self._lose(_SAME, best.quality)
             return
         gone = self._aligner.vanished(best)
@@ -145,7 +146,7 @@ class Follower:
         for place in places:
             view = self._view(grey, place)
             fit = None if view is None else self._aligner.align(view, view.from_image @ place, self._light)
-            if view is not None and self._again(fit, view) and self._off(view, fit, place) < _NEAR:
+            if view is not None and self._again(fit) and self._off(fit, place) < _NEAR:
                 self._hold(view, fit)
                 return
         self._held = None
@@ -156,7 +157,7 @@ class Follower:
         if view is None:
             return
         fits = [self._aligner.align(view, guess, self._light) for guess in candidates(view, self._template, 3)]
-        good = [fit for fit in fits if self._again(fit, view)]
+        good = [fit for fit in fits if self._again(fit)]
         if good:
             self._hold(view, max(good, key=lambda fit: fit.quality))
 
@@ -166,27 +167,28 @@ class Follower:
         fit = None
         if view is not None:
             fit = self._aligner.align(view, view.from_image @ self._to_image, self._light)
-            if self._again(fit, view) and self._off(view, fit, self._to_image) < _NEAR_AGAIN:
+            if self._again(fit) and self._off(fit, self._to_image) < _NEAR_AGAIN:
                 self._hold(view, fit)
                 return
         if _SAME not in self._result.reason:
             self._result = replace(self._result, reason=f"{self._result.reason}; {_SAME}")
 
-    def _again(self, fit: Fit | None, view: View) -> TypeGuard[Fit]:
+    def _again(self, fit: Fit | None) -> TypeGuard[Fit]:
         """Whether a fit is good enough to take the region for found after a loss."""
         return (
             fit is not None
             and fit.quality >= FOUND_FROM
-            and self._possible(view, fit)
+            and self._possible(fit)
             and self._aligner.vanished(fit) <= VANISHED_MOST
         )
 
-    def _off(self, view: View, fit: Fit, expected: Matrix) -> float:
+    def _off(self, fit: Fit, expected: Matrix) -> float:
         """Distance of a fit from the `expected` place over that to the next place that looks the same."""
-        there = self._middle(view.to_image @ fit.to_view)
+        if not isfinite(self._repeat_px):
+            return 0.0
         height, width = self._template.shape
         scale = local_scale(expected, (width / 2, height / 2)) * self._template.reduction
-        return dist(there, self._middle(expected)) / (scale * self._repeat_px)
+        return dist(self._middle(fit.to_image), self._middle(expected)) / (scale * self._repeat_px)
 
     @property
     def result(self) -> TrackedRoi:
@@ -195,7 +197,7 @@ class Follower:
 
     def _hold(self, view: View, fit: Fit) -> None:
         """Take it for found if it is seen in two frames in a row."""
-        place = view.to_image @ fit.to_view
+        place = fit.to_image
         if self._held is None:
             self._held = place
             return
@@ -212,54 +214,42 @@ class Follower:
             starts.reverse()
         best: Fit | None = None
         for start in starts:
-            best = self._better(view, expected, best, self._aligner.align(view, start, self._light))
-            if best is not None and best.quality - self._off(view, best, expected) >= _GOOD:
+            best = self._better(expected, best, self._aligner.align(view, start, self._light))
+            if best is not None and best.quality - self._off(best, expected) >= _GOOD:
                 return best
         for start in candidates(view, self._template, 2):
-            best = self._better(view, expected, best, self._aligner.align(view, start, self._light))
+            best = self._better(expected, best, self._aligner.align(view, start, self._light))
         return best
 
-    def _better(self, view: View, expected: Matrix, best: Fit | None, other: Fit | None) -> Fit | None:
+    def _better(self, expected: Matrix, best: Fit | None, other: Fit | None) -> Fit | None:
         """Of two fits the better one, and of places that look the same the one nearer to the `expected` place."""
-        if other is None or not self._possible(view, other):
+        if other is None or not self._possible(other):
             return best
         if best is None:
             return other
-        gained = self._off(view, best, expected) - self._off(view, other, expected)
+        gained = self._off(best, expected) - self._off(other, expected)
         return other if other.quality + gained > best.quality else best
 
-    def _possible(self, view: View, fit: Fit) -> bool:
+    def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
         if fit.in_image < _IN_IMAGE_LEAST:
             return False
-        to_image = view.to_image @ fit.to_view
-        changed = self._to_centred @ inverse(self._to_image) @ to_image @ self._from_centred
-        a, b, x, c, d, y, g, h, whole = changed.ravel().tolist()
-        if whole == 0:
-            return False
-        g, h = g / whole, h / whole
-        # Where it went does not matter here, but how its shape changed.
-        a, b, c, d = (a - x * g) / whole, (b - x * h) / whole, (c - y * g) / whole, (d - y * h) / whole
-        # Singular values of a 2 x 2 matrix.
-        plain, mirrored = hypot(a + d, c - b), hypot(a - d, b + c)
-        long, short = (plain + mirrored) / 2, abs(plain - mirrored) / 2
+        long, short, turned, tilted = shape_change(self._to_image, fit.to_image, self._to_centred)
         size = (long * short) ** 0.5
-        turned = atan2(c - b, a + d)
         frames = 1 + min(self._lost_for, 3)
         height, width = self._template.shape
-        over_all = local_scale(to_image, (width / 2, height / 2)) * self._template.reduction
+        over_all = local_scale(fit.to_image, (width / 2, height / 2)) * self._template.reduction
         return (
             1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
             and long < _STRETCH_STEP**frames * short
             and abs(turned) < _TURN_STEP * frames
-            and max(abs(g), abs(h)) < _TILT_STEP * frames
+            and tilted < _TILT_STEP * frames
             and _SIZE_LEAST < over_all < _SIZE_MOST
         )
 
     def _accept(self, view: View, fit: Fit, middle: tuple[float, float]) -> None:
         self._mover.settle(view, fit.to_view)
-        self._to_image = view.to_image @ fit.to_view
-        self._to_image = self._to_image / self._to_image[2, 2]
+        self._to_image = fit.to_image
         (x, y), (u, v) = self._middle(self._to_image), self._velocity
         self._velocity = (
             _LAST_STEP * (x - middle[0]) + (1 - _LAST_STEP) * u,

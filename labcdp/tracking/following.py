@@ -23,8 +23,8 @@ class FollowingTracker:
         self._followers = tuple(Follower(method, grey, roi) for roi in rois)
         self._scene = SceneWatch(grey)
         self._companions = Companions()
-        # Motion of each region in terms of each other one, from when both were last seen.
-        self._between: dict[tuple[int, int], Matrix] = {}
+        # Motions of each region and each other one, from when both were last seen.
+        self._together: dict[tuple[int, int], tuple[Matrix, Matrix]] = {}
         self._remember()
 
     def update(self, grey: NDArray[np.uint8]) -> tuple[TrackedRoi, ...]:
@@ -42,9 +42,9 @@ class FollowingTracker:
         return tuple(follower.result for follower in self._followers)
 
     def _keep_together(self) -> None:
-        moved = {number: follower.step for number, follower in enumerate(self._followers) if follower.step is not None}
-        steps = {number: step for number, (step, _) in moved.items()}
-        for number in self._companions.jumped(steps, {number: expected for number, (_, expected) in moved.items()}):
+        found = {number: step for number, follower in enumerate(self._followers) if (step := follower.step) is not None}
+        steps = {number: step for number, (step, _) in found.items()}
+        for number in self._companions.jumped(steps, {number: expected for number, (_, expected) in found.items()}):
             self._followers[number].take_back("it jumped away from the region it moved with")
 
     def _told(self, number: int) -> list[Matrix]:
@@ -54,12 +54,16 @@ class FollowingTracker:
             (other for other, follower in enumerate(self._followers) if other != number and follower.seen),
             key=lambda other: np.hypot(*np.subtract(self._followers[other].result.roi.centre, there.result.roi.centre)),
         )
-        return [self._followers[o].motion @ self._between[number, o] for o in near[:2] if (number, o) in self._between]
+        told = []
+        for other in near[:2]:
+            if (number, other) in self._together:
+                motion, of_other = self._together[number, other]
+                told.append(self._followers[other].motion @ inverse(of_other) @ motion)
+        return told
 
     def _remember(self) -> None:
-        seen = [number for number, follower in enumerate(self._followers) if follower.seen]
-        back = {number: inverse(self._followers[number].motion) for number in seen}
-        for a in seen:
-            for b in seen:
+        motions = {number: follower.motion for number, follower in enumerate(self._followers) if follower.seen}
+        for a in motions:
+            for b in motions:
                 if a != b:
-                    self._between[a, b] = back[b] @ self._followers[a].motion
+                    self._together[a, b] = motions[a], motions[b]

@@ -70,4 +70,9 @@ def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
 
 def carried(roi: Roi, matrix: Matrix) -> Roi:
     """Region whose corners are moved by `matrix`."""
-    return Roi(roi.name, tuple(moved(matrix, x, y) for x, y in roi.corners))
+    a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
+    corners = []
+    for x, y in roi.corners:
+        w = g * x + h * y + i
+        corners.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w) if w else (nan, nan))
+    return Roi(roi.name, tuple(corners))

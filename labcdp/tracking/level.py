@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, around, inverse, scaling
+from .level_kernel import Pixels
 from .template import Template, gradients
-from .view import View
 
 #: Generators of the ways a target may move: right, down, larger, turned; and sheared, stretched and tilted.
 _SIMILAR = (
@@ -40,8 +38,6 @@ class Level:
 
     def __init__(self, template: Template, planar: bool, coarse: bool) -> None:
         import cv2
-
-        from .level_kernel import Pixels
 
         height, width = template.shape
         if coarse:
@@ -77,19 +73,7 @@ class Level:
 
         if self._size != trust.shape[::-1]:
             trust = cv2.resize(trust, self._size, interpolation=cv2.INTER_AREA)
-        self.pixels = self.pixels._replace(trust=np.square(trust).ravel())
-
-    def improve(
-        self, view: View, to_view: Matrix, steps: int, guesses: Sequence[GainOffset]
-    ) -> tuple[Matrix, GainOffset] | None:
-        """Make up to `steps` steps; the place and the light before the last step, or None if they lead nowhere.
-
-        `guesses` of the light are tried in turn; nan stands for a start from all pixels alike.
-        """
-        from .step_kernel import improve
-
-        place, gain, offset = improve(view.values, view.bounds, self.pixels, to_view, steps, np.array(guesses))
-        return (place, (gain, offset)) if gain > 0 else None
+        np.square(trust.ravel(), out=self.pixels.trust)
 
 
 def _jacobian(values: NDArray[np.float32], to_centred: Matrix, generators: NDArray[np.float64]) -> NDArray[np.float32]:

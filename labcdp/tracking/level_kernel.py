@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ..compiled import compiled
 from .matrix_kernel import multiply
 from .select_kernel import kth_smallest
-from .view_kernel import between
 
 #: Residuals from which on pixels count little, in standard deviations of the residuals.
 _ROBUST = 2.5
@@ -22,6 +21,8 @@ _PIXELS_LEAST = 6
 _CHANGED = 0.75
 #: Least and most change of the light between the first frame and this one.
 _GAIN_LEAST, _GAIN_MOST = 0.05, 12.0
+#: Pixels that are summed up in single precision before what they give is added to the rest in double precision.
+BLOCK = 1024
 #: Pixels from which on only every fourth one goes into a median.
 _MANY = 800
 
@@ -111,19 +112,32 @@ def sample(
     d, e, f = place[1, 0], place[1, 1], place[1, 2]
     g, h, k = place[2, 0], place[2, 1], place[2, 2]
     columns = pixels.columns
-    across, down = np.empty(columns), np.empty(columns)
+    # Of each pixel of a row the one of the view left above it, and how far it is from there.
+    first = np.empty(columns, np.uint32)
+    across, down = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    wide, last_x, last_y = image.shape[1], np.int32(image.shape[1] - 2), np.int32(image.shape[0] - 2)
+    view = image.reshape(image.size)
     for row in range(seen.values.size // columns):
         v, start = row + 0.5, row * columns
+        trust, trusted = pixels.trust[start : start + columns], seen.trusted[start : start + columns]
         # The corner of the first pixel is at 0, its middle at 0.5.
         for column in range(columns):
             u = column + 0.5
             w = 1 / (g * u + h * v + k)
             x, y = (a * u + b * v + c) * w, (d * u + e * v + f) * w
             inside = (x > left) & (x < right) & (y > top) & (y < bottom) & (w > 0)
-            seen.trusted[start + column] = pixels.trust[start + column] * np.float32(inside)
-            across[column], down[column] = x, y
+            trusted[column] = trust[column] if inside else np.float32(0)
+            x = min(x - 0.5, last_x + 1.0) if x > 0.5 else 0.0
+            y = min(y - 0.5, last_y + 1.0) if y > 0.5 else 0.0
+            m, n = min(np.int32(x), last_x), min(np.int32(y), last_y)
+            across[column], down[column] = x - m, y - n
+            first[column] = n * wide + m
+        values = seen.values[start : start + columns]
         for column in range(columns):
-            seen.values[start + column] = between(image, across[column], down[column])
+            here, below = first[column], first[column] + np.uint32(wide)
+            upper = view[here] + across[column] * (view[here + np.uint32(1)] - view[here])
+            lower = view[below] + across[column] * (view[below + np.uint32(1)] - view[below])
+            values[column] = upper + down[column] * (lower - upper)
 
 
 @compiled
@@ -173,14 +187,24 @@ def next_light(pixels: Pixels, seen: Seen, expected: float) -> Light:
     # Less their mean, so that sums of squares lose no digits.
     middle = np.float32(pixels.middle)
     total = deviated = squared = viewed = product = 0.0
-    for i in range(n):
-        weight = seen.trusted[i] * seen.robust[i]
-        value, deviation = seen.values[i] - middle, template[i] - middle
-        total += weight
-        deviated += weight * deviation
-        squared += weight * deviation * deviation
-        viewed += weight * value
-        product += weight * deviation * value
+    for start in range(0, n, BLOCK):
+        stop = min(start + BLOCK, n)
+        trusted, robust = seen.trusted[start:stop], seen.robust[start:stop]
+        values, known = seen.values[start:stop], template[start:stop]
+        some_total = some_deviated = some_squared = some_viewed = some_product = np.float32(0)
+        for i in range(trusted.size):
+            weight = trusted[i] * robust[i]
+            value, deviation = values[i] - middle, known[i] - middle
+            some_total += weight
+            some_deviated += weight * deviation
+            some_squared += weight * deviation * deviation
+            some_viewed += weight * value
+            some_product += weight * deviation * value
+        total += float(some_total)
+        deviated += float(some_deviated)
+        squared += float(some_squared)
+        viewed += float(some_viewed)
+        product += float(some_product)
     if not total >= _PIXELS_LEAST:
         return 0.0, 0.0, expected, 0.0
     mean_t, mean_v = deviated / total, viewed / total

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .geometry import Matrix, inverse, moved, shift, transform
 from .template import Template
 from .view import View
+from .view_kernel import patch_around
 
 #: Longest side in pixels of what a correlation filter of each kind looks at: more costs much time.
 _KCF_PX, _CSRT_PX = 12, 40
@@ -46,7 +47,11 @@ def _kcf() -> Any:
     import cv2
 
     contrib: Any = cv2
-    return contrib.TrackerKCF_create()
+    parameters = contrib.TrackerKCF_Params()
+    # What it looks at is grey: names of colours say no more of it than its brightness, and take the most time.
+    parameters.desc_pca = parameters.desc_npca = contrib.TrackerKCF_GRAY
+    parameters.compressed_size = 1
+    return contrib.TrackerKCF_create(parameters)
 
 
 def _csrt() -> Any:
@@ -109,8 +114,6 @@ class _FilterMover:
 
     def _patch(self, view: View) -> NDArray[np.uint8]:
         """Surroundings of what is expected."""
-        from .view_kernel import patch_around
-
         image = view.pixels if self._scale == 1 else view.values
         return patch_around(image, *self._expected, self._scale, self._side)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .outline_kernel import Edges, gone, remembered
 from .template import Template, gradients
 
 #: Parts of a turn around the region in which its outline is looked at.
@@ -13,12 +14,6 @@ _PARTS = 24
 _CLEAR = 6.0
 #: Squared gradients across a smoothed step of height 1, summed up.
 _STEP_ENERGY = 0.3125
-#: Share of an edge's usual height below which it is gone, and of its first height below which there is none to lose.
-_GONE, _FAINT = 0.35, 0.25
-#: Light that went at once is told from edges that went by the highest ones: their quantile, and the least light.
-_HIGHEST, _DIMMEST = 0.85, 0.25
-#: Part of what is new in a frame that is remembered.
-_LEARNT = 0.25
 #: Share of the outline without which nothing is said.
 _LEAST = 0.25
 
@@ -33,51 +28,30 @@ class Outline:
     def __init__(self, template: Template) -> None:
         import cv2
 
-        self._columns = template.shape[1]
         patch = template.patch.astype(np.uint8)
         square = np.ones((5, 5), np.uint8)
-        near = (cv2.dilate(patch, square) > 0) & (cv2.erode(patch, square) == 0)
+        edged = (cv2.dilate(patch, square) > 0) & (cv2.erode(patch, square) == 0)
         rim = (patch > 0) & (cv2.erode(patch, np.ones((3, 3), np.uint8)) == 0)
         x, y = template.points.T
         middle = template.corners.mean(axis=0)
         turn = np.arctan2(y - middle[1], x - middle[0]) / (2 * np.pi) + 0.5
         parts = np.minimum((_PARTS * turn).astype(int), _PARTS - 1)
         length = np.bincount(parts[rim.ravel()], minlength=_PARTS).astype(np.float64)
-        self._near = np.flatnonzero(near.ravel())
-        self._parts = parts[self._near]
+        near = np.flatnonzero(edged.ravel())
         dx, dy = gradients(template.values)
-        self._slopes = np.stack([dx.ravel()[self._near], dy.ravel()[self._near]])
-        energies = np.square(self._slopes).sum(axis=0)
-        self._energies = np.bincount(self._parts, weights=energies, minlength=_PARTS)
-        clear = self._energies > _STEP_ENERGY * length * (_CLEAR * template.noise_dn) ** 2
+        slopes = np.stack([dx.ravel()[near], dy.ravel()[near]])
+        energies = np.bincount(parts[near], np.square(slopes).sum(axis=0), _PARTS).astype(np.float64)
+        #: What its heights are told from.
+        self.edges = Edges(template.shape[1], near, parts[near], slopes, energies)
+        clear = energies > _STEP_ENERGY * length * (_CLEAR * template.noise_dn) ** 2
         self._length = np.where(clear, length, 0.0)
         self._enough = _LEAST * float(length.sum())
         self._usual = np.ones(_PARTS)
 
-    def heights(self, values: NDArray[np.float32], agrees: NDArray[np.float32], gain: float) -> NDArray[np.float64]:
-        """Heights of the edges of each part in the view over those in the first frame.
-
-        They are nan outside the image, where `agrees` is, as told of each template pixel.
-        """
-        from .outline_kernel import sum_edges
-
-        sums = np.zeros(_PARTS)
-        sum_edges(values, agrees, self._columns, self._near, self._parts, self._slopes, sums)
-        # Before a background that moves otherwise an edge may change its sign.
-        heights: NDArray[np.float64] = np.abs(sums) / (gain * np.maximum(self._energies, 1e-9))
-        return heights
-
     def gone(self, heights: NDArray[np.float64]) -> float:
         """Share of the outline that had edges until now and has lost them."""
-        from .outline_kernel import share_gone
-
-        known = np.isfinite(heights) & (self._usual > _FAINT) & (self._length > 0)
-        length, kept = self._length[known], heights[known] / self._usual[known]
-        if length.sum() <= self._enough:
-            return 0.0
-        return share_gone(kept.astype(np.float32), length, _GONE, _HIGHEST, _DIMMEST)
+        return gone(heights, self._usual, self._length, self._enough)
 
     def learn(self, heights: NDArray[np.float64]) -> None:
         """Remember the heights of a frame in which the region was found."""
-        change = np.minimum(heights, 1.5) - self._usual
-        self._usual = self._usual + _LEARNT * np.where(np.isfinite(change), change, 0.0)
+        self._usual = remembered(self._usual, heights)

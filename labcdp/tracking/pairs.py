@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from math import dist
 
 #: Pixels a frame by which two regions that move together may differ as a rule, and by which one of them jumps.
 _TOGETHER_PX, _JUMP_PX = 1.5, 6.0
@@ -17,14 +16,14 @@ class Companions:
     def __init__(self) -> None:
         self._apart: dict[tuple[int, int], float] = {}
 
-    def jumped(self, steps: dict[int, NDArray[np.float64]], expected: dict[int, NDArray[np.float64]]) -> set[int]:
+    def jumped(self, steps: dict[int, tuple[float, float]], expected: dict[int, tuple[float, float]]) -> set[int]:
         """Which regions jumped against one they moved with.
 
         Parameters
         ----------
-        steps : dict of int to ndarray of float, shape (2,)
+        steps : dict of int to (float, float)
             Steps in pixels since the frame before of the regions seen in both.
-        expected : dict of int to ndarray of float, shape (2,)
+        expected : dict of int to (float, float)
             The steps that were expected of them.
 
         Returns
@@ -37,10 +36,10 @@ class Companions:
             for b in steps:
                 if a >= b:
                     continue
-                apart = float(np.hypot(*(steps[a] - steps[b])))
+                apart = dist(steps[a], steps[b])
                 usual = self._apart.get((a, b))
                 if usual is not None and usual < _TOGETHER_PX and apart > _JUMP_PX + usual:
-                    off = {key: float(np.hypot(*(steps[key] - expected[key]))) for key in (a, b)}
+                    off = {key: dist(steps[key], expected[key]) for key in (a, b)}
                     jumped.add(max(off, key=lambda key: off[key]))
                     continue
                 self._apart[a, b] = apart if usual is None else usual + _LEARNT * (apart - usual)

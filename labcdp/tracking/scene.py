@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .scene_kernel import deviations
+
 #: Most rows and columns of the picture that is compared from frame to frame.
 _SIZE = 32, 48
+#: Rows and columns of the frame for each of these that are enough.
+_TAKEN = 3, 10
 #: Correlation of two pictures in a row below which the scene is another one.
 _LEAST_CORRELATION = 0.5
 #: Standard deviation of the picture in DN below which nothing is seen in it.
@@ -18,6 +22,7 @@ class SceneWatch:
 
     def __init__(self, grey: NDArray[np.uint8]) -> None:
         self._last = _small(grey)
+        self._last_power = float(np.vdot(self._last, self._last))
 
     def look(self, grey: NDArray[np.uint8]) -> str:
         """Say ``blank`` for a frame with nothing in it, ``cut`` for another scene, else an empty text."""
@@ -26,18 +31,10 @@ class SceneWatch:
         if power < _BLANK_DN**2 * this.size:
             return "blank"
         last, self._last = self._last, this
-        powers = power * float(np.vdot(last, last))
+        powers, self._last_power = power * self._last_power, power
         return "cut" if powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5 else ""
 
 
 def _small(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Small picture of a frame, less its mean."""
-    from .view_kernel import reduced
-
-    # Every third row and column is enough, and quick.
-    step = max(min(grey.shape[0] // 150, grey.shape[1] // 200), 1)
-    part = np.ascontiguousarray(grey[::step, ::step])
-    height, width = part.shape
-    small = reduced(part, 0, 0, width, height, (min(_SIZE[0], height), min(_SIZE[1], width)))
-    deviations: NDArray[np.float32] = small - small.mean()
-    return deviations
+    return deviations(grey, min(_SIZE[0], grey.shape[0]), min(_SIZE[1], grey.shape[1]), _TAKEN)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import compiled
-from .level_kernel import Bounds, Pixels, Seen, first_light, next_light, nothing_seen, sample
+from .level_kernel import BLOCK, Bounds, Pixels, Seen, first_light, next_light, nothing_seen, sample
 from .matrix_kernel import all_finite, invert, multiply, solve_positive
 
 
@@ -24,7 +24,7 @@ def improve(
         Light before the last step; gain 0 if the steps lead nowhere.
     """
     seen = nothing_seen(pixels.trust.size)
-    weights = np.empty_like(pixels.trust)
+    weights = np.empty((2, BLOCK), np.float32)
     place, change, other = to_view.copy(), np.empty((3, 3)), np.empty((3, 3))
     light = (0.0, 0.0, np.nan, 0.0)
     for number in range(steps):
@@ -66,22 +66,36 @@ def _move(
 
 @compiled
 def _step(pixels: Pixels, seen: Seen, weights: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Gauss-Newton step along each generator, from the residuals in the template's DN; `weights` is written over."""
-    jacobian = pixels.jacobian
+    """Gauss-Newton step along each generator, from the residuals in the template's DN.
+
+    `weights`, of shape (2, `BLOCK`), is written over.
+    """
+    jacobian, residuals = pixels.jacobian, seen.residuals
     unknowns, n = jacobian.shape
-    products, pull = np.empty((unknowns, unknowns)), np.empty(unknowns)
-    total = scatter = np.float32(0)
-    for i in range(n):
-        weight = seen.trusted[i] * seen.robust[i]
-        total += weight
-        scatter += weight * seen.residuals[i] * seen.residuals[i]
-    least = max(float(scatter) / max(float(total), 1e-9), pixels.noise**2)
+    products, pull = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    total = scatter = 0.0
+    for start in range(0, n, BLOCK):
+        stop = min(start + BLOCK, n)
+        each, weighted = weights[0, : stop - start], weights[1, : stop - start]
+        trusted, robust, left = seen.trusted[start:stop], seen.robust[start:stop], residuals[start:stop]
+        some_total = np.float32(0)
+        for i in range(each.size):
+            each[i] = trusted[i] * robust[i]
+            some_total += each[i]
+            weighted[i] = each[i] * left[i]
+        total += float(some_total)
+        scatter += _dot(weighted, left)
+        for row in range(unknowns):
+            slopes = jacobian[row, start:stop]
+            pull[row] += _dot(weighted, slopes)
+        for row in range(unknowns):
+            slopes = jacobian[row, start:stop]
+            for i in range(each.size):
+                weighted[i] = slopes[i] * each[i]
+            for column in range(row + 1):
+                products[row, column] += _dot(weighted, jacobian[column, start:stop])
+    least = max(scatter / max(total, 1e-9), pixels.noise**2)
     for row in range(unknowns):
-        for i in range(n):
-            weights[i] = jacobian[row, i] * seen.trusted[i] * seen.robust[i]
-        pull[row] = _dot(weights, seen.residuals)
-        for column in range(row + 1):
-            products[row, column] = _dot(weights, jacobian[column])
         products[row, row] += pixels.damping[row] * least + 1e-6 * products[row, row] + 1e-9
     # Damped, it is positive definite; if not for all that, the step is none.
     if not solve_positive(products, pull):

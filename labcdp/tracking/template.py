@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..roi import Roi
 from .geometry import Matrix, inverse, scaling, shift, transform
+from .view_kernel import smoothed
 
 #: Longest side of a template in its own pixels; a larger window is reduced to it.
 LONGEST = 48
@@ -177,8 +178,6 @@ SMOOTHED_NOISE = 0.375
 
 def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Image smoothed by 1 2 1 along both axes."""
-    from .view_kernel import smoothed
-
     return smoothed(image)
 
 

@@ -124,4 +124,7 @@ def grey_frame(grey: NDArray[Any], shape: tuple[int, int] | None = None) -> NDAr
             f"a frame has {array.shape[1]} x {array.shape[0]} pixels, the first one had {shape[1]} x {shape[0]}: "
             "start anew where the size changes"
         )
-    return np.ascontiguousarray(array)
+    # Frames of video files cannot be written to; if none can, compiled loops see one type only.
+    frame = np.ascontiguousarray(array).view()
+    frame.flags.writeable = False
+    return frame

@@ -29,7 +29,7 @@ def reduced(
     line = np.empty(right - left, np.float32)
     # Of each column the pixels under it, and how much of each lies there.
     taps = int(np.ceil(wide)) + 1
-    under = np.empty((taps, columns), np.int32)
+    under = np.empty((taps, columns), np.uint32)
     shares = np.empty((taps, columns), np.float32)
     for tap in range(taps):
         for column in range(columns):
@@ -46,9 +46,11 @@ def reduced(
             pixels = grey[top + y, left:right]
             for x in range(line.size):
                 line[x] += share * np.float32(pixels[x])
+        reduced_row = small[row]
         for tap in range(taps):
+            share_of, pixel_of = shares[tap], under[tap]
             for column in range(columns):
-                small[row, column] += shares[tap, column] * line[under[tap, column]]
+                reduced_row[column] += share_of[column] * line[pixel_of[column]]
     return small
 
 

@@ -174,17 +174,17 @@ def test_a_frame_with_nothing_where_the_region_was_is_a_loss():
 
 def test_a_region_that_jumps_against_its_companion_is_named():
     companions = Companions()
-    still = np.zeros(2)
+    still = (0.0, 0.0)
     for _ in range(3):
-        assert companions.jumped({0: np.array([3.0, 1]), 1: np.array([3.2, 1])}, {0: still, 1: still}) == set()
+        assert companions.jumped({0: (3.0, 1.0), 1: (3.2, 1.0)}, {0: still, 1: still}) == set()
 
     # Both jump alike, then only the second one.
-    assert companions.jumped({0: np.array([40.0, 0]), 1: np.array([40.5, 0])}, {0: still, 1: still}) == set()
-    assert companions.jumped({0: np.array([3.0, 1]), 1: np.array([25.0, 1])}, {0: still, 1: still}) == {1}
+    assert companions.jumped({0: (40.0, 0.0), 1: (40.5, 0.0)}, {0: still, 1: still}) == set()
+    assert companions.jumped({0: (3.0, 1.0), 1: (25.0, 1.0)}, {0: still, 1: still}) == {1}
 
 
 def test_regions_that_move_apart_all_the_time_are_no_companions():
     companions = Companions()
-    still = np.zeros(2)
+    still = (0.0, 0.0)
     for step in (4.0, 5.0, 4.0, 14.0):
-        assert companions.jumped({0: still, 1: np.array([step, 0])}, {0: still, 1: still}) == set()
+        assert companions.jumped({0: still, 1: (step, 0.0)}, {0: still, 1: still}) == set()

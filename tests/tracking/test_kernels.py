@@ -6,11 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.tracking.geometry import shift
+from labcdp.tracking.fit_kernel import trust_learnt
+from labcdp.tracking.geometry import scaling, shift, transform
 from labcdp.tracking.level import Level
 from labcdp.tracking.level_kernel import first_light, next_light, nothing_seen, sample
 from labcdp.tracking.matrix_kernel import invert, multiply, solve_positive
-from labcdp.tracking.outline_kernel import share_gone, sum_edges
+from labcdp.tracking.outline_kernel import Edges, gone, heights_of, remembered, share_gone
+from labcdp.tracking.place_kernel import box_of, shape_change
+from labcdp.tracking.scene_kernel import deviations
 from labcdp.tracking.select_kernel import kth_smallest, median
 from labcdp.tracking.simulated import Moment, SimulatedVideo, pose
 from labcdp.tracking.template import make_template
@@ -158,21 +161,94 @@ def test_a_guess_of_the_light_is_kept_although_much_is_covered(pixels):
     assert seen.residuals[n // 2 :] == pytest.approx(np.zeros(n - n // 2), abs=1.0)
 
 
-def test_edges_are_summed_part_by_part():
+def test_edges_have_heights_part_by_part():
     rng = np.random.default_rng(6)
     values = rng.uniform(0, 255, (12, 9)).astype(np.float32)
     near, parts = np.arange(values.size), rng.integers(0, 4, values.size)
     slopes = rng.normal(0, 1, (2, values.size)).astype(np.float32)
     agrees = np.ones(values.size, np.float32)
     agrees[parts == 3] = np.nan
-    sums = np.zeros(4)
 
-    sum_edges(values.ravel(), agrees, 9, near, parts, slopes, sums)
+    heights = heights_of(values.ravel(), agrees, 0.8, Edges(9, near, parts, slopes, np.array([2.0, 3.0, 4.0, 5.0])))
 
     dy, dx = np.gradient(values)
     products = dx.ravel() * slopes[0] + dy.ravel() * slopes[1]
-    assert sums[:3] == pytest.approx(np.bincount(parts, weights=products)[:3], rel=1e-4)
-    assert np.isnan(sums[3])
+    sums = np.abs(np.bincount(parts, weights=products)[:3])
+    assert heights[:3] == pytest.approx(sums / (0.8 * np.array([2.0, 3.0, 4.0])), rel=1e-4)
+    assert np.isnan(heights[3])
+
+
+def test_what_is_known_of_an_outline_decides_how_much_of_it_is_gone():
+    heights = np.array([1.0, 0.1, np.nan, 1.0, 0.0, 0.0])
+    usual = np.array([1.0, 1.0, 1.0, 1.0, 0.2, 1.0])
+    length = np.array([2.0, 1.0, 9.0, 2.0, 9.0, 0.0])
+
+    # Not the part outside the image, nor that which has become faint, nor that without an edge.
+    assert gone(heights, usual, length, 4.0) == pytest.approx(1 / 5)
+    assert gone(heights, usual, length, 5.0) == 0
+
+
+def test_heights_are_remembered_where_they_are_known():
+    changed = remembered(np.array([1.0, 1.0, 1.0]), np.array([0.6, np.nan, 9.0]))
+
+    assert changed == pytest.approx([0.9, 1.0, 1.125])
+
+
+def test_trust_is_a_running_mean_above_its_least():
+    trust, agrees = np.array([0.8, 0.8, 0.8], np.float32), np.array([0.4, np.nan, 0.0], np.float32)
+
+    learnt = trust_learnt(trust, np.array([0.1, 0.1, 0.7], np.float32), agrees, 4)
+
+    assert learnt == pytest.approx([0.7, 0.8, 0.7])
+
+
+def test_the_box_of_a_tilted_template_holds_its_corners():
+    matrix = np.array([[1.1, 0.2, 30], [-0.3, 0.9, 20], [1e-3, -2e-3, 1]])
+    corners = transform(matrix, np.array([(0.0, 0.0), (48.0, 0.0), (48.0, 40.0), (0.0, 40.0)]))
+
+    assert box_of(matrix, 48, 40) == pytest.approx((*corners.min(axis=0), *corners.max(axis=0)))
+    assert np.isnan(box_of(np.zeros((3, 3)), 48, 40)).all()
+
+
+@given(st.floats(-3, 3), st.floats(0.5, 2), st.floats(0.5, 2), st.floats(-50, 50))
+def test_a_change_of_shape_is_told_from_where_it_went(angle, across, down, x):
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    before = shift(7, 9) @ scaling(2)
+    to_centred = scaling(2 / 48) @ shift(-24, -20)
+    back = np.linalg.inv(to_centred)
+
+    longest, shortest, turned, tilted = shape_change(
+        before, before @ back @ shift(x, -x) @ turn @ scaling(across, down) @ to_centred, to_centred
+    )
+
+    assert (longest, shortest) == pytest.approx((max(across, down), min(across, down)), rel=1e-6)
+    assert turned == pytest.approx(angle, abs=1e-6)
+    assert tilted == pytest.approx(0, abs=1e-9)
+
+
+def test_perspective_is_told_over_half_the_size():
+    to_centred = scaling(2 / 48) @ shift(-24, -20)
+    tilt = np.array([[1.0, 0, 0], [0, 1, 0], [0.03, -0.05, 1]])
+
+    *_, tilted = shape_change(np.eye(3), np.linalg.inv(to_centred) @ tilt @ to_centred, to_centred)
+
+    assert tilted == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (32, 48), (97, 210), (480, 640)])
+def test_a_frame_is_made_small_by_means_of_its_cells(shape):
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    grey = (y // 5 + x // 5).astype(np.uint8)
+    rows, columns = min(32, shape[0]), min(48, shape[1])
+    edges = [np.arange(n + 1) * size // n for n, size in ((rows, shape[0]), (columns, shape[1]))]
+
+    small = deviations(grey, rows, columns, (100, 1000))
+
+    cells = np.add.reduceat(np.add.reduceat(grey.astype(float), edges[0][:-1]), edges[1][:-1], axis=1)
+    means = cells / np.outer(np.diff(edges[0]), np.diff(edges[1]))
+    assert small == pytest.approx(means - means.mean(), abs=1e-4)
+    # Some of the rows and columns tell nearly the same.
+    assert deviations(grey, rows, columns, (3, 10)) == pytest.approx(small, abs=1.0)
 
 
 @given(st.lists(st.floats(0, 1.5, width=32), min_size=1, max_size=24), st.integers(0, 10**6))

@@ -16,9 +16,9 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
     """Compile a function of arrays and numbers at its first call; other threads run while it does.
 
     What is compiled is kept on disk beside the module, or in the user's cache folder where that cannot be written.
-    Modules with such functions are named ``*_kernel`` and imported where they are used, as Numba takes its time to
-    load. Numba notices a change of the file a function is in, but not of others it calls functions of: whoever edits
-    one deletes ``__pycache__``.
+    Modules with such functions are named ``*_kernel`` and imported where they are used, or by modules that are, as
+    Numba takes its time to load. It notices a change of the file a function is in, but not of others it calls
+    functions of: whoever edits one deletes ``__pycache__``.
     """
     from numba import njit
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from math import inf, isfinite
 from typing import Literal, TypeAlias, get_args
 
@@ -106,7 +107,7 @@ class AskedContrast:
         if not isinstance(self.epsilon, DetectionInterval):
             object.__setattr__(self, "epsilon", float(self.epsilon))
 
-    @property
+    @cached_property
     def interval(self) -> tuple[float, float]:
         """Lowest and highest detected contrast in `definition`; -inf or inf for an end that is open."""
         low, high = self._ends

@@ -1,6 +1,7 @@
 """Marks of neighbouring pixels and their sums, in one pass over an 8-bit image.
 
-Numbers are kept as narrow as they are: a loop over bytes goes many at a time.
+Numbers are kept as narrow as they are and pieces of rows of one length, which the compiler knows: a loop over bytes
+goes many at a time.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from ..compiled import compiled
 
 #: Pixels of a row that are looked at together: where they are all alike, no pair has to be looked up.
 _PIECE = 128
+#: Pixels whose products of marks are summed in 16 bits, a multiple of those, and rows whose marks are in 8 bits.
+_RUN, _ROWS = 1024, 120
 
 
 @compiled
@@ -48,61 +51,94 @@ def sum_marks(
         Returns the marks of the first, the last but one and the last column.
     """
     height, width = dn.shape
-    n_pieces = (width + _PIECE - 1) // _PIECE
+    n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, places.shape[0]
+    padded = n_pieces * _PIECE
     beside, below = np.zeros(_PIECE, np.uint8), np.zeros(_PIECE, np.uint8)
     # Marks of this row and the one before, with a pixel of nothing at either end, and which pieces hold any.
-    marks = np.zeros((places.shape[0], 2, n_pieces * _PIECE + 2), np.uint8)
-    marked = np.zeros((places.shape[0], 2, n_pieces), np.bool_)
+    marks = np.zeros((n_contrasts, 2, padded + 2), np.uint8)
+    marked = np.zeros((n_contrasts, 2, n_pieces), np.bool_)
+    some_rows = np.zeros((n_contrasts, padded), np.uint8)
+    same, n_alike = classes[65535], 0
+    # This row and the next one, the last pixel repeated.
+    rows_of_dn = np.empty((2, padded + 1), np.uint8)
     for y in range(height):
         this, other = y % 2, 1 - y % 2
-        upper, lower = dn[y], dn[min(y + 1, height - 1)]
+        if y == 0:
+            _repeat_last(dn[0], rows_of_dn[0])
+        _repeat_last(dn[min(y + 1, height - 1)], rows_of_dn[other])
+        upper, lower = rows_of_dn[this], rows_of_dn[other]
         for piece in range(n_pieces):
-            start = piece * _PIECE
-            stop = min(start + _PIECE, width)
-            # Neither the last column nor the last row has a neighbour.
+            start, stop = piece * _PIECE, min((piece + 1) * _PIECE, width)
+            # The last column and the last row have a neighbour less.
             n_beside, n_below = min(stop, width - 1) - start, stop - start if y < height - 1 else 0
-            least, change = _change(upper[start:stop], upper[start + 1 : stop + 1], lower[start:stop])
-            if change < alike[least]:
-                lowest = highest = classes[65535]
-                beside[:n_beside], below[:n_below] = lowest, lowest
+            least, change = _change(upper[start : start + _PIECE + 1], lower[start : start + _PIECE])
+            unlike = change >= alike[least]
+            if unlike:
+                _look_up(upper[start:], upper[start + 1 :], classes, beside)
+                _look_up(upper[start:], lower[start:], classes, below)
+                # What is no pair is of class 0.
+                for i in range(n_beside, _PIECE):
+                    beside[i] = 0
+                for i in range(n_below, _PIECE):
+                    below[i] = 0
+                lowest, highest = _count(beside, below, counts)
             else:
-                _look_up(upper[start:], upper[start + 1 : start + 1 + n_beside], classes, beside)
-                _look_up(upper[start:], lower[start : start + n_below], classes, below)
-                lowest, highest = _range(beside[:n_beside], below[:n_below])
-            for one in range(lowest):
-                counts[one] += n_beside + n_below
-            for one in range(lowest, highest):
-                counts[one] += _above(beside[:n_beside], np.uint8(one)) + _above(below[:n_below], np.uint8(one))
-            # What is no pair is inside for no contrast.
-            beside[n_beside:], below[n_below:] = 255, 255
-            for n in range(places.shape[0]):
-                low, high = places[n]
+                lowest = highest = same
+                n_alike += n_beside + n_below
+            for n in range(n_contrasts):
+                low, high = places[n, 0], places[n, 1]
                 if highest > low and lowest <= high:
                     marked[n, this, piece] = True
+                    if not unlike:
+                        beside[:n_beside], below[:n_below], beside[n_beside:], below[n_below:] = same, same, 0, 0
                     _mark(beside, below, low, high, marks[n, this, start + 1 : start + _PIECE + 1])
                 elif marked[n, this, piece]:
                     marked[n, this, piece] = False
-                    marks[n, this, start + 1 : start + _PIECE + 1] = 0
-        for n in range(places.shape[0]):
+                    for i in range(start + 1, start + _PIECE + 1):
+                        marks[n, this, i] = 0
+        for n in range(n_contrasts):
             row, before = marks[n, this], marks[n, other]
-            for piece in range(n_pieces):
-                if marked[n, this, piece]:
-                    start = piece * _PIECE
-                    near[n] += _products(row[start : start + _PIECE + 2], before[start : start + _PIECE + 2])
-                    rows[n, y] += _add_to(columns[n, start : start + _PIECE], row[start + 1 :])
+            first = 0
+            while first < n_pieces:
+                last = first
+                while last < n_pieces and marked[n, this, last] and (last - first) * _PIECE < _RUN:
+                    last += 1
+                if last > first:
+                    start, stop = first * _PIECE, last * _PIECE
+                    products, total = _sum_run(
+                        row[start : stop + 2], before[start : stop + 2], some_rows[n, start:stop]
+                    )
+                    near[n] += products
+                    rows[n, y] += total
+                first = max(last, first + 1)
             sides[n, y, 0], sides[n, y, 1], sides[n, y, 2] = row[1], row[width - 1], row[width]
+        if y % _ROWS == _ROWS - 1 or y == height - 1:
+            columns += some_rows[:, :width]
+            some_rows[:] = 0
+    for one in range(same):
+        counts[one] += n_alike
 
 
 @compiled
-def _change(upper: NDArray[np.uint8], beside: NDArray[np.uint8], lower: NDArray[np.uint8]) -> tuple[np.uint8, np.uint8]:
+def _repeat_last(row: NDArray[np.uint8], longer: NDArray[np.uint8]) -> None:
+    """Copy a row into a longer one, whose rest is its last pixel."""
+    # Quicker than slices.
+    for i in range(row.size):
+        longer[i] = row[i]
+    for i in range(row.size, longer.size):
+        longer[i] = row[row.size - 1]
+
+
+@compiled
+def _change(upper: NDArray[np.uint8], lower: NDArray[np.uint8]) -> tuple[np.uint8, np.uint8]:
     """Lowest DN of a piece and its neighbours, and the most by which two of a pair differ."""
     least, most = np.uint8(255), np.uint8(0)
-    for i in range(beside.size):
-        least = min(least, min(upper[i], beside[i]))
-        most = max(most, np.uint8(max(upper[i], beside[i]) - min(upper[i], beside[i])))
-    for i in range(lower.size):
-        least = min(least, min(upper[i], lower[i]))
-        most = max(most, np.uint8(max(upper[i], lower[i]) - min(upper[i], lower[i])))
+    for i in range(_PIECE):
+        one, right, down = upper[i], upper[i + 1], lower[i]
+        least = min(least, min(one, min(right, down)))
+        beside = np.uint8(max(one, right) - min(one, right))
+        below = np.uint8(max(one, down) - min(one, down))
+        most = max(most, max(beside, below))
     return least, most
 
 
@@ -110,29 +146,26 @@ def _change(upper: NDArray[np.uint8], beside: NDArray[np.uint8], lower: NDArray[
 def _look_up(
     first: NDArray[np.uint8], second: NDArray[np.uint8], classes: NDArray[np.uint8], found: NDArray[np.uint8]
 ) -> None:
-    """Look up the classes of pairs."""
-    for i in range(second.size):
+    """Look up the classes of the pairs of a piece."""
+    for i in range(_PIECE):
         found[i] = classes[np.uint32(first[i]) << np.uint32(8) | np.uint32(second[i])]
 
 
 @compiled
-def _range(beside: NDArray[np.uint8], below: NDArray[np.uint8]) -> tuple[np.uint8, np.uint8]:
-    """Lowest and highest class."""
+def _count(beside: NDArray[np.uint8], below: NDArray[np.uint8], counts: NDArray[np.int64]) -> tuple[int, int]:
+    """Count the pairs of a piece above each class; its lowest and highest class."""
     lowest, highest = np.uint8(255), np.uint8(0)
-    for i in range(beside.size):
-        lowest, highest = min(lowest, beside[i]), max(highest, beside[i])
-    for i in range(below.size):
-        lowest, highest = min(lowest, below[i]), max(highest, below[i])
+    for i in range(_PIECE):
+        lowest = min(lowest, min(beside[i], below[i]))
+        highest = max(highest, max(beside[i], below[i]))
+    for one in range(lowest):
+        counts[one] += 2 * _PIECE
+    for one in range(lowest, highest):
+        n, limit = np.uint16(0), np.uint8(one)
+        for i in range(_PIECE):
+            n = np.uint16(n + np.uint16(np.uint8(beside[i] > limit) + np.uint8(below[i] > limit)))
+        counts[one] += n
     return lowest, highest
-
-
-@compiled
-def _above(classes: NDArray[np.uint8], one: np.uint8) -> np.uint32:
-    """Count what is above a class."""
-    n = np.uint32(0)
-    for i in range(classes.size):
-        n = np.uint32(n + np.uint32(classes[i] > one))
-    return n
 
 
 @compiled
@@ -145,22 +178,14 @@ def _mark(
 
 
 @compiled
-def _products(row: NDArray[np.uint8], before: NDArray[np.uint8]) -> np.uint16:
-    """Sum of the products of the marks of a piece with themselves and, twice, with the neighbours before them."""
-    total = np.uint16(0)
-    for i in range(_PIECE):
-        mark = np.uint16(row[i + 1])
-        around = np.uint16(row[i]) + np.uint16(before[i]) + np.uint16(before[i + 1]) + np.uint16(before[i + 2])
-        total = np.uint16(total + np.uint16(mark * np.uint16(mark + np.uint16(2) * np.uint16(around))))
-    return total
-
-
-@compiled
-def _add_to(columns: NDArray[np.uint32], marks: NDArray[np.uint8]) -> np.uint32:
-    """Add the marks of a piece to the sums of columns, and return their sum."""
-    total = np.uint32(0)
+def _sum_run(row: NDArray[np.uint8], before: NDArray[np.uint8], columns: NDArray[np.uint8]) -> tuple[int, int]:
+    """Sum the products of marks with themselves and, twice, with the neighbours before them; and the marks."""
+    products, total = np.uint16(0), np.uint16(0)
     for i in range(columns.size):
-        mark = np.uint32(marks[i])
-        columns[i] = np.uint32(columns[i] + mark)
-        total = np.uint32(total + mark)
-    return total
+        mark = row[i + 1]
+        around = np.uint8(np.uint8(row[i] + before[i]) + np.uint8(before[i + 1] + before[i + 2]))
+        product = np.uint8(mark * np.uint8(mark + np.uint8(around + around)))
+        products = np.uint16(products + np.uint16(product))
+        total = np.uint16(total + np.uint16(mark))
+        columns[i] = np.uint8(columns[i] + mark)
+    return products, total

@@ -105,9 +105,8 @@ def sum_marks(
                     last += 1
                 if last > first:
                     start, stop = first * _PIECE, last * _PIECE
-                    products, total = _sum_run(
-                        row[start : stop + 2], before[start : stop + 2], some_rows[n, start:stop]
-                    )
+                    of_run = some_rows[n, start:stop]
+                    products, total = _sum_run(row[start : stop + 2], before[start : stop + 2], of_run)
                     near[n] += products
                     rows[n, y] += total
                 first = max(last, first + 1)

@@ -10,15 +10,12 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
 from .archive_record import ArchiveTask, NotSeenError
-
-#: Packages on which the results depend to the last bit.
-_PACKAGES = ("labcdp", "numpy", "scipy", "opencv-contrib-python-headless")
+from .video_checks import package_versions
 
 #: Loggers that Dask gives levels and outputs of their own.
 _LOGGERS = ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio")
@@ -138,7 +135,7 @@ class Cluster:
                 return f"labcdp cannot be imported there ({error}): install the same version as here"
             except (OSError, KeyError, TimeoutError) as error:
                 return f"it does not answer ({type(error).__name__}): start it again"
-        here = _versions()
+        here = package_versions()
         for package, there in answer["versions"].items():
             if there != here[package]:
                 return (
@@ -283,11 +280,7 @@ def _probe(folder: Path) -> Iterator[str]:
 
 def _look_around(probe: str) -> dict[str, Any]:
     """Tell what a worker has and sees; called there."""
-    return {"versions": _versions(), "sees": Path(probe).exists()}
-
-
-def _versions() -> dict[str, str]:
-    return {package: version(package) for package in _PACKAGES}
+    return {"versions": package_versions(), "sees": Path(probe).exists()}
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from .video_settings import VideoSettings
 
 #: Format of the journal, and packages on which results depend to the last bit.
 _FORMAT = 1
-_PACKAGES = ("labcdp", "numpy", "scipy", "opencv-contrib-python-headless")
+_PACKAGES = ("labcdp", "numpy", "numba", "scipy", "opencv-contrib-python-headless")
 
 
 def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) -> None:
@@ -40,8 +40,12 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
 
 def evaluation_head(settings: VideoSettings, reference: ReferenceContrast | None) -> Row:
     """Return all that decides the results beside the video, as the journal keeps it."""
-    versions = {name: version(name) for name in _PACKAGES}
-    return {"format": _FORMAT, "settings": video_configuration(settings, reference), "versions": versions}
+    return {"format": _FORMAT, "settings": video_configuration(settings, reference), "versions": package_versions()}
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages on which results depend to the last bit."""
+    return {name: version(name) for name in _PACKAGES}
 
 
 def require_regions(source: VideoSource, settings: VideoSettings) -> None:

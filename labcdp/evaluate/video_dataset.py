@@ -22,12 +22,22 @@ BY_FRAME = (
     "measured_contrast",
     "measured_contrast_standard_uncertainty",
     "csnr",
+    "csnr_standard_uncertainty",
     "reference_contrast",
     "reference_cdp",
     "reference_cdp_low",
     "reference_cdp_high",
 )
-BY_REGION = ("mean", "mean_standard_uncertainty", "snr", "saturated", "quality", "centre_x", "centre_y")
+BY_REGION = (
+    "mean",
+    "mean_standard_uncertainty",
+    "snr",
+    "snr_standard_uncertainty",
+    "saturated",
+    "quality",
+    "centre_x",
+    "centre_y",
+)
 #: Share of saturated pixels above which a contrast of a region is not to be trusted.
 TOO_SATURATED = 0.01
 _CORNERS = ("corner_x", "corner_y")
@@ -42,6 +52,7 @@ _TITLES = {
     "measured_contrast": "Weber contrast of the regions' means",
     "measured_contrast_standard_uncertainty": "standard uncertainty of the contrast",
     "csnr": "contrast signal-to-noise ratio",
+    "csnr_standard_uncertainty": "standard uncertainty of the contrast signal-to-noise ratio",
     "reference_contrast": "contrast the frame is compared with",
     "reference_cdp": "contrast detection probability of the reference contrast",
     "reference_cdp_low": "lower end of its 95 % interval",
@@ -49,6 +60,7 @@ _TITLES = {
     "mean": "mean of the region",
     "mean_standard_uncertainty": "standard uncertainty of the mean",
     "snr": "signal-to-noise ratio",
+    "snr_standard_uncertainty": "standard uncertainty of the signal-to-noise ratio",
     "saturated": "share of saturated pixels",
     "quality": "quality of the tracking, 0 to 1",
     "lost": "whether the region was lost",

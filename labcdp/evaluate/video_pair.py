@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contrast import Distribution, Epsilon, csnr, snr, weber_contrast
+from ..contrast import Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
 from ..contrast.pairs import bright_and_dark
 from ..contrast.uncertainty import confidence_interval, variance_of_scatters
 from ..errors import InputError
 from ..frame import Frame
 from ..luminance import LuminanceMap, Window
 from ..roi import Roi
+from .dn_rounding import rounding_uncertainty
 from .light import PictureConversion
 from .noise_correlation import noise_inflation
-from .pair_region import REASONS
+from .pair_region import REASONS, with_uncertainty
 from .video_tally import ManyContrasts, Tally
 
 _Array = NDArray[np.float64]
@@ -39,9 +40,9 @@ class PairOfFrame:
         and calibration, and the shares of pairs with a lower and a higher contrast.
     contrast, contrast_standard_uncertainty : float
         Weber contrast of the means.
-    csnr : float
+    csnr, csnr_standard_uncertainty : float
         Mean over standard deviation of the contrasts of all pairs of pixels.
-    mean, mean_standard_uncertainty, snr : list of float
+    mean, mean_standard_uncertainty, snr, snr_standard_uncertainty : list of float
         Of the regions.
     invalid_shares : list of dict
         Share of the pixels of a region that are not valid for a reason.
@@ -56,9 +57,11 @@ class PairOfFrame:
     contrast: float
     contrast_standard_uncertainty: float
     csnr: float
+    csnr_standard_uncertainty: float
     mean: list[float]
     mean_standard_uncertainty: list[float]
     snr: list[float]
+    snr_standard_uncertainty: list[float]
     invalid_shares: list[dict[str, float]]
 
 
@@ -104,9 +107,12 @@ def evaluate_frame_pair(
     relative = _relative_errors(bright, dark)
     together = hypot(*((1 + x) / (1 + y) - 1 for x, y in relative)) if relative else 0.0
     by_calibration = np.zeros(len(contrasts))
+    ratio = csnr(bright_light, dark_light)
+    ratio_variance = 0.0 if isfinite(together) else nan
     if 0 < together < np.inf:
-        changes = [many.inside(_scaled(bright_light, 1 + s * together), dark_light) - tally.inside for s in (1, -1)]
-        by_calibration = np.mean(np.square(changes), axis=0)
+        changed = [_scaled(bright_light, 1 + s * together) for s in (1, -1)]
+        by_calibration = np.mean([np.square(many.inside(one, dark_light) - tally.inside) for one in changed], axis=0)
+        ratio_variance = float(np.mean([(csnr(one, dark_light).value - ratio.value) ** 2 for one in changed]))
     contrast = float(weber_contrast(bright.mean, dark.mean))
     by_pixels, effective_size = _by_pixels(tally, bright, dark)
     standard = [sqrt(v + c) for v, c in zip(by_pixels, by_calibration, strict=True)]
@@ -126,10 +132,14 @@ def evaluate_frame_pair(
         * hypot(bright.random / bright.mean, dark.random / dark.mean, *(x - y for x, y in relative))
         if isfinite(contrast)
         else nan,
-        csnr=csnr(bright_light, dark_light).value,
+        csnr=ratio.value,
+        csnr_standard_uncertainty=with_uncertainty(
+            ratio, max(bright.inflation, dark.inflation), ratio_variance
+        ).standard_error,
         mean=[region.mean for region in (first, second)],
         mean_standard_uncertainty=[region.standard_uncertainty for region in (first, second)],
-        snr=[snr(region.light).value for region in (first, second)],
+        snr=[region.snr.value for region in (first, second)],
+        snr_standard_uncertainty=[region.snr.standard_error for region in (first, second)],
         invalid_shares=[region.invalid_shares for region in (first, second)],
     )
 
@@ -170,12 +180,21 @@ class _Region:
         return noise_inflation(self.image, self.mask)
 
     @cached_property
+    def std(self) -> float:
+        """Standard deviation of the pixels with n - 1; nan for one."""
+        off = self.light.values - self.mean
+        return sqrt(float(self.light.weights @ off**2) / (self.size - 1)) if self.size > 1 else nan
+
+    @property
     def random(self) -> float:
         """Standard uncertainty of the mean by the pixels alone; nan for one."""
-        if self.size < 2:
-            return nan
-        off = self.light.values - self.mean
-        return sqrt(float(self.light.weights @ off**2) / (self.size - 1) * self.inflation / self.size)
+        return self.std * sqrt(self.inflation / self.size)
+
+    @cached_property
+    def snr(self) -> Estimate:
+        """Signal-to-noise ratio; an error of the darkness moves the mean and not the noise."""
+        of_darkness = (self.darkness / self.std) ** 2 if self.std > 0 else 0.0
+        return with_uncertainty(snr(self.light), self.inflation, of_darkness)
 
     @cached_property
     def shared(self) -> list[float]:
@@ -184,11 +203,23 @@ class _Region:
 
     @cached_property
     def own(self) -> list[float]:
-        """Relative errors of the mean that the region shares with no other."""
-        slow = self.map.slow_cd_m2
-        dark = float(np.mean(np.broadcast_to(slow, self.mask.shape)[self.mask])) if np.ndim(slow) else float(slow)
-        errors = [self.map.slow_rel, dark / abs(self.mean) if self.mean else 0.0]
+        """Relative errors of the mean that the region shares with no other; rounding as if it moved all alike."""
+        absolute = (self.darkness, self.rounding)
+        errors = [self.map.slow_rel, *(error / abs(self.mean) if self.mean else 0.0 for error in absolute)]
         return [error for error in errors if error]
+
+    @cached_property
+    def darkness(self) -> float:
+        """Error of the mean by that of the darkness, which differs from place to place."""
+        slow = self.map.slow_cd_m2
+        return float(np.mean(np.broadcast_to(slow, self.mask.shape)[self.mask])) if np.ndim(slow) else float(slow)
+
+    @cached_property
+    def rounding(self) -> float:
+        """Error of the mean by the rounding to whole DN, where noise does not dither it."""
+        height, width = self.mask.shape
+        steps = self.map.dn_step_in((slice(0, height), slice(0, width)))
+        return 0.0 if steps is None else rounding_uncertainty(self.std, steps[self.mask])
 
     def _mean_of(self, relative: NDArray[np.floating[Any]] | float) -> float:
         if np.ndim(relative) == 0:

@@ -228,9 +228,11 @@ class VideoRun:
             "measured_contrast": found.contrast,
             "measured_contrast_standard_uncertainty": found.contrast_standard_uncertainty,
             "csnr": found.csnr,
+            "csnr_standard_uncertainty": found.csnr_standard_uncertainty,
             "mean": found.mean,
             "mean_standard_uncertainty": found.mean_standard_uncertainty,
             "snr": found.snr,
+            "snr_standard_uncertainty": found.snr_standard_uncertainty,
             "saturated": [shares.get("saturated", 0.0) for shares in found.invalid_shares],
             _INVALID: found.invalid_shares,
         }

@@ -76,6 +76,7 @@ def _add_regions(data: dict[str, Any], lost: Any, known: Any, frames: Any, refer
     data["measured_contrast"] = ("frame", known(9.5 + 0.01 * frames))
     data["measured_contrast_standard_uncertainty"] = ("frame", known(np.full(n_frames, 0.1)))
     data["csnr"] = ("frame", known(np.full(n_frames, 21.0)))
+    data["csnr_standard_uncertainty"] = ("frame", known(np.full(n_frames, 0.3)))
     data["reference_contrast"] = ("frame", np.full(n_frames, reference))
     for name, shift in (("reference_cdp", 0.0), ("reference_cdp_low", -0.02), ("reference_cdp_high", 0.02)):
         data[name] = ("frame", known(np.linspace(0.95, 0.85, n_frames) + shift) + 0 * reference)
@@ -84,6 +85,7 @@ def _add_regions(data: dict[str, Any], lost: Any, known: Any, frames: Any, refer
         "mean": (_OF_REGION, means),
         "mean_standard_uncertainty": (_OF_REGION, 0.01 * means),
         "snr": (_OF_REGION, 0.1 * means),
+        "snr_standard_uncertainty": (_OF_REGION, 0.001 * means),
         "quality": (_OF_REGION, np.where(lost, 0.1, 0.9)),
         "lost": (_OF_REGION, lost),
         "centre_x": (_OF_REGION, np.stack([50.0 + frames, 150.0 + frames], 1)),

@@ -115,6 +115,9 @@ def test_values_and_intervals_are_those_of_an_image(tmp_path: Path) -> None:
         assert found.contrast == pytest.approx(image.contrast.value)
         assert found.contrast_standard_uncertainty == pytest.approx(image.contrast.standard_error)
         assert found.csnr == pytest.approx(image.csnr.value)
+        assert found.csnr_standard_uncertainty == pytest.approx(image.csnr.standard_error)
+        assert found.snr == pytest.approx([image.a.snr.value, image.b.snr.value])
+        assert found.snr_standard_uncertainty == pytest.approx([image.a.snr.standard_error, image.b.snr.standard_error])
         assert found.mean == pytest.approx([image.a.mean, image.b.mean])
         assert found.mean_standard_uncertainty == pytest.approx(
             [image.a.standard_uncertainty, image.b.standard_uncertainty]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from math import isnan, nan
+from math import isnan, nan, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,25 @@ def test_values_and_intervals_are_those_of_an_image(tmp_path: Path) -> None:
         # The noise is independent: the intervals differ by what chance correlation the two ways see.
         assert found.low == pytest.approx([one.confidence_interval[0] for one in image.results], abs=0.03)
         assert found.high == pytest.approx([one.confidence_interval[1] for one in image.results], abs=0.03)
+
+
+@pytest.mark.parametrize("noise_dn", [0.0, 0.2])
+def test_rounding_that_no_noise_dithers_is_uncertain_as_in_an_image(tmp_path: Path, noise_dn: float) -> None:
+    rng = np.random.default_rng(4)
+    dn = np.full((60, 100), 30.0)
+    dn[:, :50] = 90.3
+    frame = np.rint(dn + rng.normal(0, 1, dn.shape) * noise_dn).astype(np.uint8)
+    conversion = picture_conversion(None, None, None)
+    (seen,) = frames_of(open_video(write(tmp_path / "a.mkv", [frame])), Selection())
+    assert seen.frame is not None
+    found = evaluate_frame_pair(seen.frame, conversion, (DARK, BRIGHT), (2.0,), 0.5)
+    image = evaluate_pair(conversion.convert(seen.frame), DARK, BRIGHT, (2.0,))
+    if not noise_dn:
+        assert found.mean_standard_uncertainty == pytest.approx([1 / 256 / sqrt(12)] * 2, rel=1e-6)
+    assert min(found.mean_standard_uncertainty) > 0.5 / 256 / sqrt(12)
+    stated = [image.a.standard_uncertainty, image.b.standard_uncertainty]
+    assert found.mean_standard_uncertainty == pytest.approx(stated, rel=1e-5)
+    assert found.contrast_standard_uncertainty == pytest.approx(image.contrast.standard_error, rel=1e-5)
 
 
 def test_pixel_to_pixel_is_that_of_the_metric(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def _look_up(
 
 
 @compiled
-def _count(beside: NDArray[np.uint8], below: NDArray[np.uint8], counts: NDArray[np.int64]) -> tuple[int, int]:
+def _count(beside: NDArray[np.uint8], below: NDArray[np.uint8], counts: NDArray[np.int64]) -> tuple[np.uint8, np.uint8]:
     """Count the pairs of a piece above each class; its lowest and highest class."""
     lowest, highest = np.uint8(255), np.uint8(0)
     for i in range(_PIECE):
@@ -177,7 +177,9 @@ def _mark(
 
 
 @compiled
-def _sum_run(row: NDArray[np.uint8], before: NDArray[np.uint8], columns: NDArray[np.uint8]) -> tuple[int, int]:
+def _sum_run(
+    row: NDArray[np.uint8], before: NDArray[np.uint8], columns: NDArray[np.uint8]
+) -> tuple[np.uint16, np.uint16]:
     """Sum the products of marks with themselves and, twice, with the neighbours before them; and the marks."""
     products, total = np.uint16(0), np.uint16(0)
     for i in range(columns.size):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import compiled
+from ..sum_kernel import pairwise_sum
 
 _Array = NDArray[np.float64]
 
@@ -98,12 +99,12 @@ def weights(reach: int) -> _Array:
 @compiled
 def at_lag(image: _Array, other: _Array, lag: int) -> float:
     """Sum the products of the pixels of an image with those of another one so many rows below."""
-    total = 0.0
+    columns = np.zeros(image.shape[1])
     for y in range(image.shape[0] - lag):
         upper, lower = image[y], other[y + lag]
-        for x in range(upper.size):
-            total += upper[x] * lower[x]
-    return total
+        for x in range(columns.size):
+            columns[x] += upper[x] * lower[x]
+    return pairwise_sum(columns)
 
 
 @compiled

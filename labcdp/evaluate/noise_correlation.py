@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import isqrt, sqrt
+from math import isfinite, isqrt, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contrast.correlation import inflation_of_scores
 from ..contrast.kept import kept_by_mask
+from ..errors import InputError
 
 #: Degree of the surface that light which changes slowly may have, and of that in which noise is looked for.
 _SLOW_DEGREE, _NOISE_DEGREE = 2, 4
@@ -44,6 +45,11 @@ def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     float
         1 where no correlation is found or all pixels are equal.
 
+    Raises
+    ------
+    InputError
+        If a pixel of the region is not finite.
+
     Notes
     -----
     The factor is the largest of three, if any of them is more than chance makes of independent pixels:
@@ -73,6 +79,8 @@ def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     level, any_differ = centred(image.astype(np.float64, order="C"), mask)
     n = int(np.count_nonzero(mask))
     variance = float(np.vdot(level, level)) / n
+    if not isfinite(variance):
+        raise InputError("the region holds pixels that are not finite numbers: leave them out")
     side, inside = max(isqrt(n // _FEWEST_BLOCKS), 1), mask
     if side > 1:
         blocks, whole = in_blocks(level, mask, side)

@@ -61,8 +61,8 @@ def in_blocks(level: _Array, mask: NDArray[np.bool_], side: int) -> tuple[_Array
     Returns
     -------
     (ndarray of float, ndarray of bool), shape (rows, columns)
-        In the unit of the image, 0 for a block that does not count; and which do: those with three quarters of their
-        pixels.
+        In the unit of the image, 0 for a block that does not count; and which do: whole ones, as others would show an
+        even change of light in another height.
     """
     height, width = level.shape
     means = np.empty(((height + side - 1) // side, (width + side - 1) // side))
@@ -74,8 +74,8 @@ def in_blocks(level: _Array, mask: NDArray[np.bool_], side: int) -> tuple[_Array
                 for x in range(column * side, min((column + 1) * side, width)):
                     total += level[y, x]
                     n += mask[y, x]
-            inside[row, column] = 4 * n >= 3 * side * side
-            means[row, column] = total / np.sqrt(n) if inside[row, column] else 0.0
+            inside[row, column] = n == side * side
+            means[row, column] = total / side if inside[row, column] else 0.0
     return means, inside
 
 

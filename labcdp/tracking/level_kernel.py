@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import compiled
+from ..sum_kernel import pairwise_sum
 from .matrix_kernel import multiply
 from .select_kernel import kth_smallest
 
@@ -187,24 +188,30 @@ def next_light(pixels: Pixels, seen: Seen, expected: float) -> Light:
     # Less their mean, so that sums of squares lose no digits.
     middle = np.float32(pixels.middle)
     total = deviated = squared = viewed = product = 0.0
+    room = np.empty((5, min(BLOCK, n)), np.float32)
     for start in range(0, n, BLOCK):
         stop = min(start + BLOCK, n)
         trusted, robust = seen.trusted[start:stop], seen.robust[start:stop]
         values, known = seen.values[start:stop], template[start:stop]
-        some_total = some_deviated = some_squared = some_viewed = some_product = np.float32(0)
+        some_total, some_deviated, some_squared = (
+            room[0, : stop - start],
+            room[1, : stop - start],
+            room[2, : stop - start],
+        )
+        some_viewed, some_product = room[3, : stop - start], room[4, : stop - start]
         for i in range(trusted.size):
             weight = trusted[i] * robust[i]
             value, deviation = values[i] - middle, known[i] - middle
-            some_total += weight
-            some_deviated += weight * deviation
-            some_squared += weight * deviation * deviation
-            some_viewed += weight * value
-            some_product += weight * deviation * value
-        total += float(some_total)
-        deviated += float(some_deviated)
-        squared += float(some_squared)
-        viewed += float(some_viewed)
-        product += float(some_product)
+            some_total[i] = weight
+            some_deviated[i] = weight * deviation
+            some_squared[i] = weight * deviation * deviation
+            some_viewed[i] = weight * value
+            some_product[i] = weight * deviation * value
+        total += pairwise_sum(some_total)
+        deviated += pairwise_sum(some_deviated)
+        squared += pairwise_sum(some_squared)
+        viewed += pairwise_sum(some_viewed)
+        product += pairwise_sum(some_product)
     if not total >= _PIXELS_LEAST:
         return 0.0, 0.0, expected, 0.0
     mean_t, mean_v = deviated / total, viewed / total

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import compiled
+from ..sum_kernel import pairwise_sum
 from .level_kernel import BLOCK, Bounds, Pixels, Seen, first_light, next_light, nothing_seen, sample
 from .matrix_kernel import all_finite, invert, multiply, solve_positive
 
@@ -24,7 +25,7 @@ def improve(
         Light before the last step; gain 0 if the steps lead nowhere.
     """
     seen = nothing_seen(pixels.trust.size)
-    weights = np.empty((2, BLOCK), np.float32)
+    weights = np.empty((3, BLOCK), np.float32)
     place, change, other = to_view.copy(), np.empty((3, 3)), np.empty((3, 3))
     light = (0.0, 0.0, np.nan, 0.0)
     for number in range(steps):
@@ -68,7 +69,7 @@ def _move(
 def _step(pixels: Pixels, seen: Seen, weights: NDArray[np.float32]) -> NDArray[np.float64]:
     """Gauss-Newton step along each generator, from the residuals in the template's DN.
 
-    `weights`, of shape (2, `BLOCK`), is written over.
+    `weights`, of shape (3, `BLOCK`), is written over.
     """
     jacobian, residuals = pixels.jacobian, seen.residuals
     unknowns, n = jacobian.shape
@@ -77,23 +78,23 @@ def _step(pixels: Pixels, seen: Seen, weights: NDArray[np.float32]) -> NDArray[n
     for start in range(0, n, BLOCK):
         stop = min(start + BLOCK, n)
         each, weighted = weights[0, : stop - start], weights[1, : stop - start]
+        room = weights[2, : stop - start]
         trusted, robust, left = seen.trusted[start:stop], seen.robust[start:stop], residuals[start:stop]
-        some_total = np.float32(0)
         for i in range(each.size):
             each[i] = trusted[i] * robust[i]
-            some_total += each[i]
+            room[i] = each[i]
             weighted[i] = each[i] * left[i]
-        total += float(some_total)
-        scatter += _dot(weighted, left)
+        total += pairwise_sum(room)
+        scatter += _dot(weighted, left, room)
         for row in range(unknowns):
             slopes = jacobian[row, start:stop]
-            pull[row] += _dot(weighted, slopes)
+            pull[row] += _dot(weighted, slopes, room)
         for row in range(unknowns):
             slopes = jacobian[row, start:stop]
             for i in range(each.size):
                 weighted[i] = slopes[i] * each[i]
             for column in range(row + 1):
-                products[row, column] += _dot(weighted, jacobian[column, start:stop])
+                products[row, column] += _dot(weighted, jacobian[column, start:stop], room)
     least = max(scatter / max(total, 1e-9), pixels.noise**2)
     for row in range(unknowns):
         products[row, row] += pixels.damping[row] * least + 1e-6 * products[row, row] + 1e-9
@@ -105,8 +106,7 @@ def _step(pixels: Pixels, seen: Seen, weights: NDArray[np.float32]) -> NDArray[n
 
 
 @compiled
-def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    total = np.float32(0)
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return float(total)
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32], room: NDArray[np.float32]) -> float:
+    for i in range(room.size):
+        room[i] = a[i] * b[i]
+    return pairwise_sum(room)

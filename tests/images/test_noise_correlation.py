@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from labcdp.errors import InputError
 from labcdp.evaluate.noise_correlation import noise_inflation
 from labcdp.evaluate.pair import evaluate_pair
 from labcdp.luminance import LuminanceMap
@@ -79,6 +80,24 @@ def test_a_fall_off_of_ten_percent_does_not_widen_the_interval_of_white_noise(si
     y, x = np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j]
     light = 100 * (1 - 0.05 * (x**2 + y**2)) + np.random.default_rng(size).normal(0, 2, (size, size))
     assert noise_inflation(light, np.ones(light.shape, dtype=bool)) == 1
+
+
+@pytest.mark.parametrize("outline", ["203 x 199", "circle"])
+def test_a_gradient_across_a_large_region_does_not_widen_the_interval_of_white_noise(outline):
+    """Blocks of pixels do not fill it: those that are cut off would show the gradient as noise."""
+    height, width = (203, 199) if outline == "203 x 199" else (400, 400)
+    y, x = np.mgrid[:height, :width]
+    inside = np.ones((height, width), dtype=bool) if outline == "203 x 199" else np.hypot(x - 200, y - 200) < 199
+    light = 100 + 10 * (2 * y / height - 1) + np.random.default_rng(3).normal(0, 1, (height, width))
+    assert noise_inflation(light, inside) == 1
+
+
+def test_pixels_that_are_not_finite_are_refused():
+    image = np.random.default_rng(0).normal(size=(9, 9))
+    image[4, 4] = np.inf
+    with pytest.raises(InputError, match=r"the region holds pixels that are not finite numbers: leave them out"):
+        noise_inflation(image, np.ones(image.shape, dtype=bool))
+    assert noise_inflation(image, np.isfinite(image)) == 1
 
 
 def test_regions_of_any_outline_and_of_few_pixels_have_a_factor():

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,27 @@ def test_without_a_folder_to_keep_it_in_it_is_compiled_anew(tmp_path: Path) -> N
         check=False,
     )
     assert (done.returncode, done.stdout) == (0, "100.0\n"), done.stderr
+
+
+def test_what_is_older_than_a_kernel_is_forgotten(tmp_path: Path) -> None:
+    """A kernel may have changed that others call."""
+    kept = tmp_path / "__pycache__"
+    kept.mkdir()
+    for name, age_s in (("older.nbi", 10 * 365 * 86400), ("newer.nbi", 0)):
+        (kept / name).write_text("")
+        os.utime(kept / name, (time.time() - age_s,) * 2)
+    (tmp_path / "some_kernel.py").write_text("def one(x):\n    return x + 1\n")
+    code = """
+import sys; sys.path.insert(0, sys.argv[1])
+from labcdp.compiled import compiled
+import some_kernel
+print(compiled(some_kernel.one)(1))
+"""
+    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "2\n"), done.stderr
+    names = {path.name for path in kept.glob("*.nbi")}
+    assert "newer.nbi" in names
+    assert "older.nbi" not in names
 
 
 @pytest.mark.parametrize("n", [0, 1, 15, 16, 17, 33, 1000])

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contrast.correlation import inflation_of_scores
-from ..contrast.kept import kept_by_mask
 from ..errors import InputError
+from .kept import kept_by_mask
 
 #: Degree of the surface that light which changes slowly may have, and of that in which noise is looked for.
 _SLOW_DEGREE, _NOISE_DEGREE = 2, 4
@@ -61,7 +61,7 @@ def noise_inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     The factor is itself uncertain. As for a mean of few readings (JCGM 101:2008, 6.4.9.4), it is raised by
     k / (k - 2) for the k surfaces it rests on, and by (m - 1) / (m - 3) for m = n / factor independent pixels.
 
-    Of regions of 6000 pixels and more, blocks of pixels are looked at in their place, some 1500 to 6000 of them. Their
+    Of regions of 6000 pixels and more, blocks of pixels are looked at in their place, 3400 of them at the most. Their
     means, times the root of the pixels of a block, have the variance of a pixel if the noise is independent; what they
     have more is correlation within the blocks (E. Carlstein, The use of subseries values for estimating the variance
     of a general statistic from a stationary sequence, Ann. Stat. 14, 1986), by which the first factor is multiplied.

@@ -1,6 +1,6 @@
 import numpy as np
 
-from labcdp.contrast.kept import kept_by_mask
+from labcdp.evaluate.kept import kept_by_mask
 
 
 def test_a_mask_is_asked_for_once_and_told_from_others():

@@ -1,6 +1,6 @@
 # Two commands: make demo, make test. Each sets up what it needs, once.
 
-.PHONY: demo test lint bench setup setup-test clean
+.PHONY: demo test test-long pytest lint bench setup setup-test clean
 .DELETE_ON_ERROR:
 
 # What labcdp needs of Debian to run, and what its tests need beside that.
@@ -10,10 +10,18 @@ TEST_PACKAGES := aravis-tools-cli aravis-tools chromium libatomic1 libreoffice-c
 PYTHON := .venv/bin/python
 
 demo: setup
-	.venv/bin/labcdp demo
+	.venv/bin/labcdp demo --force
 
-test: setup-test lint
-	$(PYTHON) -m pytest --numprocesses auto --dist loadfile
+# Both at once: pytest often waits, and mypy takes one processor.
+test: setup-test
+	@$(MAKE) --no-print-directory --jobs 2 lint pytest
+
+pytest: setup-test
+	$(PYTHON) -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+
+# Minutes of what make test shows a part of: kills, faults in all states, long streams, all compiled loops.
+test-long: setup-test
+	$(PYTHON) -m pytest -m long
 
 lint: setup-test
 	tools/lint

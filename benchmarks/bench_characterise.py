@@ -10,14 +10,15 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 
 import cv2
 import numpy as np
 
 from labcdp.calibration.emva import INDEX_NAME, characterise_data_set, load_index
 from labcdp.calibration.emva.images import read_image
-from labcdp.report import write_characterisation
+from labcdp.evaluate.camera.page import write_characterisation
+from labcdp.evaluate.camera.result import result
 
 REFERENCE = "EMVA1288_ReferenceSet_001_CCD_12Bit"
 REPEATS = 3
@@ -58,6 +59,11 @@ def read_all(folder: Path) -> None:
             read_image(image, (index.height, index.width), index.bits)
 
 
+def reported(folder: Path, place: Path) -> None:
+    found = characterise_data_set(folder)
+    write_characterisation(found, result(found), Path(mkdtemp(dir=place)) / "results")
+
+
 def main() -> None:
     # One thread, so that the ratio does not depend on the number of processors.
     cv2.setNumThreads(1)
@@ -66,7 +72,7 @@ def main() -> None:
         folder = given if (given / INDEX_NAME).is_file() else write_set(Path(temporary))
         reading = best_s(lambda: read_all(folder))
         whole = best_s(lambda: characterise_data_set(folder))
-        report = best_s(lambda: write_characterisation(characterise_data_set(folder), Path(temporary) / "report"))
+        report = best_s(lambda: reported(folder, Path(temporary)))
     print(f"{'reference set 001' if folder == given else 'a set of the size of reference set 001'}, 300 images")
     print(f"reading the images alone     {reading:7.2f} s")
     print(f"characterise                 {whole:7.2f} s    ratio {whole / reading:.2f}")

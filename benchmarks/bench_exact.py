@@ -15,7 +15,7 @@ import numpy as np
 import labcdp
 from labcdp.chain import ExposureSettings, Hdr, Sensor
 from labcdp.chain.camera_model import CameraModel
-from labcdp.evaluate.exact import PatchRates, predict
+from labcdp.chain.predict.prediction import PatchRates, predict
 
 REPEATS = 3
 SIDE = 500

@@ -29,11 +29,11 @@ from labcdp.calibration import (
     ResponsivityFit,
     TemporalNoise,
 )
-from labcdp.calibration.common_errors import FitError
-from labcdp.frame import CameraIdentity, Frame
-from labcdp.reading import MeterIdentity
-from labcdp.response import Response
-from labcdp.vignetting import AnyVignetting, FlatField, RadialVignetting, middle_of
+from labcdp.calibration.errors.common import FitError
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity
+from labcdp.core.response import Response
+from labcdp.core.vignetting import AnyVignetting, FlatField, RadialVignetting, middle_of
 
 REPEATS = 21
 SHAPE = (2056, 2452)
@@ -68,7 +68,7 @@ def calibration(vignetting: AnyVignetting | None) -> Calibration:
         left_out=(),
         ladder=(),
         tests=(),
-        warnings=(),
+        findings=(),
         provenance=Provenance(start, "0" * 64, {}),
     )
 

@@ -70,7 +70,7 @@ def default_environment() -> Path:
 
 
 def prepare(environment: Path) -> Path:
-    """Return the Python of an environment with Pyxel; make it first if need be."""
+    """Return the Python of an environment with Pyxel; make it first if necessary."""
     python = environment / "bin" / "python"
     if not python.exists():
         print(f"Installing {PYXEL} in {environment}", flush=True)

@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from labcdp.chain import Sensor, load
-from labcdp.chain.blocks import Stream, block_generator, for_each_block
+from labcdp.chain import Chain, Sensor
+from labcdp.chain.sensor.blocks import Stream, block_generator, for_each_block
 
 REPEATS = 5
 EXPOSURE_S = 1e-3
@@ -46,7 +46,7 @@ def draw(sensor: Sensor, electrons: float, threads: int | None) -> None:
 
 
 def main() -> None:
-    sensor = replace(load("manta-g505").camera().sensor, width=2048, height=2048)
+    sensor = replace(Chain.load("manta-g505").camera().sensor, width=2048, height=2048)
     expose(sensor, 0.0, None)  # draws the fixed pattern
     print("2048 x 2048 pixels    exposure    draws alone    ratio    megapixel/s")
     for threads in (1, None):
@@ -57,7 +57,7 @@ def main() -> None:
             megapixels_s = 2048 * 2048e-6 / exposure
             print(f"{label:20s}  {exposure:7.3f} s     {floor:7.3f} s   {exposure / floor:6.2f}   {megapixels_s:8.1f}")
 
-    full = load("manta-g505").camera().sensor
+    full = Chain.load("manta-g505").camera().sensor
     expose(full, 3000.0, None)
     print(f"2452 x 2056 pixels, 3000 e-, all threads: {best_s(partial(expose, full, 3000.0, None)):.3f} s")
     tracemalloc.start()

@@ -27,9 +27,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labcdp.evaluate.video import evaluate_video
-from labcdp.evaluate.video_settings import VideoSettings
-from labcdp.roi import Roi
+from labcdp.core.roi import Roi
+from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.settings import VideoSettings
 
 REPEATS = 3
 N_FRAMES = int(os.environ.get("N_FRAMES", "250"))
@@ -41,10 +41,10 @@ CODECS = (("avc1", "mp4"), ("mp4v", "mp4"), ("MJPG", "avi"), ("FFV1", "mkv"))
 TEN = tuple(round(0.1 * n, 1) for n in range(1, 11))
 #: What is measured: name, contrasts, regions, method.
 RUNS: tuple[tuple[str, tuple[float, ...], tuple[Roi, ...]], ...] = (
-    ("pixel to pixel, 1 contrast", (1.0,), ()),
-    ("pixel to pixel, 10 contrasts", TEN, ()),
-    ("two regions by KCF, 1 contrast", (1.0,), ROIS),
-    ("two regions by KCF, 10 contrasts", TEN, ROIS),
+    ("nearest-neighbour, 1 contrast", (1.0,), ()),
+    ("nearest-neighbour, 10 contrasts", TEN, ()),
+    ("two tracked regions, 1 contrast", (1.0,), ROIS),
+    ("two tracked regions, 10 contrasts", TEN, ROIS),
 )
 
 

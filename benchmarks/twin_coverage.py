@@ -1,17 +1,18 @@
 """Share of patch pairs whose measured and predicted CDP lie within their joint 95 % interval.
 
 Run ``python benchmarks/twin_coverage.py``; ``--benches`` for another number than 100. Each bench has another camera,
-lens, light, target and meter. It is recorded as a session, and the twin is told no more than the session: luminances by
+lens, light, target and meter. It is recorded as a session, and the twin knows only the session: luminances by
 the meter, which errs as much as its data sheet lets it, and of lens and sensor what theirs say: f-number and focal
 length are up to 3 % off. Every third bench has a flat field, of light that is not quite uniform; the others have the
-fall-off of the focal length they are told.
+vignetting of the focal length they are reported.
 A dark library is taken off where ``labcdp calibrate`` would do so.
 
-What 100 benches gave: of 5095 pairs 6 are undecided, as 80 % of all possible CDPs or more would agree; they count
-neither way. Of the others 97.4 % +- 0.4 % agree; of those with a predicted CDP of 0.01 to 0.99 (1541 pairs, 6
-undecided) it is 93.3 % +- 1.2 %, and 96.4 % +- 0.8 % in the 46 benches with a dark library. The rest have a CDP of
-nearly 0 or 1, where few pixels decide and nearly all agree. The largest differences are of a camera with a noise of a
-third of a DN (bench 49). In no bench do the signals contradict a parameter of the twin; none is wrong.
+What 100 benches gave in version 0.1, before the twin was simplified: of 5095 pairs 6 are undecided, as 80 % of all
+possible CDPs or more would agree; they count neither way. Of the others 97.4 % +- 0.4 % agree; of those with a
+predicted CDP of 0.01 to 0.99 (1541 pairs, 6 undecided) it is 93.3 % +- 1.2 %, and 96.4 % +- 0.8 % in the 46 benches
+with a dark library. The rest have a CDP of nearly 0 or 1, where few pixels decide and nearly all agree. The largest
+differences are of a camera with a noise of a third of a DN (bench 49). In no bench do the signals differ from
+the prediction.
 """
 
 from __future__ import annotations
@@ -30,27 +31,30 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from labcdp.calibration.flat_field import measure_fall_off
-from labcdp.calibration.pixel_statistics import pixel_statistics
+from labcdp.calibration.flat.field import measure_vignetting
+from labcdp.calibration.frames.measure import measure_whole
 from labcdp.chain import ImagingChain, Optics, Sensor
-from labcdp.clock import SystemClock
-from labcdp.drivers.minolta_ls_protocol import LS110, parse_reading
-from labcdp.drivers.simulated.drift import Drifts
-from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
+from labcdp.core.clock import SystemClock
+from labcdp.core.errors import LabcdpError
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity
+from labcdp.drivers.minolta_ls.protocol import LS110, parse_reading
+from labcdp.drivers.simulated.faults.drift import Drifts
+from labcdp.drivers.simulated.meter.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.target import SimulatedTarget
-from labcdp.errors import LabcdpError
-from labcdp.evaluate import calibrate_session, characterise_session, observe_session
-from labcdp.evaluate.corrections import Corrections
-from labcdp.evaluate.dark_session import with_darkness
-from labcdp.evaluate.twin import TwinResult, twin_session
-from labcdp.evaluate.twin_corrected import LEFT_BY_LIBRARY
-from labcdp.evaluate.twin_pair import SAMPLING, TwinPair
-from labcdp.frame import CameraIdentity, Frame
-from labcdp.reading import MeterIdentity
+from labcdp.evaluate.bench.calibrate import calibrate_session
+from labcdp.evaluate.bench.corrections import Corrections
+from labcdp.evaluate.bench.dark import with_dark_frames
+from labcdp.evaluate.bench.observe import observe_session
+from labcdp.evaluate.camera.characterise import characterise_session
+from labcdp.evaluate.twin.evaluate import TwinEvaluation, twin_session
+from labcdp.evaluate.twin.pair import SAMPLING
+from labcdp.evaluate.twin.report.verdict import signal_findings
+from labcdp.evaluate.twin.signal import KINDS
 from labcdp.session import Session, SessionConfiguration
 
 WIDTH, HEIGHT = 400, 300
-#: Frames of uniform light, and how uneven it is across the image (relative standard deviation of a plane).
+#: Frames of uniform light, and how non-uniform it is across the image (relative standard deviation of a plane).
 FLAT_FRAMES, FLAT_UNEVENNESS_REL = 16, 0.005
 START = datetime(2026, 3, 1, 12, tzinfo=UTC)
 FRAMES = 2
@@ -90,7 +94,7 @@ name = "Random target"
 
 @dataclass(frozen=True)
 class RandomBench:
-    """A bench nobody knows: what stands on it, and what the session is told of it."""
+    """A bench nobody knows: what stands on it, and what the session is informed of it."""
 
     chain: ImagingChain
     luminance_cd_m2: dict[str, float]
@@ -241,7 +245,7 @@ def digit_error_cd_m2(luminance: float, share: float) -> float:
 
 
 def corrections_of_flat_field(bench: RandomBench) -> dict[str | None, Corrections]:
-    """Fall-off from frames of a source that is not quite uniform; the brightest pixel at 0.6 of saturation."""
+    """Vignetting from frames of a source that is not quite uniform; the brightest pixel at 0.6 of saturation."""
     rng = np.random.default_rng([20261122, bench.seed])
     slope = rng.normal(0, FLAT_UNEVENNESS_REL, 2)
     # The standard deviation of a coordinate from -1 to 1 is 1 / sqrt 3.
@@ -265,16 +269,16 @@ def corrections_of_flat_field(bench: RandomBench) -> dict[str | None, Correction
             )
             for index in range(first, first + FLAT_FRAMES)
         )
-        statistics.append(pixel_statistics(frames))
+        statistics.append(measure_whole(frames))
     dark, bright = statistics
-    return {None: Corrections(measure_fall_off([bright], [dark], FLAT_UNEVENNESS_REL).chosen)}
+    return {None: Corrections(measure_vignetting([bright], [dark], FLAT_UNEVENNESS_REL).chosen)}
 
 
-def compare(seed: int, folder: Path) -> TwinResult:
+def compare(seed: int, folder: Path) -> TwinEvaluation:
     bench = random_bench(seed)
     with record(bench, folder / f"bench-{seed}") as session:
         # As labcdp calibrate does; without a flat field it is the default.
-        corrections = with_darkness(corrections_of_flat_field(bench), [session]) if bench.flat_field else None
+        corrections = with_dark_frames(corrections_of_flat_field(bench), [session]) if bench.flat_field else None
         observed = observe_session(session, corrections=corrections)
         return twin_session(session, observed, calibrate_session(observed), characterise_session(session))
 
@@ -303,9 +307,10 @@ def main() -> None:
             except LabcdpError as error:
                 refused[f"{seed}: {error}"] += 1
     print(f"{len(results)} benches in {time.perf_counter() - begun:.0f} s")
-    suspected = [(seed, [one.name for one in result.findings]) for seed, result in results if result.findings]
+    found = [(seed, [one.subject for one in signal_findings(result)]) for seed, result in results]
+    suspected = [(seed, names) for seed, names in found if names]
     print(f"false findings, of parameters none of which is wrong, in {len(suspected)} benches: {suspected}")
-    corrected = {seed for seed, result in results if LEFT_BY_LIBRARY in result.left}
+    corrected = {seed for seed, result in results if any(one.code == "twin-dark-library" for one in result.findings)}
     false = sum(seed in corrected for seed, _ in suspected)
     print(f"a dark library was taken off in {len(corrected)} benches; {false} of them have a false finding")
     for text in refused:
@@ -327,13 +332,13 @@ def main() -> None:
         ("with a dark library", [one for one in pairs if one[0] in corrected]),
         ("CDP 0.01 to 0.99", [(seed, pair) for seed, pair in pairs if 0.01 <= pair.predicted <= 0.99]),
         ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
-        ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.influences[0].name != SAMPLING]),
+        ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.largest != SAMPLING]),
     ):
-        decided = [(seed, pair) for seed, pair in chosen if pair.decided]
+        decided = [(seed, pair) for seed, pair in chosen if pair.judgement != "undecided"]
         if not decided:
             print(f"{label:24s} {len(chosen):5d} pairs, none of them decided")
             continue
-        of_bench = [[pair.agrees for seed, pair in decided if seed == one] for one, _ in results]
+        of_bench = [[pair.judgement == "agree" for seed, pair in decided if seed == one] for one, _ in results]
         of_bench = [one for one in of_bench if one]
         share, error = share_with_uncertainty([sum(one) for one in of_bench], [len(one) for one in of_bench])
         print(
@@ -341,22 +346,19 @@ def main() -> None:
             f"{100 * share:.2f} % +- {100 * error:.2f} % agree, scatter of a bench "
             f"{100 * error * sqrt(len(of_bench)):.1f} %"
         )
-    z = np.array([standardised(pair) for _, pair in pairs if pair.decided and 0.01 <= pair.predicted <= 0.99])
+    z = np.array([pair.z for _, pair in pairs if pair.judgement != "undecided" and 0.01 <= pair.predicted <= 0.99])
     print(f"standardised differences: {z.mean():.2f} +- {z.std():.2f}, beyond 3: {np.mean(abs(z) > 3):.2%}")
-    for kind in ("mean_dn", "temporal_dn", "spatial_dn"):
-        d = np.array([patch.deviations()[kind] for _, result in results for patch in result.patches])
+    for kind in KINDS:
+        d = np.array([z for _, result in results for patch in result.patches if (z := patch.z[kind]) is not None])
         print(f"patches, {kind:12s} z {d.mean():+.2f} +- {d.std():.2f}, within 1.96: {np.mean(abs(d) < 1.96):.1%}")
-    largest = Counter(pair.influences[0].name.split(" of P")[0].split(" at P")[0] for _, pair in pairs)
+    largest = Counter(pair.largest.split(" of P")[0].split(" at P")[0] for _, pair in pairs)
     print("largest part of the uncertainty:", dict(largest.most_common(6)))
-    for seed, pair in sorted(pairs, key=lambda one: -abs(standardised(one[1])))[:12]:
+    for seed, pair in sorted(pairs, key=lambda one: -abs(one[1].z))[:12]:
         print(
             f"bench {seed:3d} {pair.asked.bright}/{pair.asked.dark} contrast {pair.asked.contrast:7.3g} measured "
-            f"{pair.measured.cdp:.4f} predicted {pair.predicted:.4f} z {standardised(pair):+.1f}: {pair.verdict}"
+            f"{pair.measured.cdp:.4f} predicted {pair.predicted:.4f} z {pair.z:+.1f}: "
+            f"{pair.judgement}"
         )
-
-
-def standardised(pair: TwinPair) -> float:
-    return pair.difference / pair.joint_standard_uncertainty
 
 
 if __name__ == "__main__":

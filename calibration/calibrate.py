@@ -13,28 +13,29 @@ from math import hypot
 
 import numpy as np
 
-from ..reading import Reading
-from . import fit_tests
-from .chance import student_widening
-from .dark_library import DarkLibrary
+from ..core.finding import Finding, log_findings, unique
+from ..core.reading import Reading
+from .convert.patch import patch_luminance
+from .dark.library import DarkLibrary
 from .defects import DefectMap
-from .demands import design_warnings, finding_warnings, require_every_gain, require_monotone, require_span
-from .design import build_design
 from .findings import FitTest
-from .fit_errors import fit_errors, parameter_covariance
+from .fit import tests as fit_tests
+from .fit.candidates import candidate_models
+from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
+from .fit.design import build_design
+from .fit.errors import fit_errors, parameter_covariance
+from .fit.gls import Solution
+from .fit.intake import gain_settings, group_by_patch, require_one_camera, take_usable
+from .fit.residuals import fitted_rows, held_out_rows
+from .fit.robust import screen
+from .fit.scatter import with_scatter
+from .fit.selection import select_model
+from .fit.significance import student_widening
+from .frames.observations import DarkObservation, PatchObservation
 from .gains import GainSetting
-from .gls import Solution
-from .intake import gain_settings, group_by_patch, require_one_camera, take_usable
-from .ladder import climb
+from .meter import MeterScale, meter_scale
 from .model import Calibration, PatchResidual, ResponsivityFit
-from .observations import DarkObservation, PatchObservation
-from .patch import patch_luminance
-from .readings import MeterScale, meter_scale
-from .residuals import fitted_rows, held_out_rows
-from .response_curve import ResponseCurve
-from .robust import screen
-from .rungs import rungs
-from .scatter import with_scatter
+from .response.curve import ResponseCurve
 from .setup import Provenance, Setup
 
 _log = logging.getLogger(__name__)
@@ -54,61 +55,59 @@ def fit(
     """Calibrate a camera.
 
     Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V L
-    with errors in both variables: the meter's random error of a patch is shared by all its observations, the error of
-    the darkness by all observations of a gain, an exposure's by all that have it. The meter's scale error is shared by
-    everything; it stays out of the fit and is kept apart (if the meter was in the wrong unit throughout, R is wrong by
-    that factor and nothing shows it). h is linear, quadratic or a monotone PCHIP, whichever leave-one-out errors ask
-    for; or that of a bracket of exposures, which the patches then scale. One bad reading is found, named and left
-    out. What the model takes for granted is tested.
+    with errors in both variables: the meter's random error of a patch is common to all its observations, the error of
+    the dark signal to all observations of a gain, that of an exposure time to all observations with it. The meter's
+    scale error is common to all; it is not part of the fit and is kept separately (a consistently wrong unit of the
+    meter cannot be detected). h is linear, quadratic or a monotone PCHIP, selected by leave-one-out errors, or that of
+    a bracket of exposures, which the patches then scale. A single bad reading is detected, reported and left out. The
+    model's assumptions are checked.
 
     Parameters
     ----------
     observations : sequence of PatchObservation
-        All patches at all exposures and gains, from `observe_patches`. The first one's gain becomes the calibration's
-        own, others get a factor.
+        All patches at all exposures and gains, from `observe_patches`. The gain of the first is the calibration's own;
+        others get a factor.
     darks : sequence of DarkObservation
-        From `observe_dark`, for each gain, at best at the shortest and the longest exposure too.
+        From `observe_dark`, for each gain, preferably including the shortest and longest exposure.
     readings : mapping of str to sequence of Reading
         The meter's readings by the name of the patch.
     setup : Setup
         Lens, spectrum, and hash of the input.
     held_out : collection of str
-        Patches the fit is not shown; their deviations tell how good it is.
+        Patches held out of the fit for validation.
     defects : DefectMap or None
-        Pixels the observations leave out; kept for the frames to come.
+        Pixels left out of the observations; stored for later frames.
     dark_library : DarkLibrary or None
-        Dark pattern that was taken off the observations; kept for the frames to come.
+        Dark pattern subtracted from the observations; stored for later frames.
     response : ResponseCurve or None
-        Shape of the response, from a bracket of exposures (`response_from_bracket`): the patches scale it only. None
-        to find the response by the patches.
+        Shape of the response, from a bracket of exposures (`response_from_bracket`): the patches only scale it. None to
+        fit the response to the patches.
 
     Raises
     ------
     CalibrationError
-        If patches and readings do not match, cameras, settings or meters differ, fewer than `MIN_PATCHES` patches
-        can be used, they have one luminance, a brighter one gives clearly less signal, there is no light, or they
+        If patches and readings do not match, cameras, settings or meters differ, fewer than `MIN_PATCHES` patches are
+        usable, they have the same luminance, a brighter one gives clearly less signal, there is no light, or they
         contradict the response of the bracket.
     InputError
         If a reading is a ratio in %.
     """
     require_one_camera(observations, darks)
-    settings, warnings, dark_warnings = gain_settings(
-        observations, darks, None if response is None else response.response
-    )
+    settings, findings, of_dark = gain_settings(observations, darks, None if response is None else response.response)
     groups = group_by_patch(observations, readings, held_out)
-    scale = meter_scale(readings)
+    scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
     design = build_design(data.groups, data.readings, settings)
     require_every_gain(design, settings)
     require_span(design)
-    screened = screen(design, rungs(design.net_dn, len(design.patches), response), data.readings, readings)
+    screened = screen(design, candidate_models(design.net_dn, len(design.patches), response), data.readings, readings)
     design = screened.design
     require_every_gain(design, settings)
-    first, ladder = climb(design, rungs(design.net_dn, len(design.patches), response))
+    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), response))
     require_monotone(first)
     of_place = fit_tests.fall_off(first, observations[0].vignetting)
-    final = with_scatter(design, first.rung, by_place=of_place.significant)
-    tests = _tests(first, final, settings, dark_warnings, of_place)
+    final = with_scatter(design, first.candidate, by_place=of_place.significant)
+    tests = _tests(first, final, settings, of_dark, of_place)
     calibration = _assemble(
         observations[0],
         setup,
@@ -119,19 +118,19 @@ def fit(
         fitted_rows(final, screened.readings, groups),
         max(reading.timestamp for group in readings.values() for reading in group),
     )
-    rows, held_out_warnings = held_out_rows(
+    rows, of_held_out = held_out_rows(
         lambda name: patch_luminance(calibration, groups[name]),
         {name: group[0].centre_px for name, group in groups.items() if name in held_out},
         readings,
     )
-    warnings += [
-        *data.warnings,
-        *(() if response is None else response.warnings),
-        *(f"{row.reason}: left out" for row in screened.left_out),
+    findings += [
+        *scale.findings(calibration.provenance.measured),
+        *data.findings,
+        *(() if response is None else response.findings),
+        *screened.findings,
     ]
-    warnings += [*design_warnings(design, settings), *finding_warnings(final, tests), *held_out_warnings]
-    for warning in warnings:
-        _log.warning("%s", warning)
+    findings += [*design_findings(design, settings), *fit_findings(final, tests), *of_held_out]
+    log_findings(_log, findings)
     return replace(
         calibration,
         defects=defects,
@@ -140,7 +139,7 @@ def fit(
         left_out=(*data.left_out, *screened.left_out),
         ladder=ladder,
         tests=tests,
-        warnings=tuple(warnings),
+        findings=unique(findings),
     )
 
 
@@ -156,7 +155,7 @@ def _assemble(
 ) -> Calibration:
     """Make a calibration without findings."""
     design = final.design
-    response, _ = final.rung.response(final.parameters[: final.rung.n_parameters])
+    response, _ = final.candidate.response(final.parameters[: final.candidate.n_parameters])
     luminances = [value for row in residuals for value in (row.reading_cd_m2, row.luminance_cd_m2)]
     return Calibration(
         state=observation.state,
@@ -181,19 +180,20 @@ def _assemble(
         left_out=(),
         ladder=(),
         tests=(),
-        warnings=(),
+        findings=(),
         provenance=Provenance(
             measured=measured,
             input_sha256=setup.input_sha256,
             versions=dict(_versions()),
+            sessions_sha256=setup.sessions_sha256,
         ),
     )
 
 
 def _range_net_dn(final: Solution) -> tuple[float, float]:
-    """Signals the response rests on: those of the patches, or of the bracket."""
-    if final.rung.bracket is not None:
-        return final.rung.bracket.range_net_dn
+    """Signals used for the response: those of the patches, or of the bracket."""
+    if final.candidate.bracket is not None:
+        return final.candidate.bracket.range_net_dn
     return float(final.design.net_dn.min()), float(final.design.net_dn.max())
 
 
@@ -204,8 +204,8 @@ def _versions() -> tuple[tuple[str, str], ...]:
 
 
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
-    design, n = final.design, final.rung.n_parameters
-    _, responsivity = final.rung.response(final.parameters[:n])
+    design, n = final.design, final.candidate.n_parameters
+    _, responsivity = final.candidate.response(final.parameters[:n])
     relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
@@ -214,29 +214,27 @@ def _responsivity(first: Solution, final: Solution, glare: FitTest) -> Responsiv
         degrees_of_freedom=first.degrees_of_freedom,
         scatter_rel=hypot(design.scatter_rel, design.scatter_each_rel) * _widening(final),
         scatter_dn=design.scatter_each_dn * _widening(final),
-        intercept_dn_s=None if "not testable" in glare.meaning else glare.value * responsivity,
-        intercept_standard_uncertainty_dn_s=(
-            None if "not testable" in glare.meaning else glare.standard_uncertainty * responsivity
-        ),
+        intercept_dn_s=glare.value * responsivity if glare.tested else None,
+        intercept_standard_uncertainty_dn_s=(glare.standard_uncertainty * responsivity if glare.tested else None),
     )
 
 
 def _widening(final: Solution) -> float:
-    """Factor on uncertainties that rest on the scatter of a few patches; 1 where the stated errors explain all."""
+    """Factor on uncertainties estimated from the scatter of a few patches; 1 where the stated errors suffice."""
     design = final.design
     if design.scatter_rel == design.scatter_each_rel == design.scatter_each_dn == 0:
         return 1.0
-    return student_widening(len(design.patches) - final.rung.n_parameters)
+    return student_widening(len(design.patches) - final.candidate.n_parameters)
 
 
 def _tests(
     first: Solution,
     final: Solution,
     settings: Sequence[GainSetting],
-    dark_warnings: Sequence[str],
+    of_dark: Sequence[Finding],
     of_place: FitTest,
 ) -> tuple[FitTest, ...]:
-    _, responsivity = first.rung.response(first.parameters[: first.rung.n_parameters])
+    _, responsivity = first.candidate.response(first.parameters[: first.candidate.n_parameters])
     factors = [(s.gain_db, s.factor, s.factor_random_rel) for s in _gains(final, settings)]
     return (
         fit_tests.glare(first, responsivity),
@@ -244,14 +242,14 @@ def _tests(
         fit_tests.drift(first),
         of_place,
         fit_tests.scatter(first),
-        fit_tests.darkness(first, settings[0].dark, dark_warnings),
+        fit_tests.dark_signal(first, settings[0].dark, of_dark),
         fit_tests.gain(factors, settings[0].gain_db),
     )
 
 
 def _gains(final: Solution, settings: Sequence[GainSetting]) -> tuple[GainSetting, ...]:
     """Return the further gains with their fitted factors."""
-    n = final.rung.n_parameters
+    n = final.candidate.n_parameters
     inverse = final.parameters[n:]
     relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse * _widening(final)
     return tuple(

@@ -1,4 +1,4 @@
-"""Defect pixels: found from dark and flat frames by robust limits, and kept with the reason."""
+"""Defect pixels: detected in dark and flat frames by robust limits, each with a reason."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from dataclasses import dataclass
 from enum import IntFlag
 from functools import cached_property
 from math import sqrt
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CalibrationError, InputError
-from ..stored_array import StoredArray, content_sha256, read_only
-from .pixel_statistics import PixelStatistics
+from ..core.errors import CalibrationError, InputError
+from ..core.stored_array import EqualByContent, StoredArray, content_sha256, read_only
+from .frames.statistics import FrameStatistics
 
-#: Robust standard deviations from the median beyond which a pixel of the dark image is hot. Of five million sound
-#: pixels with normal deviations none is expected there.
+#: Robust standard deviations from the median beyond which a pixel of the dark image is hot. None of five million normal
+#: pixels is expected there.
 HOT_LIMIT = 8.0
 #: Responsivity over that of the neighbourhood below or above which a pixel is dead.
 DEAD_LIMITS = (0.5, 1.5)
-#: Probability for a sound pixel to be called noisy.
+#: False-alarm probability of a noisy pixel.
 NOISY_CHANCE = 1e-9
-#: Frames of one exposure from which the noise of single pixels can be judged.
+#: Fewest frames of one exposure for detecting noisy pixels.
 MIN_FRAMES_NOISY = 8
 
 
 class Defect(IntFlag):
-    """What is wrong with a pixel."""
+    """Kinds of defects of a pixel."""
 
     HOT = 1
     DEAD = 2
@@ -36,8 +36,8 @@ class Defect(IntFlag):
 
 
 @dataclass(frozen=True, eq=False)
-class DefectMap:
-    """Pixels that must not be used; two maps are equal if they name the same pixels for the same reasons.
+class DefectMap(EqualByContent):
+    """Pixels that must not be used; two maps are equal if pixels and reasons are equal.
 
     Parameters
     ----------
@@ -108,31 +108,23 @@ class DefectMap:
         """Hash over all values."""
         return content_sha256(self.rows, self.columns, self.reasons, np.array(self.image_shape))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, DefectMap):
-            return NotImplemented
-        return self is other or self.content_sha256 == other.content_sha256
 
-    def __hash__(self) -> int:
-        return hash(self.content_sha256)
-
-
-def find_defects(dark: PixelStatistics, light: PixelStatistics | None = None) -> DefectMap:
+def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) -> DefectMap:
     """Find defect pixels.
 
-    EMVA 1288 leaves the limits to the user and asks for robust ones; here they are multiples of 1.4826 times the
-    median absolute deviation, which the defects themselves do not move. hot: the mean dark value is more than
-    `HOT_LIMIT` of them above or below the median. dead: the responsivity is outside `DEAD_LIMITS` times the median of
-    the 5 x 5 pixels around. stuck: the pixel shows the same in light as in darkness, or never changes while its
-    neighbours do. noisy: the variance over the frames is above what one sound pixel in 1 / `NOISY_CHANCE` shows
-    (chi^2 distribution); only from `MIN_FRAMES_NOISY` frames on.
+    EMVA 1288 leaves the limits to the user but recommends robust ones; here they are multiples of 1.4826 times the
+    median absolute deviation, which the defects do not affect. hot: the mean dark value is more than `HOT_LIMIT` of
+    them above or below the median. dead: the responsivity is outside `DEAD_LIMITS` times the median of the 5 x 5 pixels
+    around. stuck: the pixel has the same value in light as in the dark, or is constant while its neighbours vary.
+    noisy: the variance over the frames exceeds that expected with probability `NOISY_CHANCE` for a normal pixel (chi^2
+    distribution); only from `MIN_FRAMES_NOISY` frames on.
 
     Parameters
     ----------
-    dark : PixelStatistics
+    dark : FrameStatistics
         Of dark frames, best at the longest exposure in use.
-    light : PixelStatistics or None
-        Of frames of a uniform source at half of saturation; None finds hot and noisy pixels only.
+    light : FrameStatistics or None
+        Of frames of a uniform source at half of saturation; None detects only hot and noisy pixels.
 
     Raises
     ------
@@ -140,13 +132,13 @@ def find_defects(dark: PixelStatistics, light: PixelStatistics | None = None) ->
         If the two are of different sizes, or the light is not brighter than the dark.
     """
     reasons = np.zeros(dark.shape, dtype=np.uint8)
-    deviation = dark.mean_dn - np.median(dark.mean_dn)
+    deviation = dark.image_dn - np.median(dark.image_dn)
     reasons[np.abs(deviation) > HOT_LIMIT * _robust_std(deviation, dark)] |= Defect.HOT.value
     reasons[_noisy(dark)] |= Defect.NOISY.value
     if light is not None:
         if light.shape != dark.shape:
             raise CalibrationError(f"the dark frames are {dark.shape} pixels, the light frames {light.shape}")
-        net = light.mean_dn - dark.mean_dn
+        net = light.image_dn - dark.image_dn
         around = _median_around(net)
         typical = float(np.median(net))
         if typical < 5 * sqrt(dark.typical_variance_dn2 + 1 / 12):
@@ -156,34 +148,36 @@ def find_defects(dark: PixelStatistics, light: PixelStatistics | None = None) ->
             )
         low, high = DEAD_LIMITS
         reasons[(net < low * around) | (net > high * around)] |= Defect.DEAD.value
-        unmoved = (light.variance_dn2 == 0) & (np.median(light.variance_dn2) > 0.5) & (light.n_frames > 3)
+        unmoved = (light.variance_image_dn2 == 0) & (np.median(light.variance_image_dn2) > 0.5) & (light.n_frames > 3)
         same = np.abs(net) <= 0.02 * np.maximum(around, 0)
         reasons[same | unmoved] |= Defect.STUCK.value
         reasons[_noisy(light)] |= Defect.NOISY.value
     return DefectMap.of(reasons)
 
 
-def _robust_std(deviation: NDArray[np.float64], statistics: PixelStatistics) -> float:
+def _robust_std(deviation: NDArray[np.floating[Any]], statistics: FrameStatistics) -> float:
     """1.4826 times the median absolute deviation; not below noise and rounding of a mean over the frames."""
     robust = 1.4826 * float(np.median(np.abs(deviation)))
-    return max(robust, sqrt(statistics.mean_variance_dn2))
+    return max(robust, sqrt(statistics.pixel_mean_variance_dn2))
 
 
-def _noisy(statistics: PixelStatistics) -> NDArray[np.bool_]:
-    """Pixels whose variance is too large for that of their neighbours with as much light."""
+def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
+    """Pixels whose variance is too large compared with neighbours of equal signal."""
     from scipy.stats import chi2
 
     if statistics.n_frames < MIN_FRAMES_NOISY:
         return np.zeros(statistics.shape, dtype=np.bool_)
-    freedom = statistics.n_frames - 1
+    dof = statistics.n_frames - 1
     typical = statistics.typical_variance_dn2
-    brightest = max(float(np.quantile(statistics.mean_dn, 0.99) / max(np.median(statistics.mean_dn), 1e-9)), 1.0)
-    limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, freedom)) / freedom
-    noisy: NDArray[np.bool_] = statistics.variance_dn2 > max(limit, 1 / 12)
+    brightest = max(
+        float(np.quantile(statistics.image_dn, 0.99)) / max(float(np.median(statistics.image_dn)), 1e-9), 1.0
+    )
+    limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, dof)) / dof
+    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, 1 / 12)
     return noisy
 
 
-def _median_around(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _median_around(image: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Median of the 5 x 5 pixels around each pixel; pixels beyond the edge repeat those at it."""
     import cv2
 

@@ -1,16 +1,31 @@
-"""What a fit found out beside its parameters: the ladder of models, tests, what was left out, the budget."""
+"""Results of a fit in addition to its parameters: candidate models, checks, left-out data, budget."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
-from ..response import ResponseKind
+from ..core.finding import Finding
+from ..core.response import ResponseKind
+
+#: Reason for leaving data out.
+Reason: TypeAlias = Literal[
+    "saturated",
+    "clipped at 0 DN",
+    "outside the response of the bracket",
+    "not above the dark signal",
+    "not usable at any exposure",
+    "not usable in all planes",
+    "below the meter's range",
+    "copy of another reading",
+    "contradicts the other readings",
+    "contradicts the other patches",
+]
 
 
 @dataclass(frozen=True)
 class ModelStep:
-    """One model of the ladder.
+    """A candidate model.
 
     Parameters
     ----------
@@ -22,33 +37,33 @@ class ModelStep:
         Root mean square of the relative deviations of patches from a fit without them.
     chosen : bool
         Whether the calibration uses it.
-    reason : str
-        Why it was chosen, or was not, in plain words.
+    reason : Finding
+        Why it was selected or not.
     """
 
     kind: ResponseKind
     n_parameters: int
     leave_one_out_rel: float
     chosen: bool
-    reason: str
+    reason: Finding
 
 
 @dataclass(frozen=True)
 class FitTest:
-    """A test of what the model takes for granted.
+    """A check of one of the model's assumptions.
 
     Parameters
     ----------
     name : str
-        ``glare``, ``exposure reciprocity``, ``drift``, ``fall-off``, ``scatter``, ``darkness``, ``gain``.
+        ``glare``, ``exposure reciprocity``, ``drift``, ``vignetting``, ``scatter``, ``dark signal``, ``gain``.
     value, standard_uncertainty : float
-        Deviation that was found, and how well it is known, in `unit`.
+        Deviation with its uncertainty, in `unit`; both 0 if it could not be tested.
     unit : str
         Unit of the two.
     significant : bool
-        Whether it is more than chance.
-    meaning : str
-        What it says, in plain words, with what to do if it is significant.
+        Whether it is significant.
+    finding : Finding
+        Resulting finding; a warning if significant.
     """
 
     name: str
@@ -56,12 +71,17 @@ class FitTest:
     standard_uncertainty: float
     unit: str
     significant: bool
-    meaning: str
+    finding: Finding
+
+    @property
+    def tested(self) -> bool:
+        """Whether the check was possible."""
+        return self.value != 0 or self.standard_uncertainty != 0
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something the fit does not use.
+    """Data left out of the fit.
 
     Parameters
     ----------
@@ -72,13 +92,13 @@ class LeftOut:
     reading : int or None
         Which of the patch's readings, counted from 1; None if it is an exposure, or the whole patch.
     reason : str
-        Why, in plain words.
+        Reason.
     """
 
     patch: str
     exposure_s: float | None
     reading: int | None
-    reason: str
+    reason: Reason
 
 
 @dataclass(frozen=True)
@@ -88,21 +108,23 @@ class BudgetRow:
     Parameters
     ----------
     source : str
-        Where the error comes from: ``meter scale``, ``meter digits``, ``meter f1'``, ``patch uniformity``, ``shot and
-        read noise``, ``dark and temperature``, ``linearity``, ``flat field``, ``exposure time``, ``gain``, ``spectral
+        Source of the error: ``meter scale``, ``meter digits``, ``meter f1'``, ``patch uniformity``, ``shot and read
+        noise``, ``dark and temperature``, ``linearity``, ``flat field``, ``exposure time``, ``gain``, ``spectral
         mismatch``, ``glare``, ``drift``, ``fit``.
     standard_uncertainty_rel : float
         Its relative contribution to the luminance.
     distribution : {'normal', 'rectangular'}
         Of the error.
     common : bool
-        True if all patches of one calibration share it, so that it (nearly) cancels in a contrast.
+        True if common to all patches of one calibration, so that it (nearly) cancels in a contrast.
     evaluation : {'A', 'B'}
         A: from statistics of this session. B: from a data sheet, a certificate or judgement.
     basis : str
-        What the figure rests on, in plain words; also why it is 0 where it is not known.
+        Basis of the value, in plain words; also why it is 0 where unknown.
     included : bool
         Whether it is part of the stated intervals; `basis` says why if it is not.
+    contained_in : str
+        Source whose row includes it; empty for none.
     """
 
     source: str
@@ -112,3 +134,4 @@ class BudgetRow:
     evaluation: Literal["A", "B"]
     basis: str
     included: bool = True
+    contained_in: str = ""

@@ -1,19 +1,19 @@
-"""What differs from gain to gain: factor of the responsivity, darkness and noise."""
+"""Properties of each gain: factor of the responsivity, dark signal and noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..errors import CalibrationError
-from .dark import DarkModel
+from ..core.errors import CalibrationError
+from .dark.signal import DarkModel
+from .frames.observations import GAIN_TOLERANCE_DB
 from .noise import TemporalNoise
-from .observations import GAIN_TOLERANCE_DB
 
 
 @dataclass(frozen=True)
 class GainSetting:
-    """What differs from gain to gain.
+    """Properties of a gain.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class GainSetting:
 
 
 def index_of_gain(settings: Sequence[GainSetting], gain_db: float) -> int:
-    """Place of a gain among settings; raises CalibrationError, naming the calibrated ones, if it is not there."""
+    """Index of a gain among settings; raises CalibrationError, naming the calibrated ones, if not found."""
     for index, setting in enumerate(settings):
         if abs(setting.gain_db - gain_db) <= GAIN_TOLERANCE_DB:
             return index

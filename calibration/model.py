@@ -1,30 +1,31 @@
-"""Calibration: the fitted conversion from DN to cd/m^2, with all that is needed to use and judge it."""
+"""Calibration: the fitted conversion from DN to cd/m^2."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from math import hypot, isfinite, sqrt
+from math import hypot, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
-from ..frame import Frame
-from ..luminance import WHOLE, LuminanceMap, Window
-from ..response import Response
-from ..spectral_mismatch import Source
-from ..spectral_table import SpectralTable
-from ..vignetting import AnyVignetting
-from .common_errors import FitError
-from .dark import DarkModel
-from .dark_library import DarkLibrary
+from ..core.errors import InputError
+from ..core.finding import Finding
+from ..core.frame import Frame
+from ..core.luminance import WHOLE, LuminanceMap, Window
+from ..core.response import Response
+from ..core.spectral.mismatch import Source
+from ..core.spectral.table import SpectralTable
+from ..core.vignetting import AnyVignetting
+from .dark.library import DarkLibrary
+from .dark.signal import DarkModel
 from .defects import DefectMap
 from .findings import FitTest, LeftOut, ModelStep
+from .fit_error import FitError
+from .frames.observations import CameraState
 from .gains import GainSetting, index_of_gain
+from .meter import MeterScale
 from .noise import TemporalNoise
-from .observations import CameraState
-from .readings import MeterScale
 from .setup import LensIdentity, Provenance
 
 _log = logging.getLogger(__name__)
@@ -32,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ResponsivityFit:
-    """Fit of the responsivity, and what tells whether it is any good.
+    """Fit of the responsivity with its quality measures.
 
     Parameters
     ----------
@@ -46,9 +47,8 @@ class ResponsivityFit:
     degrees_of_freedom : int
         Observations (patches times exposures) less parameters.
     scatter_rel, scatter_dn : float
-        Standard deviation that the stated errors do not explain, of patches and observations in parts of the luminance,
-        and of observations in DN; as the 95 % interval needs it (times Student's t over the normal quantile). 0 if the
-        stated errors explain all.
+        Unexplained standard deviation of patches and observations relative to the luminance, and of observations in DN,
+        scaled for the 95 % interval (times Student's t over the normal quantile). 0 if the stated errors suffice.
     intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
         Free intercept, fitted as a test only; None if all patches have about the same luminance.
     """
@@ -64,7 +64,7 @@ class ResponsivityFit:
 
     @property
     def reduced_chi_squared(self) -> float:
-        """chi^2 over its degrees of freedom; about 1 if the stated errors are right."""
+        """chi^2 over its degrees of freedom; about 1 if the stated errors are correct."""
         return self.chi_squared / self.degrees_of_freedom
 
 
@@ -79,11 +79,11 @@ class PatchResidual:
     reading_cd_m2, reading_random_cd_m2 : float
         By the meter: mean of the readings, and its standard uncertainty without the scale.
     n_readings : int
-        How many readings.
+        Number of readings.
     luminance_cd_m2 : float
         By the calibrated camera.
     residual_rel : float
-        Camera over meter, less one.
+        Relative deviation of the camera from the meter.
     standardised_residual : float
         Residual over its standard deviation by the stated errors.
     exposures_s : tuple of float
@@ -91,8 +91,8 @@ class PatchResidual:
     centre_px : (float, float)
         Middle (x, y) of the patch's region in the image.
     leave_one_out_rel : float or None
-        Camera over meter, less one, by a fit without this patch; for a held-out patch the same as `residual_rel`;
-        None if the other patches do not support a fit.
+        Camera over meter, minus 1, by a fit without this patch; for a held-out patch the same as `residual_rel`; None
+        if the other patches do not suffice for a fit.
     """
 
     patch: str
@@ -120,13 +120,13 @@ class Calibration:
     source_spectrum : str
         Light it is valid for.
     meter_scale : MeterScale
-        The meter, and the half width of its scale error, common to all luminances.
+        The meter, its certificate or data sheet, and the error that is common to all luminances.
     responsivity : ResponsivityFit
         R.
     response : Response
         Linearisation h of the DN above dark.
     fit_errors : tuple of FitError
-        Independent errors of R, h, the gains and the darkness; see `labcdp.calibration.common_errors`.
+        Independent errors of R, h, the gains and the dark signal; see `labcdp.calibration.errors.common`.
     dark : DarkModel
         d(t, T) at the calibration's own gain, `state.gain_db`.
     noise : TemporalNoise
@@ -138,30 +138,30 @@ class Calibration:
     defects : DefectMap or None
         Pixels that must not be used.
     dark_library : DarkLibrary or None
-        Dark pattern to take off each frame.
+        Dark pattern to subtract from each frame.
     range_cd_m2 : (float, float)
         Lowest and highest luminance of the patches.
     range_net_dn : (float, float)
-        Lowest and highest DN above dark the fit rests on.
+        Lowest and highest DN above dark of the fit.
     exposures_s : tuple of float
         Exposures that were used, ascending.
     residuals : tuple of PatchResidual
         One row for each patch of the fit.
     held_out : tuple of PatchResidual
-        Patches the fit was not shown.
+        Held-out patches.
     left_out : tuple of LeftOut
-        What the fit does not use, and why.
+        Data not used by the fit, with reasons.
     ladder : tuple of ModelStep
-        The models that were tried.
+        Candidate models.
     tests : tuple of FitTest
-        Tests of what the model takes for granted.
-    warnings : tuple of str
-        What the user should know.
+        Checks of the model's assumptions.
+    findings : tuple of Finding
+        Findings for the user.
     provenance : Provenance
-        Where it comes from.
+        Provenance.
 
     measured_spectrum : SpectralTable or None
-        Power of that light, if it was measured.
+        Spectral power of that light, if measured.
 
     Raises
     ------
@@ -190,7 +190,7 @@ class Calibration:
     left_out: tuple[LeftOut, ...]
     ladder: tuple[ModelStep, ...]
     tests: tuple[FitTest, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     provenance: Provenance
     measured_spectrum: SpectralTable | None = None
 
@@ -212,7 +212,7 @@ class Calibration:
     @property
     def responsivity_common_rel(self) -> float:
         """Relative standard uncertainty of R: meter scale and fit."""
-        return hypot(self.meter_scale.half_width_rel / sqrt(3), self.responsivity.random_rel)
+        return hypot(self.meter_scale.common_rel, self.responsivity.random_rel)
 
     @property
     def settings(self) -> tuple[GainSetting, ...]:
@@ -220,19 +220,19 @@ class Calibration:
         return (GainSetting(self.state.gain_db, 1.0, 0.0, self.dark, self.noise), *self.gains)
 
     def setting(self, gain_db: float) -> GainSetting:
-        """Return what holds at a gain; raises CalibrationError, naming the calibrated ones, for another."""
+        """Return the properties of a gain; raises CalibrationError, naming the calibrated ones, for another."""
         settings = self.settings
         return settings[index_of_gain(settings, gain_db)]
 
     def require(self, state: CameraState, theirs: str) -> None:
-        """Refuse a camera state this calibration is not for.
+        """Refuse a camera state that this calibration is not valid for.
 
         Parameters
         ----------
         state : CameraState
             The state to check.
         theirs : str
-            What it belongs to, for the message.
+            Name of the state in messages.
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Calibration:
         return self.response.linearise(net_dn) / (self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s)
 
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
-        """Convert a frame to luminance, or some of its rows and columns alone, which takes less time.
+        """Convert a frame, or a window of it, to luminance.
 
         An exposure outside the calibrated ones is logged as a warning; a luminance outside the calibrated range is
         flagged in the map.
@@ -266,7 +266,7 @@ class Calibration:
             If the frame is of another camera, pixel format, bit depth, saturation or image size, or of a gain that was
             not calibrated.
         """
-        from .conversion import to_luminance
+        from .convert.conversion import to_luminance
 
         self.require(CameraState.of(frame), f"frame {frame.frame_id}")
         low, high = self.exposures_s[0], self.exposures_s[-1]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..response import Response
-from .dark import DarkModel
-from .observations import PatchObservation
+from ..core.finding import Finding, warning
+from ..core.response import Response
+from .dark.signal import DarkModel
+from .frames.observations import PatchObservation
 from .signal_limits import MAX_CLIPPED_SHARE, ROUNDING_DN2
 
 #: Share of the saturation up to which photon transfer is a straight line (EMVA 1288: 0 to 70 %).
@@ -30,41 +31,62 @@ class TemporalNoise:
     k_dn_per_e : float
         Overall system gain K; 0 if the noise does not grow with the signal. In linearised DN with a tone curve.
     dark_noise_dn : float
-        Standard deviation in darkness, rounding included; in linearised DN and without rounding with a tone curve.
+        Standard deviation in the dark at zero exposure, rounding included; in linearised DN and without rounding with a
+        tone curve.
     tone : Response or None
         Response h of a camera with a tone curve, None if DN and light are (nearly) proportional.
+    flicker_rel : float
+        Relative standard deviation of the light from frame to frame.
+    flicker_dof : int
+        Degrees of freedom of `flicker_rel`.
     """
 
     k_dn_per_e: float
     dark_noise_dn: float
     tone: Response | None = None
+    flicker_rel: float = 0.0
+    flicker_dof: int = 0
 
-    def variance_dn2(self, net_dn: float) -> float:
-        """Variance of one pixel at a signal above dark, in DN^2."""
-        return float(self.variances_dn2(np.array(net_dn)))
+    def variance_dn2(self, net_dn: float, dark_variance_dn2: float | None = None) -> float:
+        """Variance of one pixel at a signal above dark; as `variances_dn2`."""
+        return float(self.variances_dn2(np.array(net_dn), dark_variance_dn2))
 
-    def variances_dn2(self, net_dn: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Return the same of many signals, any shape."""
-        linear_dn = net_dn if self.tone is None else self.tone.linearise(net_dn)
-        variance: NDArray[np.float64] = self.k_dn_per_e * np.maximum(linear_dn, 0.0) + self.dark_noise_dn**2
-        return variance if self.tone is None else variance / self.tone.slope(net_dn) ** 2 + ROUNDING_DN2
+    def variances_dn2(
+        self, net_dn: NDArray[np.floating[Any]], dark_variance_dn2: float | None = None
+    ) -> NDArray[np.float64]:
+        """Variance of one pixel at signals above dark, in DN^2, any shape.
+
+        Parameters
+        ----------
+        net_dn : ndarray of float
+            Signals.
+        dark_variance_dn2 : float or None
+            Variance in the dark at the same exposure and temperature; None for zero exposure. Not used with a tone
+            curve, whose noise in the dark says little about that at other signals.
+        """
+        if self.tone is None:
+            dark_dn2 = self.dark_noise_dn**2 if dark_variance_dn2 is None else dark_variance_dn2
+            variance: NDArray[np.float64] = self.k_dn_per_e * np.maximum(net_dn, 0.0) + dark_dn2
+            return variance
+        variance = self.k_dn_per_e * np.maximum(self.tone.linearise(net_dn), 0.0) + self.dark_noise_dn**2
+        return variance / self.tone.slope(net_dn) ** 2 + ROUNDING_DN2
 
 
 def fit_noise(
     observations: Sequence[PatchObservation], dark: DarkModel, tone: Response | None = None
-) -> tuple[TemporalNoise, list[str]]:
-    """Fit the overall system gain K by photon transfer.
+) -> tuple[TemporalNoise, list[Finding]]:
+    """Fit the overall system gain K by photon transfer, and the flicker of the light.
 
-    var - var_dark = K (mean - mean_dark), a straight line through the dark point (EMVA 1288 Release 4.0 Linear),
-    over the patches up to 70 % of saturation. Each point is weighted with the variance of a variance, 2 s^4 / dof,
-    from the fitted line itself.
+    var - var_dark = K (mean - mean_dark), a straight line through the dark point of the same exposure (EMVA 1288
+    Release 4.0 Linear), over the patches up to 70 % of saturation. Each point is weighted with the variance of a
+    variance, 2 s^4 / dof, from the fitted line itself.
 
     Parameters
     ----------
     observations : sequence of PatchObservation
         All patches and exposures.
     dark : DarkModel
-        Mean and noise in darkness.
+        Mean and noise in the dark.
     tone : Response or None
         Response of a camera with a tone curve, over the range that it is known for. Noise is then fitted before the
         curve, read noise with it, as the curve may be steep at dark.
@@ -72,50 +94,79 @@ def fit_noise(
     Returns
     -------
     TemporalNoise
-        K and the dark noise.
-    list of str
-        Warnings.
+        K, the dark noise and the flicker.
+    list of Finding
+        Findings for the user.
     """
+    flicker_rel, flicker_dof = _flicker(observations, dark)
     points = []
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
         if tone is not None and not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
             continue
-        unclipped = max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
-        if unclipped and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
-            points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1)))
+        if _unclipped(o) and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
+            dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
+            points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
+    noise = TemporalNoise(0.0, dark.noise_dn, tone, flicker_rel, flicker_dof)
     if not points:
-        return TemporalNoise(0.0, dark.noise_dn, tone), [
-            f"no patch lies between dark and {PHOTON_TRANSFER_SHARE:.0%} of saturation, so K is unknown and the noise "
-            "of bright pixels is understated: take a shorter exposure too"
-        ]
-    net, variance, freedom = np.array(points).T
+        return noise, [warning("k-unknown", share=PHOTON_TRANSFER_SHARE)]
+    net, variance, dof, dark_dn2 = np.array(points).T
     if tone is not None:
-        return _before_tone(net, variance, freedom, tone), []
-    excess = variance - dark.noise_dn**2
+        k, read_dn = _before_tone(net, variance, dof, tone)
+        return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), []
+    excess = variance - dark_dn2
     k = float(excess.sum() / net.sum())
     for _ in range(5):  # the weights change little after the second round
-        if k <= 0:
-            break
-        weight = freedom / (k * net + dark.noise_dn**2) ** 2
+        weight = dof / (max(k, 0.0) * net + dark_dn2 + 1e-12) ** 2
         k = float(np.sum(weight * net * excess) / np.sum(weight * net**2))
     if k <= 0:
-        return TemporalNoise(0.0, dark.noise_dn), [
-            f"the temporal noise does not grow with the signal (K = {k:.3g} DN/e-): check that the frames are "
-            "different ones and not denoised; the noise of bright pixels is understated"
-        ]
-    return TemporalNoise(k, dark.noise_dn), []
+        return noise, [warning("k-not-positive", k_dn_per_e=k)]
+    return replace(noise, k_dn_per_e=k), []
+
+
+def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, int]:
+    """Relative standard deviation of the light from frame to frame, and its degrees of freedom.
+
+    All patches of the same frames have it in common: it is a mean over them, weighted by how well each shows it, and
+    then over the exposures.
+    """
+    sets: dict[object, list[PatchObservation]] = {}
+    for o in observations:
+        if _unclipped(o):
+            sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
+    total, freedom = 0.0, 0
+    for group in sets.values():
+        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
+        noise = np.array([frame_noise_dn2(o, dark) for o in group])
+        seen = np.array([o.frame_means_variance_dn2 for o in group])
+        weight = net**4 / np.maximum(noise, 1e-12) ** 2
+        if (net <= 0).all():
+            continue
+        dof = group[0].n_frames - 1
+        total += dof * float(np.sum(weight * (seen - noise) / net**2) / weight.sum())
+        freedom += dof
+    return (sqrt(max(total / freedom, 0.0)), freedom) if freedom else (0.0, 0)
+
+
+def frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:
+    """Variance of a patch's mean of DN / V in one frame by noise of the pixels, columns, rows and black level."""
+    columns, rows = (part**2 / n for part, n in zip(dark.line_noise_dn, o.n_lines, strict=True))
+    return o.mean_inverse_v**2 * (o.temporal_variance_dn2 / o.n_pixels + columns + rows + dark.drift_dn**2)
+
+
+def _unclipped(o: PatchObservation) -> bool:
+    return max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
 
 
 def _before_tone(
-    net_dn: NDArray[np.float64], variance_dn2: NDArray[np.float64], freedom: NDArray[np.float64], tone: Response
-) -> TemporalNoise:
+    net_dn: NDArray[np.float64], variance_dn2: NDArray[np.float64], dof: NDArray[np.float64], tone: Response
+) -> tuple[float, float]:
     """K and read noise of h by least squares; neither is negative."""
     from scipy.optimize import nnls
 
     slope2 = tone.slope(net_dn) ** 2
     design = np.column_stack([tone.linearise(net_dn), np.ones(net_dn.size)]) / slope2[:, None]
-    weight = np.sqrt(freedom) / np.maximum(variance_dn2, ROUNDING_DN2)
+    weight = np.sqrt(dof) / np.maximum(variance_dn2, ROUNDING_DN2)
     (k, dark_dn2), _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
-    return TemporalNoise(float(k), sqrt(float(dark_dn2)), tone)
+    return float(k), sqrt(float(dark_dn2))

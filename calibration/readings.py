@@ -1,21 +1,24 @@
-"""What the meter saw: the readings of a patch joined to one luminance."""
+"""Readings of a patch, combined to one luminance."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from math import hypot, sqrt
+from typing import Literal
 
 import numpy as np
 
-from ..errors import CalibrationError
-from ..reading import CD_M2_PER_FL, MeterIdentity, Reading
+from ..core.errors import CalibrationError
+from ..core.finding import Finding, info, warning
+from ..core.reading import CD_M2_PER_FL, Reading
 from .findings import LeftOut
+from .meter import require_one_correction
 
-#: Probability of scatter this large by chance, below which the patch itself must have changed.
+#: p-value of the scatter below which the patch itself has changed.
 _CHANCE = 0.001
-#: How near a factor must be to 10 or to fL per cd/m^2 to be called by that name: meters and cameras agree to this.
+#: Relative tolerance for recognising a factor as 10 or as fL per cd/m^2.
 _HINT_TOLERANCE = 0.1
 
 
@@ -32,7 +35,7 @@ class PatchReading:
     random_cd_m2 : float
         Standard uncertainty without the meter's scale, in cd/m^2.
     n_readings : int
-        How many readings were used.
+        Number of readings used.
     read_at : datetime
         Mean time of the readings.
     left_out : tuple of LeftOut
@@ -47,49 +50,12 @@ class PatchReading:
     left_out: tuple[LeftOut, ...] = ()
 
 
-@dataclass(frozen=True)
-class MeterScale:
-    """The meter, and the error all its readings share.
+def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[Finding]]:
+    """Combine the readings of one patch.
 
-    Parameters
-    ----------
-    meter : MeterIdentity
-        Which meter.
-    half_width_rel : float
-        Half width of the relative scale error (rectangular).
-    """
-
-    meter: MeterIdentity
-    half_width_rel: float
-
-
-def meter_scale(readings: Mapping[str, Sequence[Reading]]) -> MeterScale:
-    """Return the one meter of all readings, and the largest scale error stated with them.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no reading, or the readings come from several meters.
-    """
-    every = [reading for group in readings.values() for reading in group]
-    if not every:
-        raise CalibrationError("there are no meter readings: measure every patch with the luminance meter")
-    first = every[0].meter
-    for reading in every:
-        if reading.meter != first:
-            raise CalibrationError(
-                f"readings come from meters {first.model} {first.serial} and {reading.meter.model} "
-                f"{reading.meter.serial}: calibrate with one meter, its scale error is common to all patches"
-            )
-    return MeterScale(first, max(reading.scale_half_width_rel for reading in every))
-
-
-def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[str]]:
-    """Join the readings of one patch.
-
-    The repeatability averages down. The digits do not: the same light gives the same rounded number again. Rows that
-    are there twice count once. Of three or more readings one that contradicts the others, which agree, is left out. If
-    the readings scatter more than repeatability and digits explain, their own standard deviation takes the place of the
+    The repeatability averages; the digit error does not, as the same light gives the same rounded number. Duplicate
+    rows are counted once. Of three or more readings, one that contradicts the others is left out if these agree. If the
+    readings scatter more than expected from repeatability and digits, their standard deviation is used instead of the
     repeatability.
 
     Parameters
@@ -103,13 +69,13 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
     -------
     PatchReading
         Mean and standard uncertainty.
-    list of str
-        Warnings.
+    list of Finding
+        Findings for the user.
 
     Raises
     ------
     CalibrationError
-        If there is no reading, or one is a held peak.
+        If there is no reading, one is a held peak, or they were taken with different corrections.
     InputError
         If a reading is a ratio in %.
     """
@@ -120,56 +86,54 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
             raise CalibrationError(
                 f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure again"
             )
+    require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
     numbered = list(enumerate(readings, start=1))
     once = [(k, r) for i, (k, r) in enumerate(numbered) if r not in readings[:i]]
-    warnings, left_out = [], []
+    findings: list[Finding] = []
+    left_out: list[LeftOut] = []
     if len(once) < len(numbered):
-        warnings.append(
-            f"{len(numbered) - len(once)} readings of patch {patch!r} are there twice, with the same time and value: "
-            "each is used once"
-        )
+        findings.append(info("readings-repeated", patch, count=len(numbered) - len(once)))
         kept_numbers = {k for k, _ in once}
-        left_out += [
-            LeftOut(patch, None, k, "is a copy of another reading") for k, _ in numbered if k not in kept_numbers
-        ]
+        left_out += [LeftOut(patch, None, k, "copy of another reading") for k, _ in numbered if k not in kept_numbers]
     bad = _contradicting([reading for _, reading in once])
     if bad is not None:
         number, reading = once.pop(bad)
         others = float(np.mean([r.luminance_cd_m2 for _, r in once]))
-        left_out.append(_bad_reading(patch, number, reading, others))
-        warnings.append(f"{left_out[-1].reason}: left out")
+        left_out.append(LeftOut(patch, None, number, "contradicts the other readings"))
+        findings.append(_contradiction(patch, number, reading, others))
     mean, random, steady = _mean([reading for _, reading in once])
     if not steady:
         scatter = float(np.std([r.luminance_cd_m2 for _, r in once], ddof=1)) / mean
-        warnings.append(
-            f"the readings of patch {patch!r} scatter by {scatter:.2%}, more than the meter does: check that the light "
-            "is steady and the meter points at the same spot"
-        )
+        findings.append(warning("readings-scatter", patch, scatter_rel=scatter))
     first = once[0][1].timestamp
     read_at = first + sum((r.timestamp - first for _, r in once), timedelta()) / len(once)
-    return PatchReading(patch, mean, random, len(once), read_at, tuple(left_out)), warnings
+    return PatchReading(patch, mean, random, len(once), read_at, tuple(left_out)), findings
 
 
-def single_reading(joined: PatchReading, readings: Sequence[Reading], number: int) -> PatchReading:
-    """Take one of two readings that contradict each other.
+def single_reading(
+    joined: PatchReading, readings: Sequence[Reading], number: int
+) -> tuple[PatchReading, list[Finding]]:
+    """Keep one of two contradicting readings.
 
     Parameters
     ----------
     joined : PatchReading
-        What `combine_readings` made of both.
+        Result of `combine_readings` for both.
     readings : sequence of Reading
         All of the patch.
     number : int
         Which to keep, counted from 1.
     """
-    kept = readings[number - 1]
-    left_out = [
-        _bad_reading(joined.patch, k, r, kept.luminance_cd_m2)
+    kept, patch = readings[number - 1], joined.patch
+    others = [
+        (k, r)
         for k, r in enumerate(readings, start=1)
         if k != number and r != kept and all(k != row.reading for row in joined.left_out)
     ]
+    left_out = [LeftOut(patch, None, k, "contradicts the other readings") for k, _ in others]
     mean, random, _ = _mean([kept])
-    return PatchReading(joined.patch, mean, random, 1, kept.timestamp, (*joined.left_out, *left_out))
+    joined = PatchReading(patch, mean, random, 1, kept.timestamp, (*joined.left_out, *left_out))
+    return joined, [_contradiction(patch, k, r, kept.luminance_cd_m2) for k, r in others]
 
 
 def contradict(readings: Sequence[Reading]) -> bool:
@@ -177,28 +141,27 @@ def contradict(readings: Sequence[Reading]) -> bool:
     return not _mean(readings)[2]
 
 
-def _bad_reading(patch: str, number: int, reading: Reading, expected_cd_m2: float) -> LeftOut:
+def _contradiction(patch: str, number: int, reading: Reading, expected_cd_m2: float) -> Finding:
     shown = reading.luminance_cd_m2
-    return LeftOut(
+    return warning(
+        f"reading-contradicts{likely_cause(shown / expected_cd_m2)}",
         patch,
-        None,
-        number,
-        f"reading {number} of patch {patch!r} is {shown:.4g} cd/m^2, {shown / expected_cd_m2:.3g} times "
-        f"{expected_cd_m2:.4g} cd/m^2{ratio_hint(shown / expected_cd_m2)}",
+        number=number,
+        reading_cd_m2=shown,
+        expected_cd_m2=expected_cd_m2,
+        ratio=shown / expected_cd_m2,
     )
 
 
-def ratio_hint(ratio: float) -> str:
-    """Say what a factor between a reading and the truth looks like, as a clause; empty if like nothing known."""
-    for factor, meaning in (
-        (10.0, "a decimal point in the wrong place"),
-        (100.0, "a decimal point in the wrong place"),
-        (1000.0, "a decimal point in the wrong place"),
-        (CD_M2_PER_FL, "a value in fL taken as cd/m^2, or the reverse"),
-    ):
-        if any(abs(ratio / f - 1) < _HINT_TOLERANCE for f in (factor, 1 / factor)):
-            return f" (it looks like {meaning})"
-    return ""
+def likely_cause(ratio: float) -> Literal["-decimal-point", "-unit", ""]:
+    """Return the suffix of a finding's code: the likely cause of a factor between reading and truth."""
+
+    def near(factor: float) -> bool:
+        return any(abs(ratio / f - 1) < _HINT_TOLERANCE for f in (factor, 1 / factor))
+
+    if any(map(near, (10.0, 100.0, 1000.0))):
+        return "-decimal-point"
+    return "-unit" if near(CD_M2_PER_FL) else ""
 
 
 def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
@@ -211,25 +174,25 @@ def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
     steady = True
     if n > 1:
         observed = float(np.var(values, ddof=1))
-        steady = _chance_of_scatter(observed, variance + float(np.mean(np.square(digits))), n - 1) >= _CHANCE
+        steady = _p_value_of_scatter(observed, variance + float(np.mean(np.square(digits))), n - 1) >= _CHANCE
         if not steady:
             variance = observed
     return float(values.mean()), hypot(sqrt(variance / n), float(np.mean(digits))), steady
 
 
 def _contradicting(readings: Sequence[Reading]) -> int | None:
-    """Place of the one reading without which the others agree; None if they all do, or more than one is wrong."""
+    """Index of the one reading that contradicts the others; None if all agree, or more than one is wrong."""
     if len(readings) < 3 or _mean(readings)[2]:
         return None
     sound = [i for i in range(len(readings)) if _mean([r for k, r in enumerate(readings) if k != i])[2]]
     return sound[0] if len(sound) == 1 else None
 
 
-def _chance_of_scatter(observed_variance: float, expected_variance: float, freedom: int) -> float:
+def _p_value_of_scatter(observed_variance: float, expected_variance: float, dof: int) -> float:
     from scipy.special import chdtrc
 
     if observed_variance <= expected_variance:
         return 1.0
     if expected_variance == 0:
         return 0.0
-    return float(chdtrc(freedom, freedom * observed_variance / expected_variance))
+    return float(chdtrc(dof, dof * observed_variance / expected_variance))

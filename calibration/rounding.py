@@ -1,4 +1,4 @@
-"""What rounding to whole digital numbers does to mean and variance of noise that is less than a DN.
+"""Effect of rounding to whole DN on mean and variance of noise below 1 DN.
 
 Noise of more than half a DN dithers the rounding, which then adds 1/12 DN^2 of variance and shifts no mean (B. Widrow
 and I. Kollar, Quantization Noise, 2008). With less noise, mean and variance of the rounded values depend on where
@@ -21,7 +21,7 @@ ROUNDING_DN2 = 1 / 12
 DITHERED_DN2 = 0.6
 #: Standard deviations before rounding for which the bounds are tabled, DN; at the last one rounding is dithered.
 _DEVIATIONS_DN = np.linspace(0.0, 1.2, 601)
-#: Variances that differ by less, in DN^2, are one: noise of some hundredths of a DN leaves 0 or 1/4 DN^2 alike.
+#: Variances that differ by less, in DN^2, are one: Numerical tolerance.
 _TINY_DN2 = 1e-9
 
 
@@ -81,7 +81,7 @@ def mean_before_rounding(mean_dn: float, variance_dn2: float) -> float:
 
 
 def variance_before_rounding(rounded_dn2: float) -> Range:
-    """Range of variances before rounding that can have left a variance, wherever the means lie between two DN.
+    """Range of variances before rounding that are compatible with a rounded variance, for any mean.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def variance_before_rounding(rounded_dn2: float) -> Range:
 
     Notes
     -----
-    Rounding leaves most variance to a mean on the step between two DN, and least to one in the middle of a DN. A
-    variance up to 1/4 DN^2 can come from no noise at all.
+    The rounded variance is largest for a mean on the step between two DN, and smallest for one at a DN. Up to 1/4 DN^2
+    is possible without noise.
     """
     least, largest = _variance_bounds()
     if rounded_dn2 >= least[-1]:

@@ -1,14 +1,15 @@
-"""What neither frames nor readings say about a calibration: lens, light, and where it comes from."""
+"""Lens, light and provenance of a calibration."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from math import isfinite
 
-from ..errors import InputError
-from ..spectral_mismatch import Source
-from ..spectral_table import SpectralTable
+from ..core.errors import InputError
+from ..core.spectral.mismatch import Source
+from ..core.spectral.table import SpectralTable
+from ..session import MeterCertificate
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,9 @@ class LensIdentity:
     focal_length_m : float
         Focal length.
     f_number : float
-        The f-number set; the responsivity goes with its inverse square.
+        The f-number; the responsivity is proportional to its inverse square.
+    focus_distance_m : float or None
+        Distance of focus, which changes the responsivity too; None if not known.
 
     Raises
     ------
@@ -34,20 +37,28 @@ class LensIdentity:
     serial: str
     focal_length_m: float
     f_number: float
+    focus_distance_m: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("focal_length_m", "f_number"):
+        for name in ("focal_length_m", "f_number", "focus_distance_m"):
             value = getattr(self, name)
-            if not (isfinite(value) and value > 0):
+            if value is not None and not (isfinite(value) and value > 0):
                 raise InputError(f"{name} of the lens is {value}: give a positive number")
 
     def __str__(self) -> str:
-        return f"{self.model} ({self.serial}, {1e3 * self.focal_length_m:g} mm, f/{self.f_number:g})"
+        focus = "" if self.focus_distance_m is None else f", focused at {self.focus_distance_m:g} m"
+        return f"{self.model} ({self.serial}, {1e3 * self.focal_length_m:g} mm, f/{self.f_number:g}{focus})"
+
+    def is_as_in(self, other: LensIdentity) -> bool:
+        """Whether the lens and its settings are the same; an unknown distance of focus is any."""
+        if None in (self.focus_distance_m, other.focus_distance_m):
+            return replace(self, focus_distance_m=None) == replace(other, focus_distance_m=None)
+        return self == other
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What neither frames nor readings say about a calibration.
+    """Metadata of a calibration that is not in frames or readings.
 
     Parameters
     ----------
@@ -58,14 +69,23 @@ class Setup:
         spectrum only.
     input_sha256 : str
         Hash of the frames and readings, as the caller keeps them.
+    sessions_sha256 : tuple of str
+        That of each session, if frames and readings are of several.
     measured_spectrum : SpectralTable or None
-        Power of that light, if it was measured.
+        Spectral power of that light, if measured.
+    certificate : MeterCertificate or None
+        Of the meter, its correction applied to the readings; None for the accuracy of the data sheet.
+    meter_f1_prime : float or None
+        f1' of the meter, if stated.
     """
 
     lens: LensIdentity
     source_spectrum: str
     input_sha256: str
     measured_spectrum: SpectralTable | None = None
+    sessions_sha256: tuple[str, ...] = ()
+    certificate: MeterCertificate | None = None
+    meter_f1_prime: float | None = None
 
     @property
     def light(self) -> Source:
@@ -75,7 +95,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a calibration comes from.
+    """Provenance of a calibration.
 
     Parameters
     ----------
@@ -85,8 +105,15 @@ class Provenance:
         Hash of frames and readings given by the caller.
     versions : dict of str to str
         Versions of the programs that computed it.
+    sessions_sha256 : tuple of str
+        Hash of the frames and readings of each session, if they are of several.
     """
 
     measured: datetime
     input_sha256: str
     versions: dict[str, str]
+    sessions_sha256: tuple[str, ...] = ()
+
+    def comes_from(self, sha256: str) -> bool:
+        """Whether frames and readings with this hash are among the inputs."""
+        return sha256 in (self.input_sha256, *self.sessions_sha256)

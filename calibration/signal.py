@@ -1,47 +1,60 @@
-"""What one observation of a patch says: signal above dark, its noise, and whether it can be used."""
+"""Signal above dark of an observation, its noise, and whether it can be used."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import sqrt
 
-from ..response import Response
-from .findings import LeftOut
+from ..core.finding import Finding, info
+from ..core.response import Response
+from .findings import LeftOut, Reason
+from .frames.observations import PatchObservation
+from .frames.statistics import quantisation_variance_dn2
 from .gains import GainSetting, index_of_gain
-from .observations import PatchObservation
-from .region_statistics import quantisation_variance_dn2
 from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, ROUNDING_DN2
+
+#: Codes of findings about exposures that are left out.
+_CODES: dict[Reason, str] = {
+    "saturated": "exposure-saturated",
+    "clipped at 0 DN": "exposure-clipped",
+    "outside the response of the bracket": "exposure-outside-response",
+    "not above the dark signal": "exposure-not-above-dark",
+}
 
 
 @dataclass(frozen=True)
 class NetSignal:
-    """Signal of a patch at one exposure, above the darkness; h(net_dn) = R t L / mean(1 / V).
+    """Signal of a patch at one exposure, above the dark signal; h(net_dn) = R t L / mean(1 / V).
 
     Parameters
     ----------
     net_dn : float
-        DN above dark as the region's pixels have it, V not removed; with a tone curve, that of the pixels' mean h.
+        DN above dark of the region's pixels, V not removed; with a tone curve, that of the pixels' mean h.
     scale_per_s : float
         Mean of 1 / V over the exposure time: h(net_dn) times this is R L.
     noise_variance_dn2 : float
-        Variance of `net_dn` by the pixels' noise and by rounding.
+        Variance of `net_dn` by the noise of pixels, columns and rows, and by rounding.
+    frames_variance_dn2 : float
+        Variance by what changes from frame to frame, flicker of the light and drift of the black level: the same
+        error, relative and absolute, at all patches of the same frames.
     dark_variance_dn2 : float
         Variance by the dark model.
     dark_nonuniformity_dn : float
-        Standard uncertainty by the uneven darkness, slowly across the sensor and from pixel to pixel; the same error at
-        all exposures of one patch.
+        Standard uncertainty by dark signal non-uniformity, both slow and from pixel to pixel; the same error at all
+        exposures of one patch.
     pixels_rel : float
         Relative standard uncertainty by pixels of different sensitivity.
     slow_rel : float
         Relative standard deviation of the patch's luminance across the region.
     gain_index : int
-        Place of its gain among the settings.
+        Index of its gain among the settings.
     """
 
     net_dn: float
     scale_per_s: float
     noise_variance_dn2: float
+    frames_variance_dn2: float
     dark_variance_dn2: float
     dark_nonuniformity_dn: float
     pixels_rel: float
@@ -51,50 +64,62 @@ class NetSignal:
     @property
     def variance_dn2(self) -> float:
         """Variance of `net_dn` by all but the pixels' sensitivity: the inverse weight among exposures."""
-        return self.noise_variance_dn2 + self.dark_variance_dn2 + self.dark_nonuniformity_dn**2
+        known = self.noise_variance_dn2 + self.frames_variance_dn2 + self.dark_variance_dn2
+        return known + self.dark_nonuniformity_dn**2
 
 
 def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -> NetSignal:
-    """Take the darkness off an observation.
+    """Subtract the dark signal from an observation.
 
     Parameters
     ----------
     observation : PatchObservation
         Of one patch at one exposure.
     settings : sequence of GainSetting
-        Darkness and noise of its gain, among others.
+        Dark signal and noise of its gain, among others.
 
     Raises
     ------
     CalibrationError
-        If its gain is not there.
+        If its gain is not among them.
     """
     o, index = observation, index_of_gain(settings, observation.state.gain_db)
-    setting = settings[index]
-    dark_dn = setting.dark.mean_dn(o.exposure_s, o.temperature_c)
+    dark, noise = settings[index].dark, settings[index].noise
+    dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
     pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
-    net_dn, power = _before_tone(o, dark_dn, pattern_dn2, setting.noise.tone)
-    # What of the pattern is darkness is an offset, and known from the dark frames; the rest is sensitivity.
-    dark_pattern_dn = setting.dark.pattern_dn(o.exposure_s)
+    net_dn, power = _before_tone(o, dark_dn, pattern_dn2, noise.tone)
+    # The dark part of the pattern is known from the dark frames; the rest is sensitivity.
+    dark_pattern_dn = dark.pattern_dn(o.exposure_s)
     sensitivity_dn2 = max(pattern_dn2 - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
+    dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
+    of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
+    of_frames = (noise.flicker_rel * net_dn / power) ** 2 + dark.drift_dn**2
     return NetSignal(
         net_dn=net_dn,
         scale_per_s=o.mean_inverse_v / o.exposure_s,
-        noise_variance_dn2=setting.noise.variance_dn2(net_dn) / (o.n_pixels * o.n_frames) + rounding,
-        dark_variance_dn2=setting.dark.variance_dn2(o.exposure_s, o.temperature_c),
-        dark_nonuniformity_dn=hypot(setting.dark.nonuniformity_dn, dark_pattern_dn / sqrt(o.n_pixels)),
+        noise_variance_dn2=(of_pixels + _of_lines(dark.line_noise_dn, o)) / o.n_frames + rounding,
+        frames_variance_dn2=of_frames / o.n_frames,
+        dark_variance_dn2=dark.variance_dn2(o.exposure_s, o.temperature_c),
+        dark_nonuniformity_dn=sqrt(
+            dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)
+        ),
         pixels_rel=power * sqrt(sensitivity_dn2 / o.n_pixels) / on_axis,
         slow_rel=power * sqrt(o.nonuniformity_variance_dn2(dark_dn)) / on_axis,
         gain_index=index,
     )
 
 
+def _of_lines(deviations_dn: tuple[float, float], o: PatchObservation) -> float:
+    """Variance of a patch's mean by columns and rows."""
+    return sum(one**2 / n for one, n in zip(deviations_dn, o.n_lines, strict=True))
+
+
 def _before_tone(o: PatchObservation, dark_dn: float, pattern_dn2: float, tone: Response | None) -> tuple[float, float]:
     """Signal whose h is the mean over the pixels' light, and d ln h / d ln n there.
 
-    The mean over noisy pixels of a bent response is not the response of the mean: to second order it is off by half
+    The mean of a non-linear response over noisy pixels differs from the response of the mean, to second order by half
     the variance of the light times the curvature.
     """
     net_dn = o.net_dn_at_pixel(dark_dn)
@@ -110,15 +135,15 @@ def _before_tone(o: PatchObservation, dark_dn: float, pattern_dn2: float, tone: 
 
 def usable(
     observations: Sequence[PatchObservation], settings: Sequence[GainSetting]
-) -> tuple[list[PatchObservation], list[LeftOut], list[str]]:
-    """Leave out the exposures at which one patch is clipped, or no brighter than the dark.
+) -> tuple[list[PatchObservation], list[LeftOut], list[Finding]]:
+    """Exclude exposures at which a patch is clipped or not significantly above dark.
 
     Parameters
     ----------
     observations : sequence of PatchObservation
         Of one patch.
     settings : sequence of GainSetting
-        Darkness and noise of their gains.
+        Dark signal and noise of their gains.
 
     Returns
     -------
@@ -126,12 +151,12 @@ def usable(
         The usable ones.
     list of LeftOut
         The others.
-    list of str
-        A warning for each reason, naming patch and exposures.
+    list of Finding
+        One for each reason, naming patch and exposures; normal where exposures are bracketed.
     """
     kept: list[PatchObservation] = []
     left_out: list[LeftOut] = []
-    reasons: dict[str, list[PatchObservation]] = {}
+    reasons: dict[Reason, list[PatchObservation]] = {}
     for observation in observations:
         reason = _reason_to_leave_out(observation, settings)
         if reason is None:
@@ -143,41 +168,56 @@ def usable(
         kept,
         left_out,
         [
-            f"patch {group[0].patch!r} {reason} at {', '.join(f'{o.exposure_s:g} s' for o in group)}: left out there"
+            info(_CODES[reason], group[0].patch, exposures_s=[o.exposure_s for o in group])
             for reason, group in reasons.items()
         ],
     )
 
 
-def temperature_warnings(observations: Sequence[PatchObservation], settings: Sequence[GainSetting]) -> list[str]:
-    """Warn of observations outside the temperatures of the dark frames, where that changes the darkness.
+def left_out_text(left_out: Sequence[LeftOut]) -> str:
+    """List excluded data on one line, for error messages."""
+    groups: dict[tuple[str, Reason], list[str]] = {}
+    # A patch without data is implied by its exposures.
+    for one in [one for one in left_out if one.reason != "not usable at any exposure"]:
+        times = groups.setdefault((one.patch, one.reason), [])
+        times += [] if one.exposure_s is None else [f"{one.exposure_s:g} s"]
+    return "; ".join(
+        f"patch {patch!r}: {reason}{' at ' if times else ''}{', '.join(times)}"
+        for (patch, reason), times in groups.items()
+    )
+
+
+def temperature_findings(observations: Sequence[PatchObservation], settings: Sequence[GainSetting]) -> list[Finding]:
+    """Warn of observations outside the temperatures of the dark frames, where that changes the dark signal.
 
     Parameters
     ----------
     observations : sequence of PatchObservation
         Of one patch.
     settings : sequence of GainSetting
-        Darkness of their gains, among others.
+        Dark signal of their gains, among others.
     """
     by_gain: dict[int, list[PatchObservation]] = {}
     for o in observations:
         by_gain.setdefault(index_of_gain(settings, o.state.gain_db), []).append(o)
     return [
-        f"patch {own[0].patch!r}: {warning}"
+        finding
         for index, own in by_gain.items()
-        for warning in settings[index].dark.temperature_warnings((o.exposure_s, o.temperature_c) for o in own)
+        for finding in settings[index].dark.temperature_findings(
+            ((o.exposure_s, o.temperature_c) for o in own), f"patch {own[0].patch}"
+        )
     ]
 
 
-def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainSetting]) -> str | None:
+def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainSetting]) -> Reason | None:
     if observation.saturated_share > MAX_CLIPPED_SHARE:
-        return "is saturated"
+        return "saturated"
     if observation.black_share > MAX_CLIPPED_SHARE:
-        return "is clipped at 0 DN"
+        return "clipped at 0 DN"
     signal = net_signal(observation, settings)
     tone = settings[signal.gain_index].noise.tone
     if tone is not None and not tone.net_dn[1] <= signal.net_dn <= tone.net_dn[-1]:
-        return "is outside the signals that the response of the bracket covers"
+        return "outside the response of the bracket"
     if signal.net_dn <= MIN_NET_SIGNAL * sqrt(signal.variance_dn2):
-        return "is not brighter than the dark"
+        return "not above the dark signal"
     return None

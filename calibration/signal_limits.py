@@ -1,8 +1,8 @@
-"""When a signal is not used."""
+"""Limits of usable signals."""
 
-#: Share of clipped values (saturated, or at DN 0) up to which their effect on a mean vanishes beside the noise.
+#: Share of clipped values (saturated, or at DN 0) whose effect on a mean is negligible compared with the noise.
 MAX_CLIPPED_SHARE = 0.001
-#: A patch counts as brighter than the dark from this many standard uncertainties on.
+#: Standard uncertainties above which a patch is brighter than the dark signal.
 MIN_NET_SIGNAL = 3.0
 #: Variance by rounding to whole DN.
 ROUNDING_DN2 = 1 / 12

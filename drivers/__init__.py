@@ -2,13 +2,13 @@
 
 from typing import Literal
 
-from ..reading import MeterIdentity
-from .aravis_camera import AravisCamera
-from .aravis_library import CameraInfo, discover
+from ..core.reading import MeterIdentity
+from .aravis.camera import AravisCamera
+from .aravis.library import CameraInfo, discover
 from .camera import Camera, CameraError, CameraSettings
 from .meter import Meter, MeterError
-from .minolta_ls import MinoltaLS100, MinoltaLS110, find_meter_ports
-from .replay import ReplayCamera, ReplayMeter
+from .minolta_ls.meter import MinoltaLS100, MinoltaLS110, find_meter_ports
+from .replay.camera import ReplayCamera, ReplayMeter
 
 __all__ = [
     "AravisCamera",
@@ -35,9 +35,9 @@ def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisC
     Parameters
     ----------
     selector : str or None
-        Serial number, address or model; None takes the only one there is.
+        Serial number, address or model; None for the only one.
     patience_s : float
-        How long to wait for the camera to come back if it is lost later.
+        How long to wait for a lost camera to come back.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def open_meter(
     port : str
         Serial port, for example ``/dev/ttyUSB0``.
     model : {'LS-110', 'LS-100'}
-        Its model, which it cannot tell.
+        Its model, which it cannot report.
     identity : MeterIdentity or None
         Serial number and calibration date, for its readings.
 

@@ -1,4 +1,4 @@
-"""The camera protocol: what every camera offers, its settings, and its errors."""
+"""The camera protocol: interface, settings and errors of all cameras."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol, Self
 
-from ..errors import DeviceError
-from ..frame import CameraIdentity, Frame
+from ..core.errors import DeviceError
+from ..core.frame import CameraIdentity, Frame
 
 
 class CameraError(DeviceError):
-    """A camera is absent, busy, lost, silent, or sent something that is not a whole frame."""
+    """A camera is absent, busy, lost or silent, or sent an incomplete frame."""
 
 
 class CameraNotFoundError(CameraError):
-    """No camera answers to that serial number, address or model."""
+    """No camera with that serial number, address or model answers."""
 
 
 class CameraBusyError(CameraError):
@@ -28,7 +28,7 @@ class CameraLostError(CameraError):
 
 
 class FrameTimeoutError(CameraError):
-    """No frame came within the time-out, though the camera still answers."""
+    """No frame arrived within the time-out although the camera answers."""
 
 
 class IncompleteFrameError(CameraError):
@@ -37,7 +37,7 @@ class IncompleteFrameError(CameraError):
     Parameters
     ----------
     message : str
-        What is wrong with it, and what to do.
+        Cause and remedy.
     status : str
         Name of the Aravis buffer status, for example ``MISSING_PACKETS``; empty if unknown.
     frame_id : int or None
@@ -64,7 +64,7 @@ class IncompleteFrameError(CameraError):
 
 
 class CameraSettingError(CameraError):
-    """The camera does not have or take a setting: pixel format, exposure, or gain."""
+    """The camera lacks a setting or rejects its value: pixel format, exposure, or gain."""
 
 
 #: Value of a GenICam feature.
@@ -73,7 +73,7 @@ FeatureValue = bool | int | float | str
 
 @dataclass(frozen=True)
 class Trigger:
-    """What starts an exposure.
+    """Trigger of an exposure.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Trigger:
         None for free-running; ``Software`` for a command from this computer; else the camera's name of a line,
         for example ``Line1`` (SFNC TriggerSource).
     activation : {'RisingEdge', 'FallingEdge', 'AnyEdge', 'LevelHigh', 'LevelLow'}
-        Which change of the line counts (SFNC TriggerActivation); of no meaning for the other sources.
+        Active edge or level of the line (SFNC TriggerActivation); ignored for other sources.
     """
 
     source: str | None = None
@@ -110,9 +110,14 @@ class Region:
     height: int
 
 
+#: Tolerated delay of a frame beyond its exposure and period, for a busy computer. A camera that stops answering is
+#: noticed earlier.
+FRAME_ALLOWANCE_S = 10.0
+
+
 @dataclass(frozen=True)
 class CameraSettings:
-    """Settings as the camera applied them.
+    """Settings in effect.
 
     Parameters
     ----------
@@ -125,13 +130,13 @@ class CameraSettings:
     offset_x, offset_y : int
         First column and row of the sensor that is read out, in pixels after binning.
     binning : (int, int)
-        Columns and rows joined into one pixel.
+        Columns and rows binned into one pixel.
     black_level_dn : float
-        DN added to each pixel, as set in the camera; 0 where it has no such setting.
+        DN added to each pixel, as set in the camera; 0 without such a setting.
     frame_rate_hz : float or None
-        Frame rate of a free-running camera; None if it does not tell.
+        Frame rate of a free-running camera; None if unknown.
     trigger : Trigger
-        What starts an exposure.
+        Trigger of an exposure.
     """
 
     exposure_s: float
@@ -146,20 +151,30 @@ class CameraSettings:
     frame_rate_hz: float | None = None
     trigger: Trigger = FREE_RUN
 
+    def longest_wait_s(self, timeout_s: float | None = None) -> float:
+        """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
+
+        The default leaves the frame period and `FRAME_ALLOWANCE_S`.
+        """
+        if timeout_s is not None:
+            return self.exposure_s + timeout_s
+        period_s = 1 / self.frame_rate_hz if self.frame_rate_hz and self.trigger == FREE_RUN else 0.0
+        return self.exposure_s + period_s + FRAME_ALLOWANCE_S
+
 
 @dataclass(frozen=True)
 class StreamStatistics:
-    """Counters of all that was received since the camera was opened.
+    """Counters of the received data since the camera was opened.
 
     Parameters
     ----------
     completed, failed : int
-        Frames that came whole, and that did not.
+        Complete and incomplete frames.
     underruns : int
-        Packets of frames that found no free buffer: the program did not keep up.
+        Packets of frames without a free buffer: the program was too slow.
     resent, missing : int
-        Packets the camera sent again on request, and that Aravis counts as missing: of a frame given up, all after
-        its first gap.
+        Packets resent on request, and packets that Aravis counts as missing: for an abandoned frame, all after its
+        first gap.
     """
 
     completed: int = 0
@@ -171,16 +186,16 @@ class StreamStatistics:
 
 @dataclass(frozen=True)
 class Gap:
-    """A time in which the camera was lost, and after which it came back.
+    """An interruption during which the camera was lost.
 
     Parameters
     ----------
     lost_at, back_at : datetime
         Host time, with time zone: when the loss was noticed, and when the camera was ready again.
     duration_s : float
-        From one to the other on a clock that nobody sets.
+        Duration by a monotonic clock.
     reason : str
-        How the loss showed.
+        Symptom of the loss.
     """
 
     lost_at: datetime
@@ -193,7 +208,7 @@ Refused = Callable[[IncompleteFrameError], None]
 
 
 class Camera(Protocol):
-    """What every camera offers: real, simulated in this process, or replayed.
+    """Interface of all cameras: real, simulated in this process, or replayed.
 
     A camera is a context manager; its constructor does no I/O, `open` does.
     """
@@ -220,11 +235,11 @@ class Camera(Protocol):
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
-        """Shortest and longest exposure the camera takes, in seconds."""
+        """Shortest and longest exposure of the camera, in seconds."""
 
     @property
     def temperature_c(self) -> float | None:
-        """Temperature of the device now, in degrees Celsius; None if it does not tell."""
+        """Current temperature of the device in degrees Celsius; None if not available."""
 
     @property
     def statistics(self) -> StreamStatistics:
@@ -232,10 +247,10 @@ class Camera(Protocol):
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """Times in which the camera was lost since it was opened, and survived."""
+        """Interruptions since the camera was opened, after which it was reconnected."""
 
     def features(self) -> dict[str, FeatureValue]:
-        """Read all GenICam features that can be read, by name: a snapshot to keep with what is recorded."""
+        """Read all readable GenICam features by name, as a snapshot for a recording."""
 
     def configure(
         self,
@@ -244,28 +259,28 @@ class Camera(Protocol):
         gain_db: float | None = None,
         pixel_format: str | None = None,
     ) -> CameraSettings:
-        """Change what is given, keep the rest, and return what the camera applied.
+        """Change the given settings and return those in effect.
 
-        Frames returned afterwards are surely taken with these settings.
+        All frames returned afterwards are taken with these settings.
 
         Raises
         ------
         CameraSettingError
-            If the camera cannot take a value; the message gives the range it takes.
+            If the camera rejects a value; the message states its range.
         """
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; `timeout_s` beyond the exposure time, None for the driver's own."""
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
-        """Take `n` whole frames in a row, yielding each as it arrives.
+        """Take `n` complete consecutive frames, yielding each as it arrives.
 
         Parameters
         ----------
         n : int
-            How many.
+            Number of frames.
         timeout_s : float or None
             Longest wait for a frame beyond the exposure time; None for the driver's own.
         on_refused : callable or None
-            Told of each frame that came incomplete, which is then taken again; None raises the error instead.
+            Called for each incomplete frame, which is then repeated; None raises the error instead.
         """

@@ -1,4 +1,4 @@
-"""Device: what is opened and closed, by hand or as a context manager."""
+"""Device: opened and closed explicitly or as a context manager."""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
-"""The meter protocol: what every luminance meter offers, and its errors."""
+"""The meter protocol: interface and errors of all luminance meters."""
 
 from __future__ import annotations
 
 from typing import Protocol, Self
 
-from ..errors import DeviceError, InputError
-from ..reading import MeterIdentity, Reading, ReadingSeries
+from ..core.errors import DeviceError, InputError
+from ..core.reading import MeterIdentity, Reading, ReadingSeries
 
 
 class MeterError(DeviceError):
-    """A luminance meter is absent, silent, or answered with something else than a reading."""
+    """A luminance meter is absent or silent, or its answer is not a reading."""
 
 
 class MeterNotFoundError(MeterError):
@@ -17,15 +17,15 @@ class MeterNotFoundError(MeterError):
 
 
 class MeterTimeoutError(MeterError):
-    """The meter did not answer in time, or broke off in the middle of an answer."""
+    """The meter did not answer in time, or stopped in the middle of an answer."""
 
 
 class MeterProtocolError(MeterError):
-    """The meter sent something its protocol does not know."""
+    """The meter violated its protocol."""
 
 
 class MeterLostError(MeterError):
-    """The connection to an open meter broke: its port is gone."""
+    """The connection to an open meter was lost: its port disappeared."""
 
 
 class MeterReportedError(MeterError):
@@ -36,7 +36,7 @@ class MeterReportedError(MeterError):
     code : str
         The code as sent, for example ``ER10``.
     message : str
-        What it means and what to do.
+        Meaning and remedy.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -45,7 +45,7 @@ class MeterReportedError(MeterError):
 
 
 class Meter(Protocol):
-    """What every luminance meter offers: real, simulated, or replayed.
+    """Interface of all luminance meters: real, simulated, or replayed.
 
     A meter is a context manager; its constructor does no I/O, `open` does.
     """
@@ -78,7 +78,7 @@ def measure_series(meter: Meter, n: int) -> ReadingSeries:
     meter : Meter
         Open.
     n : int
-        How many readings.
+        Number of readings.
 
     Raises
     ------

@@ -1,53 +1,101 @@
-"""labcdp measures how probable it is that a driver-assistance camera still sees a contrast.
+"""labcdp computes how probable it is that a camera still detects a contrast.
 
-Names load when they are first used, so that importing the package, and ``labcdp --help``, stay quick.
+- `cdp`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
+- `read_image`, `open_video`: pictures and videos, with regions, as luminance
+- `Session`: recorded bench sessions, their calibration and evaluation
+- `Chain`: the simulated imaging chain, runs and sweeps
+- `read_dataset`: results that were saved as NetCDF
+- `drivers.open_camera`, `drivers.open_meter`: devices
+- `calibration`, `chain`, `drivers`, `files`, `metrics`, `regions`: the packages behind them
+
+Results over several values are xarray datasets; their accessor ``labcdp`` finds usable ranges and draws sweeps.
+Contrasts are fractions: 1.0 is 100 %. Names load when they are first used.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import calibration as calibration
-    from . import chain as chain
-    from . import drivers as drivers
-    from . import sources as sources
-    from .contrast import cdp as cdp
-    from .contrast import cdp_neighbours as cdp_neighbours
-    from .errors import LabcdpError as LabcdpError
-    from .frame import Frame as Frame
-    from .luminance import LuminanceMap as LuminanceMap
-    from .reading import Reading as Reading
-    from .roi import Roi as Roi
+    from . import calibration, chain, drivers, files, metrics, regions
+    from .api.accessor import read_dataset as read_dataset
+    from .api.chain import Chain as Chain
+    from .api.picture import Image as Image
+    from .api.picture import read_image as read_image
+    from .api.session import Session as Session
+    from .api.video import Video as Video
+    from .api.video import open_video as open_video
+    from .core.errors import InputError as InputError
+    from .core.errors import LabcdpError as LabcdpError
+    from .core.frame import Frame as Frame
+    from .core.luminance import LuminanceMap as LuminanceMap
+    from .core.reading import Reading as Reading
+    from .core.roi import Roi as Roi
+    from .metrics import DetectionInterval as DetectionInterval
+    from .metrics import DetectionProbability as DetectionProbability
+    from .metrics import cdp as cdp
+    from .metrics import cdp_neighbours as cdp_neighbours
+
+    __version__: str
 
 _HOME = {
-    "Frame": "frame",
-    "LabcdpError": "errors",
-    "LuminanceMap": "luminance",
-    "Reading": "reading",
-    "Roi": "roi",
-    "cdp": "contrast",
-    "cdp_neighbours": "contrast",
+    "Chain": "api.chain",
+    "DetectionInterval": "metrics",
+    "DetectionProbability": "metrics",
+    "Frame": "core.frame",
+    "Image": "api.picture",
+    "InputError": "core.errors",
+    "LabcdpError": "core.errors",
+    "LuminanceMap": "core.luminance",
+    "Reading": "core.reading",
+    "Roi": "core.roi",
+    "Session": "api.session",
+    "Video": "api.video",
+    "cdp": "metrics",
+    "cdp_neighbours": "metrics",
+    "open_video": "api.video",
+    "read_dataset": "api.accessor",
+    "read_image": "api.picture",
 }
-_ROOMS = ("calibration", "chain", "drivers", "sources")
+_PACKAGES = ("calibration", "chain", "drivers", "files", "metrics", "regions")
 
 __all__ = [
+    "Chain",
+    "DetectionInterval",
+    "DetectionProbability",
     "Frame",
+    "Image",
+    "InputError",
     "LabcdpError",
     "LuminanceMap",
     "Reading",
     "Roi",
+    "Session",
+    "Video",
     "calibration",
     "cdp",
     "cdp_neighbours",
     "chain",
     "drivers",
-    "sources",
+    "files",
+    "metrics",
+    "open_video",
+    "read_dataset",
+    "read_image",
+    "regions",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
+    if name in _PACKAGES:
         return import_module(f".{name}", __name__)
     if name in _HOME:
         return getattr(import_module(f".{_HOME[name]}", __name__), name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("labcdp")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

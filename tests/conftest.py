@@ -1,17 +1,26 @@
 """What all tests share: a network of their own, so that they neither reach nor disturb real cameras."""
 
 import ctypes
+import json
 import os
 import shutil
+import signal
 import subprocess
+import sys
+from functools import partial
+from pathlib import Path
 
 import hypothesis
 import pytest
 
+_LABCDP = Path(sys.executable).with_name("labcdp")
 _CLONE_NEWNET = 0x40000000
+_SLOW_FIRST = {name: place for place, name in enumerate(("cli", "evaluate", "web", "acquire", "drivers"))}
 
-# Tests do not depend on how busy the computer is.
-hypothesis.settings.register_profile("labcdp", deadline=None)
+# Tests do not depend on how busy the computer is, and are the same each time; tools/fuzz looks for more.
+hypothesis.settings.register_profile(
+    "labcdp", deadline=None, derandomize=True, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
 hypothesis.settings.load_profile("labcdp")
 
 
@@ -20,16 +29,71 @@ def _may_have_a_network_of_its_own() -> bool:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """As many processes as processors, but one where all would share the port of the simulated camera."""
-    return os.cpu_count() or 1 if _may_have_a_network_of_its_own() else 1
+    """Two more processes than processors, as many tests wait; one where all would share the simulated camera's port."""
+    return (os.cpu_count() or 1) + 2 if _may_have_a_network_of_its_own() else 1
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that none of them is left to one process at the end."""
+    root = Path(__file__).parent
+    items.sort(key=lambda item: _SLOW_FIRST.get(item.path.relative_to(root).parts[0], len(_SLOW_FIRST)))
 
 
 def pytest_configure() -> None:
+    """Give the test process signals that its children do not inherit as ignored, and a network of its own."""
+    _ignore_signals_alone()
+    _move_to_own_network()
+
+
+def _ignore_signals_alone() -> None:
+    """Where SIGINT or SIGHUP is ignored, as under nohup, ignore it here but not in the programs that tests start."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, lambda _number, _frame: None)
+
+
+def _move_to_own_network() -> None:
     """Move the test process into a network namespace with nothing but loopback, where that is allowed."""
     # The call moves the calling thread only, and those it will start.
     if _may_have_a_network_of_its_own() and ctypes.CDLL(None, use_errno=True).unshare(_CLONE_NEWNET) == 0:
         subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
         subprocess.run(["ip", "addr", "add", "127.0.0.2/8", "dev", "lo"], check=True)
+
+
+@pytest.fixture(scope="session")
+def forking():
+    """Process that forks for each command; see its file."""
+    program = [sys.executable, Path(__file__).with_name("forking.py")]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.stdin.close()
+
+
+@pytest.fixture(scope="session")
+def labcdp_in(tmp_path_factory, forking):
+    """Run the command in a folder, as from a terminal; returns the finished process."""
+
+    def run(folder, *arguments, stdin=None, timeout_s=900, environment=()):
+        words, streams = [str(_LABCDP), *map(str, arguments)], tmp_path_factory.mktemp("streams")
+        if stdin is not None:
+            (streams / "stdin").write_text(stdin)
+        request = {name: str(streams / name) for name in ("stdin", "stdout", "stderr")}
+        request |= {"stdin": os.devnull} if stdin is None else {}
+        request |= {"arguments": words, "cwd": str(folder), "timeout_s": timeout_s, "environment": dict(environment)}
+        print(json.dumps(request), file=forking.stdin, flush=True)
+        status = json.loads(forking.stdout.readline())
+        out, err = ((streams / name).read_text() for name in ("stdout", "stderr"))
+        if status is None:
+            raise subprocess.TimeoutExpired(words, timeout_s, out, err)
+        return subprocess.CompletedProcess(words, status, out, err)
+
+    return run
+
+
+@pytest.fixture
+def labcdp(tmp_path, labcdp_in):
+    """Run the command in an empty folder; returns the finished process."""
+    return partial(labcdp_in, tmp_path)
 
 
 @pytest.fixture(scope="session")

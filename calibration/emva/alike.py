@@ -1,4 +1,4 @@
-"""Images of a data set that cannot be what the index says: copies, another depth, another level."""
+"""Images of a data set that contradict the index: copies, another bit depth, another level."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...core.errors import InputError
 from .index import DataSetIndex, IndexBlock
-from .statistics import FrameStatistics
+from .series import Level
 
-#: Images of one block whose means differ by more of the signal are not of one level; lamps flicker by tenths.
+#: Largest difference of the means of a block relative to the signal; lamps flicker by tenths of it.
 _LARGEST_DIFFERENCE_REL = 0.03
-#: Black levels wander by less, in DN.
+#: Upper bound of black level drift, in DN.
 _LEAST_DIFFERENCE_DN = 1.0
-#: Standard uncertainties of a frame's mean that are no chance.
+#: Critical value for a frame's mean, in standard uncertainties.
 _CHANCE = 5.0
-#: Images whose values are multiples of numbers that differ by this factor come from different depths.
+#: Factor between the common divisors of values that indicates different bit depths.
 _DEPTH_FACTOR = 4
 
 
@@ -33,7 +33,7 @@ class _Seen(NamedTuple):
 
 
 class ImageCheck:
-    """Takes the images of a data set one by one, and refuses copies and those of another depth.
+    """Checks the images of a data set one by one for copies and another bit depth.
 
     Parameters
     ----------
@@ -91,28 +91,28 @@ class ImageCheck:
             )
 
 
-def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, FrameStatistics]]) -> None:
-    """Refuse blocks whose images differ more than noise and lamp allow, darkness first.
+def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Level]]) -> None:
+    """Refuse blocks whose images differ more than noise and lamp allow, dark signal first.
 
     Parameters
     ----------
     index : DataSetIndex
         For messages.
-    measured : sequence of (IndexBlock, FrameStatistics)
+    measured : sequence of (IndexBlock, Level)
         All blocks.
 
     Raises
     ------
     InputError
-        If the mean of an image is off those of the others of its block by more than 5 standard uncertainties, 3 % of
-        the signal above darkness, and 1 DN.
+        If the mean of an image deviates from the others of its block by more than 5 standard uncertainties, 3 % of the
+        signal above dark signal, and 1 DN.
     """
-    darkness = {block.exposure_ns: float(np.median(s.frame_means_dn)) for block, s in measured if block.kind == "dark"}
+    dark_dn = {block.exposure_ns: float(np.median(s.frame_means_dn)) for block, s in measured if block.kind == "dark"}
     for block, found in sorted(measured, key=lambda pair: pair[0].kind == "bright"):
         means = np.array(found.frame_means_dn)
         usual = np.array([np.median(np.delete(means, i)) for i in range(means.size)])
-        signal = float(np.median(means)) - (darkness.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
-        noise = np.sqrt(found.temporal_variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
+        signal = float(np.median(means)) - (dark_dn.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
+        noise = np.sqrt(found.variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
         limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
         worst = int(np.argmax(np.abs(means - usual)))
         if abs(means[worst] - usual[worst]) > limit:
@@ -130,5 +130,5 @@ def _other_level(
         others = f"the other {means.size - 1} images of its block {usual_dn:.4g} DN"
     return (
         f"{index.path}, line {line}: {name} has a mean of {means[worst]:.4g} DN, {others}, which noise does not "
-        f"explain: one of them is not of the level of line {block.line}; correct the index, or record the level again"
+        f"explain: one of them does not belong to line {block.line}; correct the index, or record the level again"
     )

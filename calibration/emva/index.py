@@ -8,25 +8,29 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from ...errors import InputError
+from ...core.disk import is_file, quoted, read_text
+from ...core.disk.quoting import shortened
+from ...core.errors import InputError
 
-#: What an index is called in the folder of a data set.
+#: Name of the index in the folder of a data set.
 INDEX_NAME = "EMVA1288_Data.txt"
 
-#: How many numbers follow each letter, fewest and most, and what they are.
+#: Fewest and most numbers after each letter, and their names.
 _LETTERS = {
     "v": (1, 1, "the release, for example v 3.1"),
     "n": (3, 3, "bits, width and height, for example n 12 640 480"),
     "b": (2, 2, "exposure in ns and photons per pixel, for example b 40000.0 120.0"),
     "d": (1, 1, "exposure in ns, for example d 40000.0"),
 }
-#: Longest exposure that can be meant, ns: a day.
+#: Largest size of an index.
+_MOST_BYTES = 16 * 2**20
+#: Longest plausible exposure, in ns: one day.
 _LONGEST_NS = 8.64e13
 
 
 @dataclass(frozen=True)
 class IndexBlock:
-    """Images taken alike.
+    """Images of one condition.
 
     Parameters
     ----------
@@ -35,9 +39,9 @@ class IndexBlock:
     exposure_ns : float
         Exposure time in nanoseconds, as the index gives it.
     photons : float
-        Mean photons a pixel received during the exposure; 0 in darkness.
+        Mean photons a pixel received during the exposure; 0 in dark signal.
     images : tuple of Path
-        Where they are.
+        Paths of the images.
     line : int
         Line of the index.
     image_lines : tuple of int
@@ -89,11 +93,11 @@ def index_path(path: str | PathLike[str]) -> Path | None:
     if not given.is_dir():
         return given
     found = given / INDEX_NAME
-    return found if found.is_file() else None
+    return found if is_file(found) else None
 
 
 def load_index(path: str | PathLike[str]) -> DataSetIndex:
-    """Read the index of a data set, and see whether its images are there.
+    """Read the index of a data set, and check that its images exist.
 
     Lines begin with a letter: ``v`` release, ``n`` bits, width and height, ``b`` exposure in ns and photons, ``d``
     exposure in ns, ``i`` path of an image relative to the index, with slashes of either kind, quoted or not. ``#``
@@ -113,15 +117,7 @@ def load_index(path: str | PathLike[str]) -> DataSetIndex:
     file = index_path(path)
     if file is None:
         raise InputError(f"{path} has no {INDEX_NAME}: give the index of a data set")
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}): give the index of a data set") from error
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{file}: byte {error.start} is not text: give the index of a data set, a text file"
-        ) from error
-    index = parse_index(text, file)
+    index = parse_index(read_text(file, "the index of a data set, a text file", _MOST_BYTES), file)
     _require_images(index)
     return index
 
@@ -130,6 +126,7 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
     """Read the text of an index; messages and image paths take its `path`. Errors as `load_index`."""
     release, size = "", None
     blocks: list[IndexBlock] = []
+    images: list[list[tuple[Path, int]]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
         if not line or line.startswith("#"):
@@ -137,16 +134,14 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
         where = f"{path}, line {number}"
         letter, rest = line[0], line[1:].strip()
         if len(line.split()[0]) != 1 or letter not in (*_LETTERS, "i"):
-            raise InputError(f"{where}: {line[:40]!r} begins with none of the letters v, n, b, d, i and #: correct it")
+            raise InputError(f"{where}: {quoted(line)} begins with none of the letters v, n, b, d, i and #: correct it")
         if letter == "i":
             if not blocks:
                 raise InputError(f"{where}: an image comes before the first line b or d: say at which exposure it is")
             if not rest:
                 raise InputError(f"{where}: the image has no path: give it behind the i")
             image = path.parent / _unquoted(rest).replace("\\", "/")
-            last = blocks[-1]
-            images, lines = (*last.images, image), (*last.image_lines, number)
-            blocks[-1] = replace(last, images=images, image_lines=lines)
+            images[-1].append((image, number))
             continue
         values = _numbers(letter, rest, where)
         if letter == "v":
@@ -157,6 +152,11 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
             size = _size(values, where)
         else:
             blocks.append(_block(letter, values, number, where))
+            images.append([])
+    blocks = [
+        replace(block, images=tuple(image for image, _ in own), image_lines=tuple(line for _, line in own))
+        for block, own in zip(blocks, images, strict=True)
+    ]
     if size is None:
         raise InputError(f"{path}: there is no line n: give {_LETTERS['n'][2]}")
     _check_blocks(blocks, path)
@@ -178,7 +178,7 @@ def _numbers(letter: str, rest: str, where: str) -> list[float]:
     except ValueError:
         values = []
     if not (least <= len(values) <= most and all(isfinite(value) for value in values)):
-        raise InputError(f"{where}: {letter} is followed by {rest!r}: give {meaning}")
+        raise InputError(f"{where}: {letter} is followed by {quoted(rest)}: give {meaning}")
     return values
 
 
@@ -222,7 +222,7 @@ def _check_blocks(blocks: list[IndexBlock], path: Path) -> None:
 
 def _require_images(index: DataSetIndex) -> None:
     images = [(image, block.line) for block in index.blocks for image in block.images]
-    missing = [(image, line) for image, line in images if not image.is_file()]
+    missing = [(image, line) for image, line in images if not is_file(image)]
     if missing:
         image, line = missing[0]
         found = _same_name(index.path.parent, image.name)
@@ -233,7 +233,7 @@ def _require_images(index: DataSetIndex) -> None:
         )
         raise InputError(
             f"{index.path}, block of line {line}: {len(missing)} of {len(images)} images are missing, the first is "
-            f"{image}: {advice}"
+            f"{shortened(str(image), 300)}: {advice}"
         )
 
 

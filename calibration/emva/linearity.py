@@ -1,4 +1,4 @@
-"""How far the response departs from a line."""
+"""Deviation of the response from a straight line."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .result import Quantity, SeriesPoint
+from .result import Quantity
+from .series import SeriesPoint
 
-#: Share of saturation between which linearity is judged (EMVA 1288 Release 3.1, section 6.8).
+#: Share of saturation between which linearity is judged (EMVA 1288 Release 4.0 Linear).
 LINEARITY_SHARES = (0.05, 0.95)
 
 
@@ -23,11 +24,11 @@ class Linearity:
     intercept_dn, slope_dn : float
         The line: intercept, and slope over photons or seconds.
     stimulus, net_dn : ndarray of float, shape (n,)
-        The points judged: photons or seconds, and signal above darkness.
+        The points judged: photons or seconds, and signal above dark signal.
     deviation_rel : ndarray of float, shape (n,)
-        Signal over line, less one.
+        Signal over line, minus 1.
     uncertainty_rel : ndarray of float, shape (n,)
-        Standard uncertainty of the deviations by temporal noise.
+        Standard uncertainty of the deviations by noise, black level and lamp.
     """
 
     intercept_dn: float
@@ -37,27 +38,18 @@ class Linearity:
     deviation_rel: NDArray[np.float64]
     uncertainty_rel: NDArray[np.float64]
 
-    def lowest(self) -> Quantity:
-        """LE_min of Release 3.1."""
-        return self._at(int(np.argmin(self.deviation_rel)))
-
-    def highest(self) -> Quantity:
-        """LE_max of Release 3.1."""
-        return self._at(int(np.argmax(self.deviation_rel)))
-
-    def mean_absolute(self) -> Quantity:
-        """Mean of the absolute deviations, LE of Release 4.0."""
+    def errors(self) -> tuple[Quantity, Quantity, Quantity]:
+        """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
         uncertainty = float(np.sqrt(np.sum(self.uncertainty_rel**2)) / self.uncertainty_rel.size)
-        return Quantity(
-            float(np.abs(self.deviation_rel).mean()), uncertainty, "1", "mean of the absolute deviations, Release 4.0"
-        )
+        mean = Quantity(float(np.abs(self.deviation_rel).mean()), uncertainty, "1", "mean of the absolute deviations")
+        return self._at(int(np.argmin(self.deviation_rel))), self._at(int(np.argmax(self.deviation_rel))), mean
 
     def _at(self, index: int) -> Quantity:
         return Quantity(
             float(self.deviation_rel[index]),
             float(self.uncertainty_rel[index]),
             "1",
-            f"at {self.net_dn[index]:.4g} DN above darkness; uncertainty by temporal noise alone",
+            f"at {self.net_dn[index]:.4g} DN above the dark signal; u by noise, black level and lamp",
         )
 
 
@@ -68,7 +60,7 @@ def in_range(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[Se
 
 
 def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linearity | None:
-    """Judge the linearity of a series (EMVA 1288 Release 3.1, section 6.8).
+    """Judge the linearity of a series (EMVA 1288 Release 4.0 Linear).
 
     The line y = a + b x over the photons, or over the exposure where they are not known, minimises the relative
     deviations, sum(((y - a - b x) / y)^2), from 5 to 95 % of saturation. The deviations are (y - line) / line.
@@ -78,7 +70,7 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     points : sequence of SeriesPoint
         In rising order.
     saturation_net_dn : float
-        Signal above darkness at saturation.
+        Signal above dark signal at saturation.
 
     Returns
     -------
@@ -97,7 +89,7 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     intercept, slope = np.linalg.lstsq(design, np.ones_like(y))[0]
     fitted = intercept + slope * x / scale
     noise = np.array([point.net_uncertainty_dn for point in chosen]) / y
-    # The fit follows each point by its leverage: of the noise (1 - h)^2 + sum of the others' shares is left.
+    # The fit follows each point by its leverage h: the noise of the deviation is reduced accordingly.
     projection = design @ np.linalg.pinv(design)
     left = np.eye(y.size) - projection
     uncertainty = np.sqrt((left**2) @ noise**2)

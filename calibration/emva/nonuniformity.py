@@ -3,183 +3,111 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from dataclasses import replace
+from math import copysign, hypot, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frames.spatial import Estimate, SpatialVariance, spatial_variance
+from ..frames.statistics import FrameStatistics, LineVariances
 from ..rounding import Range, variance_before_rounding
 from .result import Quantity
-from .statistics import NoiseParts
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """A variance and its standard uncertainty, both in DN^2."""
-
-    value: float
-    uncertainty: float
-
-
-@dataclass(frozen=True)
-class SpatialVariance:
-    """Spatial variances of a mean image in DN^2, temporal noise taken off.
-
-    Parameters
-    ----------
-    total, pixel, column, row : Estimate
-        Of all pixels (EMVA 1288 Release 3.1, section 8.2), and its parts (Release 4.0 Linear, section 4.2). May be
-        negative where they are smaller than their uncertainty.
-    """
-
-    total: Estimate
-    pixel: Estimate
-    column: Estimate
-    row: Estimate
-
-
-def spatial_variance(mean_image: NDArray[np.floating[Any]], noise: NoiseParts) -> SpatialVariance:
-    """Spatial variance of a mean image, and its parts.
-
-    With s^2 = variance of all pixels, s_c^2 and s_r^2 = variances of the means of columns and rows of an image of
-    M rows and N columns, all less what temporal noise leaves in them, s^2 = row + column + pixel,
-    s_c^2 = column + pixel / M, s_r^2 = row + pixel / N are solved for the three parts.
-
-    Parameters
-    ----------
-    mean_image : ndarray of float, shape (height, width)
-        Mean of the frames.
-    noise : NoiseParts
-        What temporal noise leaves in it.
-
-    Returns
-    -------
-    SpatialVariance
-        The uncertainty of the total is sqrt((m4 - s^4) / n) with the fourth central moment m4, so that single hot
-        pixels count; that of column and row means is the one of normal values.
-    """
-    image = np.asarray(mean_image, dtype=np.float64)
-    height, width = image.shape
-    deviation = image - image.mean()
-    measured = float(np.sum(deviation**2)) / (image.size - 1)
-    fourth = float(np.mean(deviation**4))
-    columns = float(deviation.mean(axis=0).var(ddof=1))
-    rows = float(deviation.mean(axis=1).var(ddof=1))
-    total = measured - noise.pixel
-    pixel = (total - (columns - noise.column) - (rows - noise.row)) / (1 - 1 / width - 1 / height)
-    u_pixels = sqrt(max(fourth - measured**2, 0.0) / image.size)
-    # A pattern of columns or rows has only as many values as there are columns or rows.
-    u_columns, u_rows = columns * sqrt(2 / (width - 1)), rows * sqrt(2 / (height - 1))
-    return SpatialVariance(
-        Estimate(total, sqrt(u_pixels**2 + u_columns**2 + u_rows**2)),
-        Estimate(pixel, u_pixels),
-        Estimate(columns - noise.column - pixel / height, u_columns),
-        Estimate(rows - noise.row - pixel / width, u_rows),
-    )
+#: Parts of a spatial variance.
+PARTS = ("pixel", "column", "row")
 
 
 def dsnu_e(variance: Estimate, k: Quantity, note: str = "") -> Quantity:
-    """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 3.1, section 8.4)."""
+    """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear)."""
     root, uncertainty = _root(variance)
     value = root / k.value
     relative = (k.standard_uncertainty / k.value) * value
     return Quantity(value, float(np.hypot(uncertainty / k.value, relative)), "e-", _note(variance, note))
 
 
-def widened_by_rounding(
-    dsnu: Sequence[Quantity], k: Quantity, temporal_dn2: float, spatial_dn2: float
-) -> tuple[Quantity, ...]:
-    """Widen DSNU by what rounding may have done where darkness has less noise than about a DN.
+def dsnu_parts(
+    variance: SpatialVariance, k: Quantity, temporal_dn2: float, spatial_dn2: float, note: str
+) -> dict[str, Any]:
+    """DSNU_1288 and its parts, their uncertainties widened by rounding, where the dark noise is below about a DN.
 
     Parameters
     ----------
-    dsnu : sequence of Quantity
-        All pixels first, then parts and others that share its relative error.
+    variance : SpatialVariance
+        Of the dark image.
     k : Quantity
         Overall system gain.
     temporal_dn2, spatial_dn2 : float
-        Temporal variance of darkness, and variance of its mean image, as rounded.
+        Temporal variance of dark signal, and variance of its mean image, as rounded.
+    note : str
+        Of the total.
     """
+    by_rounding = rounding_of_spread_dn(temporal_dn2, spatial_dn2) / k.value
+    whole = dsnu_e(variance.total, k, note)
+    found = {"dsnu_e": replace(whole, standard_uncertainty=hypot(whole.standard_uncertainty, by_rounding))}
+    for name in PARTS:
+        one = dsnu_e(getattr(variance, name), k)
+        share = abs(one.value / whole.value) if whole.value else 1.0
+        u = hypot(one.standard_uncertainty, by_rounding * share)
+        found[f"dsnu_{name}_e"] = replace(one, standard_uncertainty=u)
+    return found
+
+
+def rounding_of_spread_dn(temporal_dn2: float, spatial_dn2: float) -> float:
+    """Return the standard uncertainty by rounding of the pattern's standard deviation."""
     together, alone = variance_before_rounding(temporal_dn2 + spatial_dn2), variance_before_rounding(temporal_dn2)
     left = Range(max(together.least - alone.largest, 0.0), max(together.largest - alone.least, 0.0)).root()
-    by_rounding = left.error_of(sqrt(spatial_dn2)) / k.value
-    whole = dsnu[0].value
-    return tuple(
-        replace(one, standard_uncertainty=hypot(one.standard_uncertainty, by_rounding * (one.value / whole)))
-        if whole > 0
-        else replace(one, standard_uncertainty=hypot(one.standard_uncertainty, by_rounding))
-        for one in dsnu
-    )
+    return left.error_of(sqrt(spatial_dn2))
 
 
 def prnu_rel(bright: Estimate, dark: Estimate, net_dn: float, note: str = "") -> Quantity:
-    """PRNU as a fraction: sqrt(s_bright^2 - s_dark^2) / (mean - mean_dark) (Release 3.1, section 8.4)."""
-    difference = Estimate(bright.value - dark.value, float(np.hypot(bright.uncertainty, dark.uncertainty)))
+    """PRNU_1288 as a fraction: sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark) (Release 4.0 Linear)."""
+    difference = bright - dark
     root, uncertainty = _root(difference)
     return Quantity(root / net_dn, uncertainty / net_dn, "1", _note(difference, note))
 
 
 def _root(variance: Estimate) -> tuple[float, float]:
-    """Square root with its uncertainty; 0 for a variance below 0, with the root of its uncertainty."""
-    if variance.value <= variance.uncertainty:
-        return sqrt(max(variance.value, 0.0)), sqrt(variance.uncertainty)
-    return sqrt(variance.value), variance.uncertainty / (2 * sqrt(variance.value))
+    """Square root with its sign and uncertainty; where the variance is not significant, the root of its uncertainty."""
+    root = copysign(sqrt(abs(variance.value)), variance.value)
+    if abs(variance.value) <= variance.uncertainty:
+        return root, sqrt(variance.uncertainty)
+    return root, variance.uncertainty / (2 * abs(root))
 
 
 def _note(variance: Estimate, note: str) -> str:
     if variance.value > variance.uncertainty:
         return note
-    return f"{note}, " * bool(note) + "not more than temporal noise leaves"
+    found = "not more than temporal noise leaves"
+    if variance.value < 0:
+        found = "less than temporal noise leaves: minus the root of a variance below 0"
+    return f"{note}, {found}" if note else found
 
 
-@dataclass(frozen=True, eq=False)
-class DarkPattern:
-    """Pattern of darkness over the exposure: each pixel's own line.
+def dark_pattern_variances(
+    frames: Sequence[FrameStatistics], exposures_s: Sequence[float]
+) -> tuple[SpatialVariance, SpatialVariance]:
+    """Spatial variances of the dark signal at zero exposure, in DN^2, and of its growth, in (DN/s)^2.
 
-    Parameters
-    ----------
-    offset_dn : ndarray of float, shape (height, width)
-        At zero exposure.
-    rate_dn_s : ndarray of float, shape (height, width)
-        Growth per second.
-    offset_noise, rate_noise : NoiseParts
-        What temporal noise leaves in them, in DN^2 and (DN/s)^2.
-    """
-
-    offset_dn: NDArray[np.float64]
-    rate_dn_s: NDArray[np.float64]
-    offset_noise: NoiseParts
-    rate_noise: NoiseParts
-
-
-def dark_pattern(
-    images: Sequence[NDArray[np.floating[Any]]], exposures_s: Sequence[float], noise: Sequence[NoiseParts]
-) -> DarkPattern:
-    """Fit each pixel's darkness by a line over the exposure, all exposures alike.
+    Each pixel's dark signal is fitted by a line over the exposure, all exposures alike.
 
     Parameters
     ----------
-    images : sequence of ndarray of float, shape (height, width)
-        Mean dark image for each exposure, of two exposures at least.
+    frames : sequence of FrameStatistics
+        Dark frames for each exposure, of two exposures at least.
     exposures_s : sequence of float
         Exposure times.
-    noise : sequence of NoiseParts
-        What temporal noise leaves in each.
     """
     t = np.array(exposures_s)
-    to_offset, to_rate = np.linalg.pinv(np.column_stack([np.ones_like(t), t]))
-    offset, rate = np.zeros(images[0].shape), np.zeros(images[0].shape)
-    for image, by_offset, by_rate in zip(images, to_offset, to_rate, strict=True):
-        offset += by_offset * image
-        rate += by_rate * image
-    return DarkPattern(offset, rate, _combined(noise, to_offset), _combined(noise, to_rate))
-
-
-def _combined(noise: Sequence[NoiseParts], weights: NDArray[np.float64]) -> NoiseParts:
-    scaled = [part.scaled(float(weight**2)) for part, weight in zip(noise, weights, strict=True)]
-    return NoiseParts(sum(p.pixel for p in scaled), sum(p.column for p in scaled), sum(p.row for p in scaled))
+    found = []
+    for weights in np.linalg.pinv(np.column_stack([np.ones_like(t), t])):
+        image, noise = np.zeros(frames[0].shape), np.zeros(3)
+        for weight, one in zip(weights, frames, strict=True):
+            image += weight * one.image_dn
+            noise += weight**2 / one.n_frames * np.array([one.temporal.pixel, one.temporal.column, one.temporal.row])
+        found.append(spatial_variance(image, LineVariances(*noise.tolist())))
+    return found[0], found[1]
 
 
 def flat_variance(
@@ -188,19 +116,19 @@ def flat_variance(
     columns: NDArray[np.integer[Any]],
     noise_dn2: float,
 ) -> Estimate:
-    """Variance from pixel to pixel of a patch, its slow gradients taken off.
+    """Variance from pixel to pixel of a patch, its slow gradients subtracted.
 
-    A surface of second order in row and column is fitted and removed; it follows vignetting and uneven light, and only
-    6 of the pixels' degrees of freedom.
+    A surface of second order in row and column is fitted and removed; it removes vignetting and non-uniform light, but
+    only 6 degrees of freedom.
 
     Parameters
     ----------
     values : ndarray of float, shape (n,)
         Mean of the patch's pixels, n above 6.
     rows, columns : ndarray of int, shape (n,)
-        Where they are.
+        Their places.
     noise_dn2 : float
-        What temporal noise leaves in a value.
+        Contribution of temporal noise to a value.
 
     Returns
     -------
@@ -210,9 +138,9 @@ def flat_variance(
     y, x = (2 * (place - place.min()) / max(np.ptp(place), 1) - 1 for place in (rows, columns))
     surface = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     fitted, *_ = np.linalg.lstsq(surface, values)
-    freedom = values.size - surface.shape[1]
-    measured = float(np.sum((values - surface @ fitted) ** 2)) / freedom
-    return Estimate(measured - noise_dn2, measured * sqrt(2 / freedom))
+    dof = values.size - surface.shape[1]
+    measured = float(np.sum((values - surface @ fitted) ** 2)) / dof
+    return Estimate(measured - noise_dn2, measured * sqrt(2 / dof))
 
 
 def combined(estimates: Sequence[Estimate]) -> Estimate:

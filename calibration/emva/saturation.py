@@ -1,4 +1,4 @@
-"""Where the linear range ends."""
+"""End of the linear range."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 
-from .result import SaturationLimit, SeriesPoint
+from .result import SaturationLimit
+from .series import SeriesPoint
 
-#: How many standard uncertainties the variance has to fall behind its peak to be a peak.
+#: Drop of the variance after its peak, in standard uncertainties, required of a peak.
 _SIGNIFICANT = 4.0
-#: From this share of values at the last DN on, it is the converter that ends the range.
+#: Share of values at the last DN above which the converter limits the range.
 _CONVERTER_SHARE = 0.5
 
 
@@ -23,7 +24,7 @@ class Saturation:
     index : int
         Point of the series with the largest temporal variance; the last unsaturated one where no peak was seen.
     limit : {'converter', 'full well', 'not reached'}
-        What ends the range.
+        Cause of saturation.
     """
 
     index: int
@@ -31,7 +32,7 @@ class Saturation:
 
 
 def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
-    """Find the point of saturation: the largest temporal variance (EMVA 1288 Release 3.1, section 6.5).
+    """Find the point of saturation: the largest temporal variance (EMVA 1288 Release 4.0 Linear).
 
     Beyond it pixels reach the end of the converter, or are full, and their noise vanishes.
 
@@ -40,14 +41,14 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     points : sequence of SeriesPoint
         At least one, in rising order of signal.
     """
-    index = max(range(len(points)), key=lambda i: points[i].variance_dn2)
+    index = max(range(len(points)), key=lambda i: points[i].light.variance_dn2)
     peak, beyond = points[index], points[index + 1 :]
     falls = any(
-        peak.variance_dn2 - point.variance_dn2
+        peak.light.variance_dn2 - point.light.variance_dn2
         > _SIGNIFICANT * hypot(peak.variance_uncertainty_dn2, point.variance_uncertainty_dn2)
         for point in beyond
     )
     if not falls:
         return Saturation(index, "not reached")
-    at_the_end = max(point.saturated_share for point in beyond)
+    at_the_end = max(point.light.saturated_share for point in beyond)
     return Saturation(index, "converter" if at_the_end >= _CONVERTER_SHARE else "full well")

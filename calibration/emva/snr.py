@@ -17,7 +17,7 @@ def snr(
 ) -> NDArray[np.float64]:
     """SNR over the signal, mean over standard deviation of one pixel.
 
-    mu_e / sqrt(sigma_d^2 + sigma_q^2 / K^2 + mu_e) (EMVA 1288 Release 3.1, eq. 21); with DSNU and PRNU the total SNR of
+    mu_e / sqrt(sigma_d^2 + sigma_q^2 / K^2 + mu_e) (EMVA 1288 Release 4.0 Linear); with DSNU and PRNU the total SNR of
     all pixels, mu_e / sqrt(sigma_d^2 + DSNU^2 + sigma_q^2 / K^2 + mu_e + PRNU^2 mu_e^2) (eq. 27).
 
     Parameters
@@ -37,20 +37,20 @@ def snr(
 
 
 def sensitivity_threshold_e(dark_noise_dn: Quantity, k: Quantity) -> Quantity:
-    """Signal at which SNR is 1: mu_e.min = sigma_y.dark / K + 1/2 (EMVA 1288 Release 3.1, eq. 26)."""
+    """Signal at which SNR is 1: mu_e.min = sigma_y.dark / K + 1/2 (EMVA 1288 Release 4.0 Linear)."""
     value = dark_noise_dn.value / k.value
     relative = np.hypot(dark_noise_dn.standard_uncertainty / dark_noise_dn.value, k.standard_uncertainty / k.value)
     return Quantity(value + 0.5, float(value * relative), "e-")
 
 
 def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
-    """SNR at saturation: sqrt(mu_e.sat) (EMVA 1288 Release 3.1, eq. 22)."""
+    """SNR at saturation: sqrt(mu_e.sat) (EMVA 1288 Release 4.0 Linear)."""
     value = sqrt(full_well_e.value)
     return Quantity(value, full_well_e.standard_uncertainty / (2 * value), "1", note)
 
 
 def dynamic_range(full_well_e: Quantity, threshold_e: Quantity, note: str = "") -> Quantity:
-    """Saturation over threshold (EMVA 1288 Release 3.1, eq. 29)."""
+    """Saturation over threshold (EMVA 1288 Release 4.0 Linear)."""
     value = full_well_e.value / threshold_e.value
     relative = np.hypot(
         full_well_e.standard_uncertainty / full_well_e.value, threshold_e.standard_uncertainty / threshold_e.value

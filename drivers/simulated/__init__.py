@@ -1,14 +1,14 @@
-"""The simulated bench: a camera and a meter on their real protocols that look at one simulated target."""
+"""The simulated bench: camera and meter with real protocols that view one simulated target."""
 
 from .bench import BenchDevices, SimulatedBench
-from .camera import SimulatedGigECamera
-from .device import SimulatedDevice
-from .faults import parse_command, parse_schedule
+from .faults.schedule_file import parse_command, parse_schedule
+from .faults.trouble import CameraTrouble
+from .gige.camera import SimulatedGigECamera
+from .gige.device import SimulatedDevice
 from .in_process import InProcessCamera
-from .in_process_meter import InProcessMeter
-from .meter import MeterErrorModel, SimulatedLS
-from .meter_pty import Fault, PtyMeter
-from .trouble import CameraTrouble
+from .meter.in_process import InProcessMeter
+from .meter.meter import MeterErrorModel, SimulatedLS
+from .meter.pty import Fault, PtyMeter
 
 __all__ = [
     "BenchDevices",

@@ -1,4 +1,4 @@
-"""The simulated bench: one target, a camera and a meter that look at it, and the hands that move them."""
+"""The simulated bench: target, camera, meter and operator."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from ...chain import ImagingChain, Optics, load
-from ...clock import Clock, SystemClock
-from ...errors import ConfigurationError
-from ...reading import MeterIdentity
+from ...chain import Chain, ImagingChain, Optics
+from ...core.clock import Clock, SystemClock
+from ...core.errors import ConfigurationError
+from ...core.reading import MeterIdentity
 from ...session import SessionConfiguration
-from ..minolta_ls_protocol import LS100, LS110, LSDataSheet
-from .camera import SimulatedGigECamera
-from .commands import Scheduled
-from .device import SimulatedDevice
-from .drift import Drifts
-from .faults import parse_command, parse_schedule
+from ..minolta_ls.protocol import LS100, LS110, LSDataSheet
+from .faults.commands import Scheduled
+from .faults.drift import Drifts
+from .faults.misfortune import Misfortune
+from .faults.schedule_file import parse_command, parse_schedule
+from .gige.camera import SimulatedGigECamera
+from .gige.device import SimulatedDevice
 from .in_process import InProcessCamera
-from .in_process_meter import InProcessMeter
-from .meter import MeterErrorModel, SimulatedLS
-from .meter_pty import PtyMeter
-from .misfortune import Misfortune
+from .meter.in_process import InProcessMeter
+from .meter.meter import MeterErrorModel, SimulatedLS
+from .meter.pty import PtyMeter
 from .target import SimulatedTarget
 
 
@@ -34,11 +34,11 @@ class BenchDevices:
     chain : ImagingChain
         Camera and lens; spectrum, focal length and f-number come from the session's configuration.
     meter : MeterErrorModel
-        How the meter errs.
+        Errors of the meter.
     temperature_c : float
         Sensor temperature.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     """
 
     chain: ImagingChain
@@ -48,17 +48,17 @@ class BenchDevices:
 
     @classmethod
     def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006) -> BenchDevices:
-        """Return a Manta G-505B and a meter that reads 0.6 % too much, well within its 2 %."""
+        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %."""
         meter = MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed)
-        return cls(load("manta-g505").camera(), meter, seed=seed)
+        return cls(Chain.load("manta-g505").camera(), meter, seed=seed)
 
 
 class SimulatedBench:
     """One simulated target, seen by camera and meter alike.
 
-    The target has the patches of a session's configuration, at their nominal luminance. The bench does what an
-    operator does: `cover_lens`, `uncover_lens`, `point_meter`, `show_patch`. It does not forget the devices it has
-    given: faults told by `obey` and `schedule` befall all of them. As a context manager it ends what is scheduled.
+    The target has the patches of a session's configuration, at their nominal luminance. The bench does what an operator
+    does: `cover_lens`, `uncover_lens`, `point_meter`, `show_patch`. Faults of `run_command` and `schedule` affect all
+    devices it has created. The context manager cancels the schedule.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ class SimulatedBench:
     sensor_shape : (int, int) or None
         Height and width for a smaller sensor; None keeps the camera's own.
     clock : Clock or None
-        Whose time drifts, schedules and the devices in this process take; None for the computer's.
+        Clock of drifts, schedules and the devices in this process; None for the system clock.
 
     Raises
     ------
     ConfigurationError
-        If a patch has no nominal luminance, does not lie on the sensor, or overlaps another.
+        If a patch has no nominal luminance, lies outside the sensor, or overlaps another.
     """
 
     def __init__(
@@ -100,16 +100,16 @@ class SimulatedBench:
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """End what is scheduled."""
+        """Cancel the schedule."""
         self.close()
 
     def close(self) -> None:
-        """End what is scheduled; may be called twice."""
+        """Cancel the schedule; may be called twice."""
         self._misfortune.close()
 
     @property
     def device(self) -> SimulatedDevice:
-        """What the simulated camera says of itself."""
+        """Identity of the simulated camera."""
         sensor = self._chain.sensor
         return SimulatedDevice(
             serial=f"SIM-{sensor.device_seed}",
@@ -126,7 +126,7 @@ class SimulatedBench:
         return camera
 
     def in_process_camera(self, patience_s: float = 0.0) -> InProcessCamera:
-        """Return the camera without a network; it waits as long for a lost camera to come back."""
+        """Return the camera in this process, without a network; `patience_s` as for the real one."""
         camera = InProcessCamera(
             self.device, self._source, self._clock, temperature=self._drifts.temperature_c, patience_s=patience_s
         )
@@ -141,7 +141,7 @@ class SimulatedBench:
         return meter
 
     def in_process_meter(self, response_time_s: float = 0.8) -> InProcessMeter:
-        """Return the meter without a port."""
+        """Return the meter in this process, without a port."""
         wanted = self._configuration.meter
         date = None if wanted.calibration_date is None else wanted.calibration_date.isoformat()
         identity = MeterIdentity(wanted.model, wanted.serial, date, simulated=True)
@@ -163,7 +163,7 @@ class SimulatedBench:
 
     @property
     def light_rel(self) -> float:
-        """Light on the target now, relative to that of the beginning."""
+        """Current light on the target, relative to that at the start."""
         return self._drifts.light_rel()
 
     @property
@@ -173,7 +173,7 @@ class SimulatedBench:
 
     @property
     def drifted(self) -> bool:
-        """Whether light or temperature have ever been made to drift."""
+        """Whether any drift of light or temperature was started."""
         return self._drifts.begun
 
     @property
@@ -182,7 +182,7 @@ class SimulatedBench:
         return self._source.covered
 
     def cover_lens(self) -> None:
-        """Put the cap on the lens."""
+        """Cover the lens."""
         self._source.covered = True
 
     def uncover_lens(self) -> None:
@@ -202,7 +202,7 @@ class SimulatedBench:
         self.pointed_at = patch
 
     def show_patch(self, patch: str) -> None:
-        """Put a patch before the camera, where patches are shown one by one, and point the meter at it.
+        """Place a patch in front of the camera, where patches are shown one by one, and point the meter at it.
 
         Raises
         ------
@@ -213,30 +213,30 @@ class SimulatedBench:
         self._source.show(patch)
 
     def repeat(self, what: str, findings: Sequence[object]) -> bool:
-        """Let each part be taken again once, whatever was found, so that a run without a person ends."""
+        """Repeat each unit once whatever its problems, so that a run without a user ends."""
         first = what not in self._repeated
         self._repeated.add(what)
         return first
 
-    def obey(self, text: str) -> None:
-        """Let one fault begin, for example ``lose 5% for 20 s``.
+    def run_command(self, text: str) -> None:
+        """Start a fault, for example ``lose 5% for 20 s``.
 
         Raises
         ------
         ConfigurationError
-            If the text is none; the message gives an example.
+            If the text is not a fault; the message gives an example.
         CameraError
-            If it cannot be brought about.
+            If the fault cannot be applied.
         """
         self._misfortune.tell(parse_command(text))
 
     def schedule(self, text: str, source: str = "schedule") -> tuple[Scheduled, ...]:
-        """Let faults begin at their times from now, lines such as ``at 1 min vanish for 5 s``; returns them.
+        """Schedule faults from now on, lines such as ``at 1 min vanish for 5 s``; returns them.
 
         Raises
         ------
         ConfigurationError
-            If a line is not understood; then nothing is scheduled.
+            If a line is invalid; nothing is then scheduled.
         """
         scheduled = parse_schedule(text, source)
         for item in scheduled:

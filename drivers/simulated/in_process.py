@@ -1,4 +1,4 @@
-"""A camera in this process, without Aravis or a network, whose frames take their time on any clock."""
+"""A camera in this process, without Aravis or a network, timed by any clock."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from ...clock import Clock, SystemClock
-from ...frame import CameraIdentity, Frame
+from ...core.clock import Clock, SystemClock
+from ...core.frame import CameraIdentity, Frame
 from ..camera import (
     CameraError,
     CameraSettingError,
@@ -23,32 +23,29 @@ from ..camera import (
     StreamStatistics,
 )
 from ..device import Device
-from .device import FULL_SCALE_DN, FrameSource, SimulatedDevice
-from .genicam import EXPOSURE_RANGE_US, GAIN_RANGE_DB
+from .faults.trouble import CameraTrouble
+from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
+from .gige.genicam import EXPOSURE_RANGE_US, GAIN_RANGE_DB
 from .link import STEP_S, Link
-from .trouble import CameraTrouble
-
-#: Longest wait for a frame beyond the exposure time, as of the camera on the wire.
-_TIMEOUT_S: Final = 2.0
 
 #: Pixel data of a stream packet: 9000 bytes less headers.
 _PACKET_DATA_BYTES: Final = 8964
 
 
 class InProcessCamera(Device):
-    """The simulated camera behind the camera protocol, with no wire between; 12-bit only.
+    """The simulated camera with the camera protocol, without a network; 12-bit only.
 
     Parameters
     ----------
     device : SimulatedDevice
-        What the camera says of itself.
+        Identity of the camera.
     source : FrameSource
-        Where the pixels come from.
+        Source of the pixels.
     clock : Clock or None
-        Whose time frames take: the exposure time, or the period of the frame rate if that is longer. None for the
-        computer's.
+        Clock of the frames, each of which takes the exposure time or the frame period, whichever is longer; None for
+        the system clock.
     temperature : callable or None
-        Returns the temperature of the device in degrees Celsius; None for one that does not change.
+        Returns the temperature of the device in degrees Celsius; None for a constant one.
     patience_s : float
         How long to wait for a lost camera to come back; 0 raises CameraLostError at once.
     """
@@ -86,7 +83,7 @@ class InProcessCamera(Device):
         Raises
         ------
         CameraNotFoundError, CameraBusyError
-            If it is in such trouble.
+            If its trouble implies so.
         """
         if not self._open:
             self._link.connect()
@@ -98,12 +95,12 @@ class InProcessCamera(Device):
         """Switch off; may be called twice."""
         self._open = False
 
-    def suffer(self, trouble: CameraTrouble) -> None:
-        """Be in this trouble from now on, and in no other."""
-        self._link.suffer(trouble)
+    def set_faults(self, trouble: CameraTrouble) -> None:
+        """Replace the current trouble."""
+        self._link.set_faults(trouble)
 
     def follow_temperature(self) -> None:
-        """Do nothing: the temperature is asked for when it is needed."""
+        """Do nothing: the temperature is read on demand."""
 
     @property
     def identity(self) -> CameraIdentity:
@@ -135,11 +132,11 @@ class InProcessCamera(Device):
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """Times in which the camera was lost since it was opened, and survived."""
+        """Interruptions since the camera was opened, after which it was reconnected."""
         return self._link.gaps
 
     def features(self) -> dict[str, FeatureValue]:
-        """Return what the registers of the camera on the wire would tell, by name."""
+        """Return the register values of the camera on the wire, by name."""
         device, settings = self._device, self.settings
         return {
             "DeviceVendorName": device.vendor,
@@ -162,7 +159,7 @@ class InProcessCamera(Device):
         gain_db: float | None = None,
         pixel_format: str | None = None,
     ) -> CameraSettings:
-        """Change what is given, keep the rest.
+        """Change the given settings, keep the rest.
 
         Raises
         ------
@@ -172,7 +169,7 @@ class InProcessCamera(Device):
             If the camera is lost.
         """
         old = self.settings
-        self._link.survive()
+        self._link.await_reconnect()
         exposure_us = round((old.exposure_s if exposure_s is None else exposure_s) * 1e6)
         gain = old.gain_db if gain_db is None else gain_db
         if not EXPOSURE_RANGE_US[0] <= exposure_us <= EXPOSURE_RANGE_US[1]:
@@ -193,7 +190,7 @@ class InProcessCamera(Device):
         return frame
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
-        """Take `n` whole frames in a row, yielding each as it arrives.
+        """Take `n` complete consecutive frames, yielding each as it arrives.
 
         Raises
         ------
@@ -204,24 +201,25 @@ class InProcessCamera(Device):
             frame = None
             while frame is None:
                 try:
-                    frame = self._frame(_TIMEOUT_S if timeout_s is None else timeout_s)
+                    frame = self._frame(timeout_s)
                 except IncompleteFrameError as error:
                     if on_refused is None:
                         raise
                     on_refused(error)
             yield frame
 
-    def _frame(self, timeout_s: float) -> Frame:
-        """Wait for the next frame; raises IncompleteFrameError if it does not come whole."""
+    def _frame(self, timeout_s: float | None) -> Frame:
+        """Wait for the next frame; raises IncompleteFrameError if it is incomplete."""
         settings = self.settings
-        self._link.survive()
+        self._link.await_reconnect()
+        wait_s = settings.longest_wait_s(timeout_s)
         began_s = self._clock.monotonic_s()
         self._clock.sleep(max(settings.exposure_s, 1 / self._device.frame_rate_hz))
         while self._link.trouble.stalled and not self._link.cut:
-            left_s = timeout_s + settings.exposure_s - (self._clock.monotonic_s() - began_s)
+            left_s = wait_s - (self._clock.monotonic_s() - began_s)
             if left_s <= 0:
                 raise FrameTimeoutError(
-                    f"no frame came from {self.identity} within {timeout_s + settings.exposure_s:.1f} s, though it "
+                    f"no frame came from {self.identity} within {wait_s:.1f} s, though it "
                     "answers: let the simulated camera recover"
                 )
             self._clock.sleep(min(STEP_S, left_s))

@@ -1,22 +1,22 @@
-"""Link: the connection to a camera in this process, how it is lost, and how it is survived."""
+"""Link: the connection to a camera in this process, its loss and recovery."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Final
 
-from ...clock import Clock
-from ...errors import InputError
+from ...core.clock import Clock
+from ...core.errors import InputError
 from ..camera import CameraBusyError, CameraLostError, CameraNotFoundError, Gap
-from .trouble import NO_TROUBLE, CameraTrouble
+from .faults.trouble import NO_TROUBLE, CameraTrouble
 
-#: A camera that is silent for so long is lost.
+#: Silence after which a camera is lost.
 _NOTICED_AFTER_S: Final = 1.0
 
-#: A camera that hears nothing from its user for so long lets go of the connection, as those on a wire do.
+#: Heartbeat time-out after which a camera drops the connection, as on the wire.
 _HEARTBEAT_S: Final = 3.0
 
-#: How often is looked whether trouble is over.
+#: Polling interval of the trouble's end.
 STEP_S: Final = 0.1
 
 
@@ -26,20 +26,20 @@ class Link:
     Parameters
     ----------
     clock : Clock
-        Whose time waiting takes.
+        Clock to wait with.
     patience_s : float
         How long to wait for a lost camera to come back; 0 for not at all.
     name : str
-        What messages call the camera.
+        Name of the camera in messages.
 
     Attributes
     ----------
     trouble : CameraTrouble
-        The trouble of now.
+        Current trouble.
     cut : str or None
         Why the connection is lost, or None.
     gaps : tuple of Gap
-        Losses survived since `connect`.
+        Interruptions since `connect`.
 
     Raises
     ------
@@ -59,29 +59,29 @@ class Link:
         self.gaps: tuple[Gap, ...] = ()
 
     def connect(self) -> None:
-        """Begin anew; raises CameraNotFoundError or CameraBusyError if the camera is in such trouble."""
+        """Connect anew; raises CameraNotFoundError or CameraBusyError as the trouble implies."""
         if self.trouble.gone or self.trouble.frozen:
             raise CameraNotFoundError(f"{self._name} does not answer: let the simulated camera recover")
         if self.trouble.taken:
             raise CameraBusyError(f"another program controls {self._name}: let the simulated camera recover")
         self.cut, self.gaps = None, ()
 
-    def suffer(self, trouble: CameraTrouble) -> None:
-        """Be in this trouble from now on, and in no other."""
+    def set_faults(self, trouble: CameraTrouble) -> None:
+        """Replace the current trouble."""
         if trouble.frozen != self.trouble.frozen:
             now_s = self._clock.monotonic_s()
             if not trouble.frozen and now_s - self._frozen_at_s >= _HEARTBEAT_S:
                 self.cut = "it did not answer"
             self._frozen_at_s = now_s
         self.trouble = trouble
-        # Who loses power or control has lost the connection, however soon the trouble is over.
+        # Loss of power or control ends the connection, however short.
         if trouble.gone:
             self.cut = "it does not answer"
         elif trouble.taken:
             self.cut = "another program took control"
 
-    def survive(self) -> None:
-        """Wait until a lost camera is back; raises CameraLostError when patience is over."""
+    def await_reconnect(self) -> None:
+        """Wait until a lost camera is back; raises CameraLostError after `patience_s`."""
         began_s, lost_at = self._clock.monotonic_s(), self._clock.now()
         self._wait_while(lambda: self.trouble.frozen, _NOTICED_AFTER_S)
         reason = self.cut or ("it does not answer" if self.trouble.frozen else None)

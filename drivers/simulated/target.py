@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from ...chain import ImagingChain, PatchScene
 from ...chain import Patch as ScenePatch
-from ...errors import ConfigurationError
+from ...core.errors import ConfigurationError
 from ...session import Patch, SessionConfiguration
-from .drift import Drifts
+from .faults.drift import Drifts
 
-#: A patch of the simulated target is this much larger than its region on each side, relative to the region.
+#: Margin of a patch of the simulated target around its region on each side, relative to the region.
 _MARGIN_REL = 0.15
 
 #: Luminance around the patches relative to the darkest of them: dark grey cardboard, which a calibration covers.
@@ -25,8 +25,7 @@ _BACKGROUND_REL = 4.0
 class SimulatedTarget:
     """Exposures of the target, or of the lens cap; a frame source.
 
-    The patches are there together, or one by one, as the configuration says; in the latter case the first patch is
-    there at the beginning.
+    The patches are shown together or one by one, as configured; in the latter case starting with the first.
 
     Parameters
     ----------
@@ -37,12 +36,12 @@ class SimulatedTarget:
     drifts : Drifts
         Temperature and light.
     seed : int
-        Of the noise.
+        Random seed of the noise.
 
     Raises
     ------
     ConfigurationError
-        If a patch has no nominal luminance, does not lie on the sensor, or overlaps another that is there with it.
+        If a patch has no nominal luminance, lies outside the sensor, or overlaps another shown with it.
     """
 
     def __init__(self, configuration: SessionConfiguration, chain: ImagingChain, drifts: Drifts, seed: int) -> None:
@@ -67,12 +66,12 @@ class SimulatedTarget:
         self._rendered: tuple[str | None, NDArray[np.float32]] | None = None
 
     def show(self, patch: str) -> None:
-        """Put a patch where the one before was; does nothing where all are there together."""
+        """Replace the shown patch; does nothing where all are shown together."""
         if self.shown is not None:
             self.shown = patch
 
     def scene(self) -> PatchScene:
-        """Return what is before the camera, by nominal luminance."""
+        """Return the scene in front of the camera, by nominal luminance."""
         height, width = self._chain.sensor.shape
         surroundings: list[ScenePatch] = []
         regions: list[ScenePatch] = []
@@ -85,17 +84,17 @@ class SimulatedTarget:
                 right, bottom = min(width, ceil(x1 + mx)), min(height, ceil(y1 + my))
                 drawn.append(ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[name]))
         background_cd_m2 = _BACKGROUND_REL * min(self.luminance_cd_m2.values())
-        # Regions last: the margin of a close neighbour must not reach into them.
+        # Regions last, so that margins of close neighbours do not cover them.
         patches = (*surroundings, *regions)
         return PatchScene(width=width, height=height, background_cd_m2=background_cd_m2, patches=patches)
 
     def seen_cd_m2(self, patch: str) -> float:
-        """Luminance of now where that patch is, or of the one that is shown in its place."""
+        """Return the current luminance at the position of a patch, whichever patch is shown there."""
         return self._drifts.light_rel() * self.luminance_cd_m2[self.shown or patch]
 
     @property
     def state(self) -> Hashable:
-        """What the pixels depend on beside exposure and gain, in steps of 0.1 % of light and 0.1 degrees Celsius."""
+        """State that the pixels depend on besides exposure and gain, in steps of 0.1 % of light and 0.1 degrees C."""
         drifts = self._drifts
         return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1)
 

@@ -1,4 +1,4 @@
-"""Acquisition: record what a plan asks for from a camera and a meter, and go on where it was broken off."""
+"""Acquisition: record the frames and readings of a plan, and resume it after an interruption."""
 
 from .before import check_devices
 from .checks import CheckFinding
@@ -6,10 +6,10 @@ from .control import AcquisitionStoppedError, Control
 from .live import Live, PatchNumbers
 from .operator import HandNeededError, Operator, Unattended
 from .progress import Progress
+from .recording.writer import FrameWriter
 from .run import Left, acquire, is_complete
 from .search import FoundExposures, PatchRate, choose_exposures
 from .steps import Remaining, remaining
-from .writer import FrameWriter
 
 __all__ = [
     "AcquisitionStoppedError",

@@ -1,35 +1,35 @@
-"""Before the start: devices that do not fit the plan, and a plan that does not fit the disk."""
+"""Checks before the start: devices against the plan, and the plan against the free disk space."""
 
 from __future__ import annotations
 
 import shutil
 
+from ..core.errors import SessionError
+from ..core.pixel_format import pixel_format
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
 from ..drivers.meter import Meter
-from ..errors import SessionError
-from ..pixel_format import pixel_format
 from ..session import Session, SessionConfiguration
 from .steps import remaining
 
-#: A frame's file is this much larger than its pixels, at most: header, description, and its line in the journal.
+#: Most bytes of a frame beyond its pixels: header, description, and its line in the journal.
 _FILE_BYTES = 8192
-#: Shortest and longest exposure of a camera are taken with this relative tolerance, against rounding of units.
+#: Relative tolerance of a camera's exposure limits, against rounding of units.
 _RANGE_REL = 1e-9
 
 
 def check_devices(camera: Camera, meter: Meter, configuration: SessionConfiguration) -> None:
-    """Refuse devices the configuration does not name, and what the camera cannot do or does not see.
+    """Refuse devices that differ from the configuration, and settings and regions impossible for the camera.
 
     Raises
     ------
     CameraNotFoundError
         If vendor, model or serial number of the camera differ.
     CameraSettingError
-        If the pixel format is unknown, or an exposure is none of the camera's.
+        If the pixel format is unknown, or an exposure is outside the camera's range.
     SessionError
-        If the meter is another model.
+        If the meter is of another model.
     InputError
-        If a region of the target lies outside the camera's image or holds no pixel.
+        If a region of the target lies outside the camera's image or contains no pixel.
     """
     wanted = configuration.camera
     for name in ("vendor", "model", "serial"):
@@ -58,12 +58,12 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
 
 
 def check_room(camera: Camera, session: Session) -> None:
-    """Refuse a plan whose frames do not fit the disk; what is recorded already does not count.
+    """Refuse a plan whose remaining frames do not fit on the disk.
 
     Raises
     ------
     SessionError
-        With what is needed, what is free, and how many frames fit.
+        With required space, free space, and number of frames that fit.
     """
     settings = camera.settings
     bytes_per_pixel = 1 if pixel_format(session.configuration.plan.pixel_format).bit_depth <= 8 else 2

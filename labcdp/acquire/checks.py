@@ -1,4 +1,4 @@
-"""Checks of what was taken: saturation, flicker, and the meter before and after."""
+"""Checks of recorded data: saturation, flicker, dark frames, and the meter before and after."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from math import hypot, sqrt
 from typing import Literal
 
 from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
-from ..errors import InputError
-from ..reading import Reading, ReadingSeries
+from ..core.errors import InputError
+from ..core.reading import Reading, ReadingSeries
 from .live import PatchNumbers
 
-#: A change counts from this many of its own standard uncertainties on.
+#: Standard uncertainties above which a change is significant.
 _SIGNIFICANT = 3.0
 
-#: A dark frame with more than this of the brightest patch's signal was taken without the cap.
+#: Share of the brightest patch's signal above which a dark frame was taken without the cap.
 _LIT_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class CheckFinding:
-    """Something a person should look at, and perhaps take again.
+    """A problem of recorded data, which may have to be repeated.
 
     Parameters
     ----------
     check : {'saturation', 'darkness', 'light in the dark', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
         What was checked.
     cause : str
-        What was found and what may be behind it, on one line.
+        Problem and possible cause, on one line.
     value, limit : float
-        What was measured, and what it should not pass; shares and relative changes as fractions.
+        Measured value and its limit; shares and relative changes as fractions.
     """
 
     check: Literal["saturation", "darkness", "light in the dark", "flicker", "meter drift", "scatter", "mixed readings"]
@@ -44,15 +44,15 @@ class CheckFinding:
 
     @property
     def passing(self) -> bool:
-        """Whether it may be gone the next time though nobody changes anything."""
+        """Whether repeating may solve it without a change at the bench."""
         return self.check not in ("saturation", "darkness", "light in the dark")
 
 
 def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
     """Find patches that no exposure shows between black and saturation.
 
-    A patch needs an exposure at which at most `MAX_CLIPPED_SHARE` of its values are saturated, and one of these
-    at which its signal is `MIN_NET_SIGNAL` times the temporal noise of a pixel.
+    A patch needs an exposure at which at most `MAX_CLIPPED_SHARE` of its values are saturated and its signal is at
+    least `MIN_NET_SIGNAL` times the temporal noise of a pixel.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
 
 
 def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) -> list[CheckFinding]:
-    """Find dark frames that show the target: half as bright as the light frames where those are brightest.
+    """Find dark frames that show the target: half as bright as the light frames at the brightest patch.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
                 CheckFinding(
                     "light in the dark",
                     f"in the dark frames at {n.exposure_s:g} s patch {n.patch!r} is {share:.0%} as bright as in the "
-                    "light frames: put the cap on the lens",
+                    "light frames: cover the lens",
                     share,
                     _LIT_SHARE,
                 )
@@ -117,7 +117,7 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
 
 
 def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:
-    """Find exposures whose frames differ in brightness by more than `largest_rel` and more than noise explains.
+    """Find exposures whose frames differ in brightness by more than `largest_rel` and significantly.
 
     The mean of a region of n pixels varies by their temporal noise over sqrt(n) even in steady light.
 
@@ -165,12 +165,12 @@ def check_meter_drift(
     before, after : sequence of Reading
         At least one each.
     largest_rel : float
-        Largest relative change; one within the readings' own uncertainty is none.
+        Largest relative change; changes within the readings' uncertainty are ignored.
     """
     try:
         was, now = ReadingSeries(tuple(before)), ReadingSeries(tuple(after))
     except InputError:
-        # `check_scatter` tells.
+        # Reported by `check_scatter`.
         return []
     if was.mean_cd_m2 == 0:
         return []
@@ -205,11 +205,9 @@ def check_scatter(patch: str, readings: Sequence[Reading], largest_rel: float) -
         series = ReadingSeries(tuple(readings))
     except InputError as error:
         units = len({reading.unit for reading in readings})
-        return [
-            CheckFinding("mixed readings", f"the readings of patch {patch!r} do not go together: {error}", units, 1)
-        ]
+        return [CheckFinding("mixed readings", f"the readings of patch {patch!r} are inconsistent: {error}", units, 1)]
     own_cd_m2 = max(reading.standard_uncertainty_random_cd_m2 for reading in readings)
-    # One reading has a scatter of nan, which is not above anything.
+    # The scatter of one reading is nan; the comparison is then False.
     if not series.scatter_cd_m2 > max(largest_rel * series.mean_cd_m2, _SIGNIFICANT * own_cd_m2):
         return []
     return [

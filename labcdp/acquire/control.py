@@ -1,18 +1,18 @@
-"""Control: pause, go on and stop a running acquisition from another thread."""
+"""Control: pause, continue and stop a running acquisition from another thread."""
 
 from __future__ import annotations
 
 import threading
 
-from ..errors import LabcdpError
+from ..core.errors import LabcdpError
 
 
 class AcquisitionStoppedError(LabcdpError):
-    """Somebody asked the acquisition to end; what was taken is recorded."""
+    """The acquisition was stopped on request; data taken so far is recorded."""
 
 
 class Control:
-    """Asked by the acquisition between frames and readings; set by anyone, from any thread."""
+    """Thread-safe pause and stop requests, polled by the acquisition between frames and readings."""
 
     def __init__(self) -> None:
         self._going = threading.Event()
@@ -20,26 +20,26 @@ class Control:
         self._stopped = False
 
     def pause(self) -> None:
-        """Take nothing more after the current frame, until `resume`."""
+        """Pause after the current frame until `resume`."""
         self._going.clear()
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue."""
         self._going.set()
 
     def stop(self) -> None:
-        """End after the current frame, also if it is paused."""
+        """Stop after the current frame, also while paused."""
         self._stopped = True
         self._going.set()
 
     @property
     def paused(self) -> bool:
-        """Whether it waits, or will after the current frame."""
+        """Whether it is paused, or will be after the current frame."""
         return not self._going.is_set()
 
     @property
     def interrupts(self) -> bool:
-        """Whether the acquisition has to leave the stream of frames at once, to wait or to end."""
+        """Whether the acquisition must stop streaming now, to pause or to end."""
         return self._stopped or self.paused
 
     def checkpoint(self) -> None:
@@ -48,8 +48,8 @@ class Control:
         Raises
         ------
         AcquisitionStoppedError
-            If it is to end.
+            If a stop is requested.
         """
         self._going.wait()
         if self._stopped:
-            raise AcquisitionStoppedError("the acquisition was stopped; what was recorded is safe")
+            raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")

@@ -1,4 +1,4 @@
-"""Frames of one setting: in a row or on a schedule, with pauses, and those refused noted."""
+"""Frames of one setting: consecutive or on a schedule, with pauses and a record of refused frames."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from contextlib import closing
 from math import ceil
 from typing import Any, cast
 
-from ..clock import Clock
+from ..core.clock import Clock
+from ..core.frame import Frame
 from ..drivers.camera import Camera, IncompleteFrameError
-from ..frame import Frame
 from .control import Control
 
 _log = logging.getLogger(__name__)
 
-#: So many incomplete frames in a row, and something is broken that patience does not mend.
+#: Number of consecutive incomplete frames treated as a permanent fault.
 MAX_REFUSED = 5
-#: While waiting for the next frame of a schedule, whether to pause or end is looked at this often.
+#: Interval at which pause and stop are polled while waiting for the next frame of a schedule.
 _NAP_S = 0.5
 
 
 class Refusals:
-    """Notes frames that came incomplete, and gives up after `MAX_REFUSED` in a row.
+    """Records incomplete frames, and fails after `MAX_REFUSED` consecutive ones.
 
     Parameters
     ----------
     note : callable
-        Records an event, given its kind and content.
+        Records an event of a kind with its content.
     content : dict
-        What their events say beside the reason.
+        Content of the events in addition to the reason.
     """
 
     def __init__(self, note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]) -> None:
@@ -38,7 +38,7 @@ class Refusals:
         self._in_a_row = 0
 
     def refuse(self, error: IncompleteFrameError) -> None:
-        """Note a frame; raises the error once there were too many."""
+        """Record an incomplete frame; raises the error after too many."""
         self._in_a_row += 1
         found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
         self._note("refused frame", self._content | found)
@@ -47,21 +47,21 @@ class Refusals:
         _log.warning("%s; taking it again", error)
 
     def whole(self) -> None:
-        """Note that a frame came whole."""
+        """Reset the count after a complete frame."""
         self._in_a_row = 0
 
 
 class Schedule:
-    """When frames are taken: each an interval after the one before, without adding up delays.
+    """Start times of frames at a fixed interval, without accumulating delays.
 
     Parameters
     ----------
     interval_s : float
         From one start to the next.
     clock : Clock
-        Tells the time, and waits.
+        Clock to read and to wait with.
     control : Control
-        Looked at while waiting.
+        Polled while waiting.
     """
 
     def __init__(self, interval_s: float, clock: Clock, control: Control) -> None:
@@ -71,12 +71,12 @@ class Schedule:
         self._next_s: float | None = None
 
     def wait(self) -> None:
-        """Return when the next frame is due; raises AcquisitionStoppedError."""
+        """Wait until the next frame is due; raises AcquisitionStoppedError."""
         self._control.checkpoint()
         now_s = self._clock.monotonic_s()
         due_s = now_s if self._next_s is None else self._next_s
         if now_s - due_s >= self._interval_s:
-            # After a pause or a lost camera the frames that were missed are not made up for in a hurry.
+            # Frames missed during a pause or a lost connection are not caught up.
             due_s += ceil((now_s - due_s) / self._interval_s) * self._interval_s
         while now_s < due_s:
             self._clock.sleep(min(due_s - now_s, _NAP_S))
@@ -88,16 +88,16 @@ class Schedule:
 def take_frames(
     camera: Camera, n: int, schedule: Schedule | None, control: Control, refusals: Refusals
 ) -> Generator[Frame, None, None]:
-    """Take `n` whole frames; in a row without a schedule.
+    """Yield `n` complete frames, consecutive without a schedule.
 
-    While the acquisition is paused the stream is off: a camera that keeps sending would overrun its buffers.
+    The stream is off during a pause: otherwise the buffers would overrun.
 
     Raises
     ------
     AcquisitionStoppedError
-        If the acquisition is to end.
+        If a stop is requested.
     DeviceError
-        If the camera fails, or too many frames in a row come incomplete.
+        If the camera fails, or too many consecutive frames are incomplete.
     """
     left = n
     while left:
@@ -106,7 +106,7 @@ def take_frames(
         else:
             schedule.wait()
         stream = camera.grab(left if schedule is None else 1, on_refused=refusals.refuse)
-        # Iterators of drivers are generators: closing one ends its stream.
+        # Iterators of drivers are generators: closing one stops its stream.
         with closing(cast(Generator[Frame, None, None], stream)) as frames:
             for frame in frames:
                 refusals.whole()

@@ -1,4 +1,4 @@
-"""The lens cap: an operator is asked for it only when it is not as it should be."""
+"""The lens cap; the operator is asked to move it only when necessary."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .operator import HandNeededError, Operator
 
 
 class LensCap:
-    """The cap of the lens, moved by an operator.
+    """State of the lens cap, which an operator moves.
 
     Parameters
     ----------
     operator : Operator
-        Moves it.
+        Moves the cap.
     """
 
     def __init__(self, operator: Operator) -> None:
@@ -22,19 +22,19 @@ class LensCap:
         self._is: Literal["unknown", "on", "off"] = "unknown"
 
     def on(self) -> None:
-        """See to it that the lens is covered; raises HandNeededError."""
+        """Ensure that the lens is covered; raises HandNeededError."""
         if self._is != "on":
             self._operator.cover_lens()
             self._is = "on"
 
     def off(self) -> None:
-        """See to it that the lens is free; raises HandNeededError."""
+        """Ensure that the lens is uncovered; raises HandNeededError."""
         if self._is != "off":
             self._operator.uncover_lens()
             self._is = "off"
 
     def leave_off(self) -> None:
-        """Take the cap off at the end, if it was put on and somebody is there."""
+        """Remove the cap at the end if it was put on and an operator is present."""
         if self._is == "on":
             with suppress(HandNeededError):
                 self.off()

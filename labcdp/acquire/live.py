@@ -1,4 +1,4 @@
-"""Live numbers: what the frames of one exposure say of each patch, computed as they come."""
+"""Live statistics of each patch, updated with every frame of an exposure."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frame import Frame
-from ..roi import Roi
+from ..core.frame import Frame
+from ..core.roi import Roi
 from ..session import Role
 
-#: Below this share of the span from black to saturation, a change relative to the signal says nothing.
+#: Share of the span from black to saturation below which changes relative to the signal are meaningless.
 _LEAST_SIGNAL_REL = 0.01
 
 
 @dataclass(frozen=True)
 class PatchNumbers:
-    """One patch in the frames of one exposure so far.
+    """Statistics of a patch over the frames of one exposure so far.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class PatchNumbers:
     exposure_s : float
         Exposure time in seconds.
     frames, pixels : int
-        How many frames, and pixels in each.
+        Number of frames, and of pixels in each.
     mean_dn : float
         Mean over frames and pixels.
     black_dn, saturation_dn : float
-        The camera's nominal black, and where it saturates.
+        The camera's nominal black level and saturation.
     saturated_share : float
         Share of the values at saturation or above.
     temporal_noise_dn : float or None
@@ -60,17 +60,17 @@ class PatchNumbers:
 
     @property
     def signal_dn(self) -> float:
-        """Mean above the nominal black."""
+        """Mean above the nominal black level."""
         return self.mean_dn - self.black_dn
 
     @property
     def drift_rel(self) -> float | None:
-        """Drift relative to the signal; None for one frame, or next to no signal."""
+        """Drift relative to the signal; None for one frame or a negligible signal."""
         return self._relative(self.drift_dn)
 
     @property
     def flicker_rel(self) -> float | None:
-        """Flicker relative to the signal; None for one frame, or next to no signal."""
+        """Flicker relative to the signal; None for one frame or a negligible signal."""
         return self._relative(self.flicker_dn)
 
     def _relative(self, change_dn: float | None) -> float | None:
@@ -81,7 +81,7 @@ class PatchNumbers:
 
 @dataclass(frozen=True)
 class Live:
-    """What is known of the exposure that is being taken.
+    """Live statistics of the current exposure.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ class Live:
     exposure_s : float
         Exposure time in seconds.
     patches : tuple of PatchNumbers
-        Those the camera sees, in the target's order.
+        Visible patches, in the target's order.
     temperature_c : float or None
-        The camera's, with the last frame.
+        Temperature of the camera at the last frame.
     finished : bool
         Whether this was the last frame of the exposure.
     """
@@ -105,19 +105,19 @@ class Live:
 
 
 class LiveNumbers:
-    """Takes the frames of one exposure one by one; holds the regions' last values only.
+    """Running statistics of the frames of one exposure; holds only the regions' last values.
 
     Parameters
     ----------
     regions : sequence of Roi
-        The patches the camera sees.
+        The visible patches.
     """
 
     def __init__(self, regions: Sequence[Roi]) -> None:
         self._patches = [_PatchAccumulator(region) for region in regions]
 
     def add(self, frame: Frame) -> tuple[PatchNumbers, ...]:
-        """Take one frame and return the numbers so far.
+        """Add a frame and return the statistics so far.
 
         Raises
         ------
@@ -130,12 +130,12 @@ class LiveNumbers:
 
     @property
     def numbers(self) -> tuple[PatchNumbers, ...]:
-        """The numbers so far; none before the first frame."""
+        """The statistics so far; none before the first frame."""
         return tuple(numbers for patch in self._patches if (numbers := patch.numbers) is not None)
 
 
 class RegionPixels:
-    """A region's pixels of many frames of one size; finds out where they are once.
+    """Extracts a region's pixels from frames of one size; the mask is computed once.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class RegionPixels:
         self._mask: NDArray[np.bool_] | None = None
 
     def of(self, frame: Frame) -> NDArray[np.unsignedinteger[Any]]:
-        """Return the values, shape (n,), as a copy of their own; raises InputError as `Roi.mask`."""
+        """Return a copy of the values, shape (n,); raises InputError as `Roi.mask`."""
         if frame.shape != self._shape:
             mask = self._region.mask(frame.shape)
             self._window, self._shape = self._region.window(frame.shape), frame.shape

@@ -1,44 +1,44 @@
-"""The operator: what hands do at the bench, a person's or the simulated bench's."""
+"""The operator: manual steps at the bench, by the user or the simulated bench."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Literal, Protocol
 
-from ..errors import DeviceError
+from ..core.errors import DeviceError
 from .checks import CheckFinding
 
 
 class Operator(Protocol):
-    """Does what is asked and returns when it is done."""
+    """Performs manual steps; each method returns when its step is done."""
 
     def cover_lens(self) -> None:
-        """Put the cap on the lens."""
+        """Cover the lens."""
 
     def uncover_lens(self) -> None:
-        """Take the cap off the lens."""
+        """Uncover the lens."""
 
     def point_meter(self, patch: str) -> None:
-        """Point the luminance meter at the middle of a patch."""
+        """Point the luminance meter at the centre of a patch."""
 
     def show_patch(self, patch: str) -> None:
-        """Put a patch before camera and meter, where patches are shown one by one."""
+        """Place a patch in front of camera and meter, where patches are shown one by one."""
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
-        """Say whether what was found is reason to take this part again."""
+        """Decide whether to repeat a unit because of its problems."""
 
 
 class HandNeededError(DeviceError):
-    """Only a person can do this, and none is there."""
+    """A manual step is required, but no operator is present."""
 
 
 class Unattended:
-    """Nobody is at the bench: what needs a hand is refused, so that an acquisition leaves it for later.
+    """Unattended bench: manual steps are refused, so that an acquisition skips them.
 
     Parameters
     ----------
     lens : {'uncovered', 'covered'}
-        How the lens was left.
+        State of the lens cap.
     """
 
     def __init__(self, lens: Literal["uncovered", "covered"] = "uncovered") -> None:
@@ -48,12 +48,12 @@ class Unattended:
     def cover_lens(self) -> None:
         """Refuse, unless the cap is on the lens."""
         if self._lens != "covered":
-            raise HandNeededError("put the cap on the lens")
+            raise HandNeededError("cover the lens")
 
     def uncover_lens(self) -> None:
         """Refuse, unless the lens is free."""
         if self._lens != "uncovered":
-            raise HandNeededError("take the cap off the lens and light the target")
+            raise HandNeededError("uncover the lens and light the target")
 
     def point_meter(self, patch: str) -> None:
         """Refuse."""
@@ -64,7 +64,7 @@ class Unattended:
         raise HandNeededError("put each patch before camera and meter")
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
-        """Take each part again once if it may then be good: what is too bright or too dark stays so without a hand."""
+        """Repeat a unit once if that may solve the problem without a manual step."""
         again = what not in self._repeated and any(finding.passing for finding in findings)
         self._repeated.add(what)
         return again

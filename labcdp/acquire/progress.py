@@ -1,4 +1,4 @@
-"""Progress: what a run tells while it goes on."""
+"""Progress of a running acquisition."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from .live import Live
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is.
+    """State of a run.
 
     Parameters
     ----------
     step : str
-        What is being taken, for a person.
+        Current step, for the user.
     done, total : int
-        Frames or readings of this kind, those recorded earlier included.
+        Frames or readings of this kind, including those recorded earlier.
     live : Live or None
-        What the frames of the present exposure say, after each frame.
+        Statistics of the current exposure, after each frame.
     note : str or None
-        Something a person should be told.
+        Message to the user.
     """
 
     step: str

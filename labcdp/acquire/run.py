@@ -1,4 +1,4 @@
-"""Run the plan of a session: light frames, readings, dark frames; what is there already is not taken again."""
+"""Run the plan of a session: light frames, readings and dark frames that are not recorded yet."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from ..clock import Clock, SystemClock
+from ..core.clock import Clock, SystemClock
+from ..core.roi import Roi
 from ..drivers.camera import Camera, FeatureValue
 from ..drivers.meter import Meter
-from ..roi import Roi
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .before import check_devices, check_room
 from .checks import CheckFinding, check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
 from .control import Control
-from .frame_recorder import FrameRecorder
 from .lens_cap import LensCap
 from .operator import HandNeededError, Operator
 from .progress import Progress, Report
-from .reading_recorder import ReadingRecorder
+from .recording.frames import FrameRecorder
+from .recording.readings import ReadingRecorder
 from .search import LONGEST_S, Look, choose_exposures, measure_rates
 from .steps import (
     CHECK,
@@ -39,14 +39,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Left:
-    """Something that nobody was there to do.
+    """A skipped part of a plan that needs a manual step.
 
     Parameters
     ----------
     what : str
         The part of the plan.
     hand : str
-        What a person has to do for it.
+        The manual step it needs.
     """
 
     what: str
@@ -62,10 +62,10 @@ def acquire(
     clock: Clock | None = None,
     control: Control | None = None,
 ) -> tuple[Left, ...]:
-    """Record what the session lacks of its plan.
+    """Record the missing parts of a session's plan.
 
-    Frames go to the disk while others are taken, a reading before the next. Whatever stops the run, what was taken
-    is recorded, and calling this again takes only the rest.
+    Frames are written while others are taken, each reading before the next. If the run is interrupted, the data taken
+    so far is recorded, and calling this again takes only the rest.
 
     Parameters
     ----------
@@ -74,27 +74,27 @@ def acquire(
     camera, meter : Camera, Meter
         Open.
     operator : Operator
-        Does what is done by hand.
+        Performs manual steps.
     report : callable
-        Called after each frame and reading. A thread writes to the session meanwhile: leave it alone.
+        Called after each frame and reading. It must not access the session, which another thread writes to.
     clock : Clock or None
-        Times the schedule of the frames; None for the computer's.
+        Clock for the schedule of the frames; None for the system clock.
     control : Control or None
-        To pause and stop from another thread.
+        Pauses or stops the run from another thread.
 
     Returns
     -------
     tuple of Left
-        What needs a hand and was left, see `Unattended`; empty if the plan is complete.
+        Skipped parts that need a manual step, see `Unattended`; empty if the plan is complete.
 
     Raises
     ------
     DeviceError
         If a device fails.
     SessionError
-        If something cannot be recorded, or there is no room for it.
+        If data cannot be recorded, or the disk is full.
     AcquisitionStoppedError
-        If `control` says so.
+        If `control` requests a stop.
     """
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
@@ -119,13 +119,13 @@ def acquire(
 
 
 def is_complete(session: Session) -> bool:
-    """Whether all of the plan is recorded and checked."""
+    """Whether the whole plan is recorded and checked."""
     ended = any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
     return ended and remaining(session).complete
 
 
 def _json_values(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue]:
-    """Features as JSON can hold them: a float that is not finite becomes text."""
+    """JSON-compatible features: non-finite floats become text."""
     return {
         name: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in features.items()
@@ -135,7 +135,7 @@ def _json_values(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue
 def _search(
     session: Session, camera: Camera, operator: Operator, cap: LensCap, frames: FrameRecorder, report: Report
 ) -> None:
-    """Find exposures, record them and tell them."""
+    """Find exposures, record and report them."""
     shortest_s, longest_s = camera.exposure_range_s
     range_s = (shortest_s, max(min(longest_s, LONGEST_S), shortest_s))
     looks: list[float] = []
@@ -164,7 +164,7 @@ def _search(
 
 
 class _Run:
-    """Units of a plan: each is taken, checked, and if the operator says so taken again."""
+    """Units of a plan: each is taken, checked, and repeated if the operator decides so."""
 
     def __init__(self, session: Session, operator: Operator, frames: FrameRecorder, readings: ReadingRecorder) -> None:
         self.cap = LensCap(operator)
@@ -176,7 +176,7 @@ class _Run:
         self._first = session.configuration.target.patches[0].name
 
     def all_units(self) -> list[Left]:
-        """Do all units that hands can be had for; returns the others."""
+        """Take all units whose manual steps are possible; returns the others."""
         left = []
         for unit in units(self._session.configuration):
             if unit.kind != "readings" and self._session.exposures_s is None:
@@ -200,7 +200,7 @@ class _Run:
             for finding in () if again else findings:
                 _log.warning("%s: %s", unit.name, finding)
             if again:
-                # Before the check is noted: if the run ends between the two, the unit is taken again.
+                # Before the check is recorded: if the run ends in between, the unit is repeated.
                 reason = "; ".join(str(finding) for finding in findings)
                 self._session.supersede(records_of(self._session, unit), reason)
                 self._frames.forget()
@@ -208,7 +208,7 @@ class _Run:
             self._session.add_event(CHECK, content)
 
     def _take(self, unit: Unit) -> bool:
-        """Take what a unit lacks; returns whether that was anything."""
+        """Take the missing data of a unit; returns whether any was missing."""
         rest = remaining(self._session)
         if unit.kind == "readings":
             assert unit.patch is not None

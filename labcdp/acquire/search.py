@@ -8,30 +8,30 @@ from math import floor, log10, sqrt
 
 import numpy as np
 
-from ..errors import DeviceError
-from ..frame import Frame
-from ..roi import Roi
+from ..core.errors import DeviceError
+from ..core.frame import Frame
+from ..core.roi import Roi
 from .checks import CheckFinding
 from .live import RegionPixels
 
-#: Share of the span from black to saturation within which a patch's mean has to lie at one exposure. The lower
-#: is a compromise between noise and the number of exposures, which are about a factor 4 apart with it.
+#: Range of a patch's mean at one exposure, as shares of the span from black to saturation. The lower end is a
+#: compromise between noise and the number of exposures, which it spaces by about a factor of 4.
 LOWEST_SHARE = 0.20
 HIGHEST_SHARE = 0.85
-#: The quantile of a patch that has to stay below saturation, and how far: the maximum would be a hot pixel's.
+#: The quantile of a patch that must stay below saturation, and its limit; the maximum would be that of a hot pixel.
 HIGH_QUANTILE = 0.999
 HIGHEST_QUANTILE_SHARE = 0.95
-#: Longest exposure that is searched: beyond, dark current and hot pixels take over in an uncooled camera.
+#: Longest exposure of the search; beyond it, dark current and hot pixels dominate in an uncooled camera.
 LONGEST_S = 1.0
 
-#: Part of the allowed range that is kept free for what the estimates miss.
+#: Margin of the allowed range for errors of the estimates.
 _MARGIN = 0.02
-#: A rate counts as known from a frame with at least this share of the span.
+#: Least share of the span in a frame from which a rate is determined.
 _STRONG_SHARE = 0.10
-#: Share of the span the next frame aims at, and the largest step to it from a frame that says little.
+#: Share of the span aimed at in the next frame, and the largest step from a frame with little signal.
 _AIM_SHARE = 0.5
 _LARGEST_STEP = 32.0
-#: Exposures nearer than this are not told apart any more.
+#: Relative difference below which exposures are not distinguished.
 _NARROW = 1.05
 
 
@@ -56,11 +56,11 @@ class Look:
     Parameters
     ----------
     exposure_s : float
-        As the camera applied it.
+        Exposure in effect.
     levels : mapping of str to Level
-        By patch.
+        Values by patch.
     black_dn, saturation_dn : float
-        Nominal black, and where the camera saturates.
+        Nominal black level, and saturation.
     """
 
     exposure_s: float
@@ -70,7 +70,7 @@ class Look:
 
     @classmethod
     def at(cls, frame: Frame, regions: Sequence[Roi]) -> Look:
-        """Look at the regions of a frame."""
+        """Evaluate the regions of a frame."""
         levels = {}
         for region in regions:
             values = RegionPixels(region).of(frame)
@@ -81,14 +81,14 @@ class Look:
 
 @dataclass(frozen=True)
 class PatchRate:
-    """How fast a patch fills the camera's span.
+    """Rate at which a patch fills the camera's span.
 
     Parameters
     ----------
     patch : str
         Its name.
     share_per_s : float or None
-        Share of the span from black to saturation in a second; None if it is saturated at the shortest exposure.
+        Share of the span from black to saturation per second; None if saturated at the shortest exposure.
     high_ratio : float
         Its high quantile over its mean, both above black.
     """
@@ -100,16 +100,16 @@ class PatchRate:
 
 @dataclass(frozen=True)
 class FoundExposures:
-    """What a search found.
+    """Result of a search.
 
     Parameters
     ----------
     exposures_s : tuple of float
         Shortest first.
     shares : dict of str to float
-        For each patch the largest share of the span it reaches at one of them without saturation.
+        Largest share of the span reached without saturation at one of them, by patch.
     findings : tuple of CheckFinding
-        Patches that none of them shows well.
+        Patches that are well exposed at none of them.
     """
 
     exposures_s: tuple[float, ...]
@@ -120,17 +120,17 @@ class FoundExposures:
 def measure_rates(
     look: Callable[[float], Look], patches: Sequence[str], range_s: tuple[float, float]
 ) -> list[PatchRate]:
-    """Find how fast patches fill the span, from the shortest exposure upwards.
+    """Measure how fast patches fill the span, from the shortest exposure upwards.
 
-    The camera is taken to be linear: the mean above black is proportional to the exposure. Black is the nominal
-    one until two frames give it as the intercept of the darkest patch.
+    The camera is assumed to be linear: the mean above black is proportional to the exposure. The nominal black level is
+    used until two frames give it as the intercept of the darkest patch.
 
     Parameters
     ----------
     look : callable
         Takes a frame with an exposure in seconds.
     patches : sequence of str
-        Those in the frames.
+        Patches in the frames.
     range_s : (float, float)
         Shortest and longest exposure.
     """
@@ -153,16 +153,16 @@ def measure_rates(
         else:
             looks.append(look(exposure_s))
             if looks[-1].exposure_s in [earlier.exposure_s for earlier in looks[:-1]]:
-                # The camera knows no exposure between.
+                # The camera has no exposure in between.
                 given_up.add(brightest.patch)
     return [_Trace.of(looks, name).rate(black_dn) for name in patches]
 
 
 def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -> FoundExposures:
-    """Choose the fewest exposures such that each patch is well exposed at one.
+    """Select the fewest exposures such that each patch is well exposed at one.
 
-    Each patch allows a range of exposures; the shortest upper end is taken, which serves every range that holds
-    it, and so on (greedy stabbing of intervals, which is optimal).
+    Each patch allows a range of exposures; the smallest upper end is selected, which covers every range that contains
+    it, and so on (greedy interval stabbing, which is optimal).
 
     Raises
     ------
@@ -178,7 +178,7 @@ def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -
             findings.append(_too_bright(rate, shortest_s))
         else:
             low_s, high_s = (min(t, longest_s) for t in allowed)
-            # Of a very uneven patch the brightest part decides.
+            # For a very non-uniform patch the brightest part decides.
             ranges.append((max(min(low_s, high_s), shortest_s), high_s))
     if not ranges:
         raise DeviceError(
@@ -186,7 +186,7 @@ def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -
         )
     chosen: list[float] = []
     for low_s, high_s in sorted(ranges, key=lambda r: r[1]):
-        # Nearer than the margin, two exposures would be one to a camera that rounds.
+        # Closer than the margin, a camera could round two exposures to one.
         if not chosen or chosen[-1] * (1 + _MARGIN) < low_s:
             chosen.append(max(_rounded_down(high_s), low_s))
     shares = {rate.patch: share for rate in rates if (share := _best_share(rate, chosen)) is not None}
@@ -251,7 +251,7 @@ def _is_clear(look: Look, patch: str) -> bool:
 
 
 def _black_dn(looks: Sequence[Look]) -> float:
-    """Black by the line through the shortest and longest clear frame of the darkest patch, else the nominal one."""
+    """Black by the line through the shortest and longest unsaturated frame of the darkest patch, else nominal."""
     longest = max(looks, key=lambda look: look.exposure_s)
     darkest = min(longest.levels, key=lambda name: longest.levels[name].mean_dn)
     clear = sorted((look for look in looks if _is_clear(look, darkest)), key=lambda look: look.exposure_s)
@@ -274,7 +274,7 @@ def _best_share(rate: PatchRate, exposures_s: Sequence[float]) -> float | None:
     allowed = _allowed_s(rate)
     if allowed is None or rate.share_per_s is None:
         return None
-    highest_s = allowed[1] * (1 + 1e-9)  # against the rounding of floats
+    highest_s = allowed[1] * (1 + 1e-9)  # against floating-point rounding
     return max((t * rate.share_per_s for t in exposures_s if t <= highest_s), default=None)
 
 

@@ -1,4 +1,4 @@
-"""What a session still lacks of its plan, in units that are checked and, if need be, taken again as a whole."""
+"""Missing parts of a session's plan, in units that are checked and, if necessary, repeated as a whole."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..reading import Reading
+from ..core.reading import Reading
 from ..session import EventRecord, FrameRecord, ReadingRecord, Session, SessionConfiguration
 from ..session.configuration import SAME_EXPOSURE_REL
 
-#: Kind of the event that says that a unit was checked.
+#: Kind of the event that records the check of a unit.
 CHECK = "check"
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A part of a plan that is taken, checked, and if need be taken again as a whole.
+    """A part of a plan that is taken, checked and, if necessary, repeated as a whole.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Unit:
         All light frames of patches seen together; frames and readings of one patch shown alone; readings of one
         patch; all dark frames.
     patch : str or None
-        Which patch, for those of one.
+        Name of the patch, for units of one patch.
     """
 
     kind: Literal["light", "patch", "readings", "dark"]
@@ -33,7 +33,7 @@ class Unit:
 
     @property
     def name(self) -> str:
-        """What a person calls it."""
+        """Name for the user."""
         if self.kind == "patch":
             return f"patch {self.patch}"
         return f"readings of {self.patch}" if self.kind == "readings" else f"{self.kind} frames"
@@ -41,19 +41,19 @@ class Unit:
 
 @dataclass(frozen=True)
 class Remaining:
-    """What a session still lacks of its plan.
+    """Missing parts of a session's plan.
 
     Parameters
     ----------
     exposures_known : bool
-        Whether exposures are planned or found; if not, no frames are counted below.
+        Whether exposures are planned or found; if not, no frames are counted.
     light : dict of (str or None, float) to int
-        Light frames by patch shown alone, None for all together, and exposure in seconds; complete ones are left
-        out.
+        Missing light frames by patch shown alone (None for all together) and exposure in seconds; complete ones are
+        left out.
     dark : dict of float to int
-        Dark frames by exposure in seconds; complete ones are left out.
+        Missing dark frames by exposure in seconds; complete ones are left out.
     readings : dict of str to int
-        Readings by patch; complete ones are left out.
+        Missing readings by patch; complete ones are left out.
     """
 
     exposures_known: bool
@@ -63,12 +63,12 @@ class Remaining:
 
     @property
     def frames(self) -> int:
-        """Frames that are lacking."""
+        """Number of missing frames."""
         return sum(self.light.values()) + sum(self.dark.values())
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is lacking."""
+        """Whether nothing is missing."""
         return self.exposures_known and not (self.light or self.dark or self.readings)
 
 
@@ -82,7 +82,7 @@ def units(configuration: SessionConfiguration) -> list[Unit]:
     names = [patch.name for patch in configuration.target.patches]
     if one_by_one(configuration):
         return [*(Unit("patch", name) for name in names), Unit("dark")]
-    # Of the patch that is read before and after the light frames, the readings belong to these.
+    # Readings before and after the light frames belong to the unit of these frames.
     alone = names[1:] if configuration.plan.drift_check else names
     return [Unit("light"), *(Unit("readings", name) for name in alone), Unit("dark")]
 
@@ -96,14 +96,14 @@ def readings_wanted(configuration: SessionConfiguration) -> dict[str, int]:
 
 
 def shown_patches(configuration: SessionConfiguration) -> list[str | None]:
-    """Patches that come before the camera alone, or None for all together."""
+    """Patches shown one by one, or None for all together."""
     if one_by_one(configuration):
         return [patch.name for patch in configuration.target.patches]
     return [None]
 
 
 def remaining(session: Session) -> Remaining:
-    """Compare what is recorded with the plan."""
+    """Compare the recorded data with the plan."""
     configuration = session.configuration
     plan, exposures_s = configuration.plan, session.exposures_s
     read = Counter(record.patch for record in session.readings())
@@ -127,17 +127,17 @@ def remaining(session: Session) -> Remaining:
 
 
 def frames_at(records: Sequence[FrameRecord], exposure_s: float, patch: str | None) -> list[FrameRecord]:
-    """Those with an exposure, as far as a camera keeps it, and with the patch that was shown."""
+    """Frames of an exposure, within a camera's rounding, and of the shown patch."""
     return [r for r in records if r.patch == patch and same_exposure(r.exposure_s, exposure_s)]
 
 
 def same_exposure(one_s: float, other_s: float) -> bool:
-    """Whether two exposures are one setting of a camera."""
+    """Whether two exposures are the same camera setting."""
     return abs(one_s / other_s - 1) <= SAME_EXPOSURE_REL
 
 
 def records_of(session: Session, unit: Unit) -> list[FrameRecord | ReadingRecord]:
-    """List the frames and readings of a unit that count."""
+    """List the valid frames and readings of a unit."""
     first = session.configuration.target.patches[0].name
     frames: list[FrameRecord] = []
     patches: list[str | None] = [unit.patch]
@@ -146,7 +146,7 @@ def records_of(session: Session, unit: Unit) -> list[FrameRecord | ReadingRecord
     elif unit.kind == "dark":
         frames = session.frames("dark")
     if unit.kind == "light":
-        # Read before and after, they are what the check of the light compares.
+        # Readings before and after are compared by the check of the light.
         patches = [first] if session.configuration.plan.drift_check else []
     readings = [r for r in session.readings() if r.patch in patches]
     return [*frames, *readings]

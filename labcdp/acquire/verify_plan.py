@@ -1,4 +1,4 @@
-"""What a verification of a calibration records: two or three patches of a configuration, at calibrated exposures."""
+"""Plan of a verification: two or three patches of a configuration at calibrated exposures."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from math import log, sqrt
 
 from ..calibration import AnyCalibration, Calibration
-from ..calibration.budget import net_dn_at
-from ..calibration.colour_balance import grey_patches
-from ..calibration.planes import plane_region
+from ..calibration.errors.budget import net_dn_at
+from ..calibration.frames.planes import plane_region
 from ..calibration.signal_limits import MIN_NET_SIGNAL
-from ..errors import InputError
+from ..calibration.verify.planes import grey_patches
+from ..core.errors import InputError
 from ..session import Patch, SessionConfiguration
 
-#: Share of the saturation a patch may reach.
+#: Largest share of saturation of a patch.
 _HIGHEST_SHARE = 0.9
-#: A luminance so much beyond the calibrated range is still taken for one within.
+#: Relative tolerance of the calibrated luminance range.
 _RANGE_REL = 0.05
 
 
@@ -24,19 +24,18 @@ def verification_configuration(
 ) -> SessionConfiguration:
     """Derive the plan of a verification: the same devices and target, a few patches, calibrated exposures.
 
-    Each patch gets the longest calibrated exposure at which it stays below 90 % of saturation; with colour filters that
-    of each plane, and a patch whose colour the calibration does not know as grey gets all exposures.
+    Each patch gets the longest calibrated exposure at which it stays below 90 % of saturation; with colour filters one
+    for each plane; a patch not known as grey by the calibration gets all exposures.
 
     Parameters
     ----------
     configuration : SessionConfiguration
         Bench, target and plan.
     calibration : Calibration or ColourCalibration
-        To verify.
+        Calibration to verify.
     patches : sequence of str
-        Names of the patches; empty for the darkest, a middle and the brightest of those that have such an exposure,
-        with colour filters of the grey ones among them. How bright they are is known from the calibration, or else
-        from the configuration.
+        Names of the patches; empty for the darkest, a middle and the brightest of those with such an exposure (grey
+        ones with colour filters). Their luminance is taken from the calibration, else from the configuration.
 
     Returns
     -------
@@ -61,7 +60,7 @@ def verification_configuration(
     exposures_s: set[float] = set()
     for name in chosen:
         if name not in luminance or name in coloured:
-            # How bright it is will be seen: one of the calibrated exposures should fit.
+            # Its luminance is not known in advance: one of the calibrated exposures should fit.
             exposures_s |= set(calibration.exposures_s)
         elif not fitting[name]:
             raise InputError(
@@ -83,7 +82,7 @@ def verification_configuration(
 
 
 def _luminances(configuration: SessionConfiguration, calibration: AnyCalibration) -> dict[str, float]:
-    """Luminance of the patches as far as it is known, in the target's order."""
+    """Known luminances of the patches, in the target's order."""
     read = {row.patch: row.reading_cd_m2 for row in (*calibration.residuals, *calibration.held_out)}
     nominal = {patch.name: patch.nominal_luminance_cd_m2 for patch in configuration.target.patches}
     both = {name: read.get(name, value) for name, value in nominal.items()}
@@ -103,7 +102,8 @@ def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) 
     fitting = []
     for exposure_s in calibration.exposures_s:
         net_dn, dark_dn = net_dn_at(calibration, seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
-        bright_enough = net_dn >= MIN_NET_SIGNAL * sqrt(calibration.noise.variance_dn2(net_dn))
+        noise_dn2 = calibration.noise.variance_dn2(net_dn, calibration.dark.noise_variance_dn2(exposure_s))
+        bright_enough = net_dn >= MIN_NET_SIGNAL * sqrt(noise_dn2)
         if bright_enough and net_dn + dark_dn <= _HIGHEST_SHARE * calibration.state.saturation_dn:
             fitting.append(exposure_s)
     return max(fitting, default=None)

@@ -3,20 +3,19 @@
 from .camera_model import CameraModel
 from .capture import Capture, SensorModel
 from .chain import Chain, ChainRun
-from .chain_file import chain_from_document, chain_from_toml, replaced
 from .exposure import ExposureSettings
-from .hdr import Hdr
-from .image_scene import ImageScene
+from .hdr.exposures import Hdr
 from .imaging import ImagingChain
 from .isp import ToneCurve
 from .optics import Optics
-from .patches import Patch, luminance_map, with_patches
-from .presets import load, preset_names, preset_text
+from .presets import preset_names, preset_text
 from .registry import register
-from .scene import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
-from .sensor import Sensor
+from .scene.flat import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
+from .scene.image import ImageScene
+from .scene.patches import Patch, luminance_map, with_patches
+from .sensor.emva import Sensor
+from .sensor.thesis import ThesisSensor
 from .signal import Context, Signal, Stage
-from .thesis_sensor import ThesisSensor
 from .windscreen import ThesisWindscreen, Windscreen
 
 register("scene", Flat, "flat")
@@ -57,13 +56,9 @@ __all__ = [
     "ThesisWindscreen",
     "ToneCurve",
     "Windscreen",
-    "chain_from_document",
-    "chain_from_toml",
-    "load",
     "luminance_map",
     "preset_names",
     "preset_text",
     "register",
-    "replaced",
     "with_patches",
 ]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..errors import InputError
+from ..core.errors import InputError
 from .exposure import ExposureSettings
-from .hdr import Hdr
+from .hdr.exposures import Hdr
+from .hdr.merge import ExposureLadder
 from .isp import ToneCurve
-from .merge import ExposureLadder
-from .sensor import Sensor
+from .sensor.emva import Sensor
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class CameraModel:
 
     @property
     def dark_dn(self) -> float:
-        """Mean DN of darkness, on the scale of the values."""
+        """Mean DN of dark signal, on the scale of the values."""
         black_dn = self.sensor.black_level_dn if self.hdr is None else 0.0
         return black_dn + self.dark_e_s * self.dn_per_e_s
 

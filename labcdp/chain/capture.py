@@ -1,14 +1,15 @@
-"""Capture: one exposure of a sensor in digital numbers, with its way back; and what a sensor model has to be."""
+"""Capture: one exposure of a sensor in digital numbers, with its inverse; and the protocol of sensor models."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..core.errors import InputError
 from .exposure import ExposureSettings
 from .signal import Context, Signal
 
@@ -24,9 +25,9 @@ class Capture:
     exposure_s : float
         Exposure time in seconds; of a merge, that of the exposure whose scale it has.
     black_level_dn : float
-        DN of darkness without dark current; 0 for a merge.
+        DN of dark signal without dark current; 0 for a merge.
     dark_dn : float
-        Mean DN of darkness at this exposure and temperature, black level and dark current included.
+        Mean DN of dark signal at this exposure and temperature, black level and dark current included.
     dn_per_lx : float
         Slope of the mean DN over the illuminance on the pixel.
     saturation_dn : float
@@ -58,7 +59,7 @@ class Capture:
 
 @runtime_checkable
 class SensorModel(Protocol):
-    """What a sensor model has to be: a frozen dataclass of its parameters, with these members."""
+    """Protocol of sensor models: frozen dataclasses of their parameters with these members."""
 
     @property
     def pixel_pitch_m(self) -> float:
@@ -85,6 +86,23 @@ class SensorModel(Protocol):
         InputError
             If the signal has another shape than the sensor, or the context no settings.
         """
+
+
+def digital_signal(capture: Capture, before: Signal) -> Signal:
+    """Return the digital numbers of a capture as a signal; `before` is the illuminance that was exposed."""
+    # The numbers themselves are not kept alive twice by the inverse.
+    without_dn = replace(capture, dn=capture.dn[:0])
+    return replace(
+        before,
+        values=capture.dn,
+        quantity="digital number",
+        to_luminance=partial(_luminance_of_dn, without_dn, before),
+        saturated=capture.saturated,
+    )
+
+
+def _luminance_of_dn(capture: Capture, before: Signal, dn: NDArray[Any]) -> NDArray[Any]:
+    return before.to_luminance(capture.illuminance_lx(dn))
 
 
 def check_shape(signal: Signal, shape: tuple[int, int]) -> None:

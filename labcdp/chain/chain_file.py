@@ -1,130 +1,50 @@
-"""Chain files: TOML tables to a chain, with messages that name table, key, value and what to give."""
+"""Reading chain files: TOML tables to the parts of a chain, with messages that name table, key and value."""
 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import ConfigurationError, InputError
+from ..core.disk.quoting import closest, shortened, shown
+from ..core.errors import ConfigurationError, InputError
 from .capture import SensorModel
-from .chain import Chain
 from .exposure import ExposureSettings
-from .hdr import Hdr
+from .hdr.exposures import Hdr
 from .registry import class_of
-from .scene import Scene
+from .scene.flat import Scene
 from .signal import Stage
 
 _Made = TypeVar("_Made")
 _Table = Mapping[str, Any]
 
 _DEFAULT_SPECTRUM = "D65"
-_TEXTS = ("name", "description", "spectrum")
+#: Keys at the top of a chain file that are text.
+TEXTS = ("name", "description", "spectrum")
 
 
-def chain_from_document(document: _Table, source: str, folder: Path = Path()) -> Chain:
-    """Make a chain of the tables of a chain file.
+def parts_of_document(document: _Table, folder: Path = Path()) -> dict[str, Any]:
+    """Return the fields of a chain from the tables of a chain file.
 
     Parameters
     ----------
     document : mapping
         The tables; those between scene and sensor, and those behind, are stages in their order.
-    source : str
-        What messages call the document.
     folder : Path
         Folder that paths in it are relative to.
 
     Raises
     ------
-    ConfigurationError
-        Naming source, table and key of the first thing that cannot be used.
+    InputError
+        Naming table and key of the first thing that cannot be used.
     """
-    try:
-        return _chain(document, source, folder)
-    except InputError as error:
-        raise ConfigurationError(f"{source}: {error}") from error
-
-
-def chain_from_toml(text: str, source: str, folder: Path = Path()) -> Chain:
-    """Make a chain of the text of a chain file; raises ConfigurationError as `chain_from_document`."""
-    try:
-        document = tomllib.loads(text)
-    except ValueError as error:
-        # Beside TOML's own errors there are numbers with more digits than Python takes.
-        raise ConfigurationError(f"{source} is not TOML: {error}") from error
-    return chain_from_document(document, source, folder)
-
-
-def replaced(chain: Chain, values: Mapping[str, Any]) -> Chain:
-    """Return the chain with other parameters.
-
-    Parameters
-    ----------
-    chain : Chain
-        The chain to start from.
-    values : mapping of str to object
-        Parameters as table and key, for example ``scene.luminance_cd_m2`` or ``spectrum``. With several sensors
-        ``sensor.key`` means all of them, ``sensor.NAME.key`` one.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such parameter, or the value cannot be used.
-    """
-    document = {key: _copied(value) for key, value in chain.document.items()}
-    for path, value in values.items():
-        _set(document, path, value)
-    return chain_from_document(document, chain.source, chain.folder)
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, list) and value and isinstance(value[0], Mapping):
-        return [dict(item) for item in value]
-    return value
-
-
-def _set(document: dict[str, Any], path: str, value: Any) -> None:
-    table, _, key = path.partition(".")
-    tables = [name for name, held in document.items() if name not in _TEXTS and isinstance(held, dict | list)]
-    if not key and table in _TEXTS:
-        document[table] = value
-        return
-    if not key and table in tables:
-        raise ConfigurationError(f"{path!r} is a table: give one of its keys too, such as scene.luminance_cd_m2")
-    if not key or table not in tables:
-        close = get_close_matches(table, tables, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(tables)}"
-        raise ConfigurationError(
-            f"{path!r} is no parameter of this chain: give spectrum, or a table and a key, such as "
-            f"scene.luminance_cd_m2; {hint}"
-        )
-    held = document[table]
-    if isinstance(held, dict):
-        held[key] = value
-        return
-    names = [str(item.get("name", "")) for item in held]
-    chosen, _, own_key = key.partition(".")
-    for name, item in zip(names, held, strict=True):
-        if own_key and name == chosen:
-            item[own_key] = value
-        elif not own_key:
-            item[key] = value
-    if own_key and chosen not in names:
-        raise ConfigurationError(f"{path!r}: there is no {table} {chosen!r}, give one of {', '.join(names)}")
-
-
-def _chain(document: _Table, source: str, folder: Path) -> Chain:
     texts = {}
-    for key in _TEXTS:
+    for key in TEXTS:
         texts[key] = document.get(key, _DEFAULT_SPECTRUM if key == "spectrum" else "")
         if not isinstance(texts[key], str):
-            raise ConfigurationError(f"{key} is {texts[key]!r}: give text in quotes")
+            raise ConfigurationError(f"{key} is {shown(texts[key])}: give text in quotes")
     sensor_tables = _sensor_tables(document.get("sensor", []))
     scene = _scene(document, folder, _size(sensor_tables[:1]))
     before: list[tuple[str, Stage]] = []
@@ -135,7 +55,7 @@ def _chain(document: _Table, source: str, folder: Path) -> Chain:
             raise ConfigurationError("hdr merges the exposures of a sensor: put it right behind sensor")
         if name in ("sensor", "hdr"):
             stages = behind
-        elif name not in (*_TEXTS, "scene", "exposure"):
+        elif name not in (*TEXTS, "scene", "exposure"):
             stage = _made_of_table(class_of_table(name, table), name, table, folder, skip=("type",))
             if not isinstance(stage, Stage):
                 raise ConfigurationError(f"{name} is registered as {type(stage).__name__}, which is no stage")
@@ -147,25 +67,17 @@ def _chain(document: _Table, source: str, folder: Path) -> Chain:
         sensor = _made_of_table(cls, "sensor", table, folder, size, skip=("type", "name"))
         if not isinstance(sensor, SensorModel):
             raise ConfigurationError(f"sensor is registered as {type(sensor).__name__}, which is no sensor model")
-        if sensor.shape != scene.shape:
-            raise ConfigurationError(
-                f"sensor has width {sensor.shape[1]} and height {sensor.shape[0]}, the scene {scene.shape[1]} and "
-                f"{scene.shape[0]}: give them once, in scene or sensor"
-            )
         sensors.append((name, sensor))
     exposure, hdr = document.get("exposure"), document.get("hdr")
-    return Chain(
+    return {
         **texts,
-        scene=scene,
-        before=tuple(before),
-        sensors=tuple(sensors),
-        settings=None if exposure is None else _made_of_table(ExposureSettings, "exposure", exposure, folder),
-        hdr=None if hdr is None else _made_of_table(Hdr, "hdr", hdr, folder),
-        behind=tuple(behind),
-        document=document,
-        source=source,
-        folder=folder,
-    )
+        "scene": scene,
+        "before": tuple(before),
+        "sensors": tuple(sensors),
+        "settings": None if exposure is None else _made_of_table(ExposureSettings, "exposure", exposure, folder),
+        "hdr": None if hdr is None else _made_of_table(Hdr, "hdr", hdr, folder),
+        "behind": tuple(behind),
+    }
 
 
 def _scene(document: _Table, folder: Path, size: _Table) -> Scene:
@@ -190,7 +102,7 @@ def class_of_table(name: str, table: Any) -> type[Any]:
     """Return the class a table stands for; raises ConfigurationError."""
     type_name = table.get("type") if isinstance(table, Mapping) else None
     if type_name is not None and not isinstance(type_name, str):
-        raise ConfigurationError(f"{name}.type is {type_name!r}: give text in quotes")
+        raise ConfigurationError(f"{name}.type is {shown(type_name)}: give text in quotes")
     try:
         return class_of(name, type_name)
     except ConfigurationError as error:
@@ -202,13 +114,15 @@ def _sensor_tables(tables: Any) -> list[tuple[str, _Table]]:
     if isinstance(tables, Mapping):
         tables = [tables]
     if not isinstance(tables, Sequence) or not all(isinstance(table, Mapping) for table in tables):
-        raise ConfigurationError(f"sensor is {tables!r}: give a table [sensor], or several tables [[sensor]]")
+        raise ConfigurationError(f"sensor is {shown(tables)}: give a table [sensor], or several tables [[sensor]]")
     names = [table.get("name", "sensor") for table in tables]
     for name in names:
         if not isinstance(name, str):
-            raise ConfigurationError(f"sensor.name is {name!r}: give text in quotes")
+            raise ConfigurationError(f"sensor.name is {shown(name)}: give text in quotes")
     if len(set(names)) < len(names):
-        raise ConfigurationError(f"sensor has the names {', '.join(names)}: give each sensor a name of its own")
+        raise ConfigurationError(
+            f"sensor has the names {shortened(', '.join(names))}: give each sensor a name of its own"
+        )
     return list(zip(names, tables, strict=True))
 
 
@@ -227,14 +141,14 @@ def _made_of_table(
 ) -> _Made:
     """Make a dataclass of a table; `defaults` are for keys that the table leaves out, `skip` are keys not for it."""
     if not isinstance(table, Mapping):
-        raise ConfigurationError(f"{path} is {table!r}: give a table [{path}]")
+        raise ConfigurationError(f"{path} is {shown(table)}: give a table [{path}]")
     known: dict[str, Field[Any]] = {field.name: field for field in fields(cls)}  # type: ignore[arg-type]
     given = {key: value for key, value in table.items() if key not in skip}
     for key in given:
         if key not in known:
-            close = get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"give some of {', '.join(known)}"
-            raise ConfigurationError(f"{path}.{key} is not a known key: {hint}")
+            close = closest(key, known)
+            hint = f"did you mean {close}?" if close else f"give some of {', '.join(known)}"
+            raise ConfigurationError(f"{path}.{shortened(key)} is not a known key: {hint}")
     given = {key: value for key, value in (defaults or {}).items() if key in known} | given
     for key, field in known.items():
         if key not in given and field.default is MISSING and field.default_factory is MISSING:
@@ -255,11 +169,11 @@ def _located(error: InputError, path: str, keys: Iterable[str]) -> Configuration
 def _value(field: Field[Any], path: str, value: Any, folder: Path) -> Any:
     if "path" in field.metadata:
         if not isinstance(value, str):
-            raise ConfigurationError(f"{path} is {value!r}: give the name of a file in quotes")
+            raise ConfigurationError(f"{path} is {shown(value)}: give the name of a file in quotes")
         return folder / value
     if "table" in field.metadata:
         if not isinstance(value, list):
-            raise ConfigurationError(f"{path} is {value!r}: give tables [[{path}]]")
+            raise ConfigurationError(f"{path} is {shown(value)}: give tables [[{path}]]")
         cls = field.metadata["table"]
         return tuple(_made_of_table(cls, f"{path}[{index}]", item, folder) for index, item in enumerate(value))
     return value

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError
+import numpy as np
+
+from ..core.errors import InputError
 from .parameters import check_number
 
 
@@ -35,6 +37,7 @@ class ExposureSettings:
 
     def __post_init__(self) -> None:
         given: Any = self.exposure_s
+        given = given.tolist() if isinstance(given, np.ndarray) else given
         times = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
         if not times:
             raise InputError("exposure_s is empty: give one exposure time in s, or several")

@@ -1,4 +1,4 @@
-"""The imaging chain: scene, windscreen, optics and sensor joined, with the way back to luminance."""
+"""The imaging chain: scene, windscreen, optics and sensor joined, with the inverse to luminance."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
-from ..luminance import LinearConversion
-from ..photometry import photon_radiance_per_cd_m2
+from ..core.errors import InputError
+from ..core.luminance import LinearConversion
+from ..core.photometry import photon_radiance_per_cd_m2
 from .optics import Optics
-from .patches import luminance_map
-from .sensor import Sensor
+from .scene.patches import luminance_map
+from .sensor.emva import Sensor
 from .windscreen import Windscreen
 
 
@@ -24,7 +24,7 @@ class ImagingChain:
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
     windscreen : Windscreen or None
         None for an open bench.
     optics : Optics
@@ -100,7 +100,7 @@ class ImagingChain:
         )
 
     def conversion(self, gain_db: float = 0.0, *, temperature_c: float) -> LinearConversion:
-        """Return the way back from DN to luminance that follows from the stages, without any uncertainty of its own.
+        """Return the inverse from DN to luminance that follows from the stages, without any uncertainty of its own.
 
         Its range has no upper end: luminance saturates at another value for each exposure time
         (`saturation_luminance_cd_m2`), and a frame marks its saturated pixels itself. The shot noise of the dark

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..core.errors import InputError
 from .parameters import check_whole
 from .signal import Context, Signal
 
@@ -73,7 +73,7 @@ class ToneCurve:
         return decoded
 
     def process(self, signal: Signal, _context: Context) -> Signal:
-        """Return the codes of a signal in DN, with their way back."""
+        """Return the codes of a signal in DN, with their inverse."""
         return replace(
             signal,
             values=self.encode(signal.values),

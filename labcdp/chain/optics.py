@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..vignetting import Cos4Vignetting
+from ..core.errors import InputError
+from ..core.vignetting import Cos4Vignetting
 from .parameters import check_number
 from .signal import Context, Signal
 
@@ -51,7 +51,7 @@ class Optics:
         t, fraction of the light the lens passes, above 0 up to 1.
     focal_length_m : float or None
         Focal length in metres; with the pixel pitch it gives theta. None for theta = 0 everywhere, a lens without
-        fall-off.
+        vignetting.
     magnification : float
         m, image size over object size, at least 0; 0 for a distant scene.
 
@@ -82,7 +82,7 @@ class Optics:
         return axial_illuminance_per_cd_m2(self.f_number, self.transmittance, self.magnification)
 
     def vignetting(self, pixel_pitch_m: float) -> Cos4Vignetting | None:
-        """Fall-off cos^4(theta) on a sensor, or None; the image lies f (1 + m) behind a thin lens."""
+        """Vignetting cos^4(theta) on a sensor, or None; the image lies f (1 + m) behind a thin lens."""
         if self.focal_length_m is None:
             return None
         return Cos4Vignetting(self.focal_length_m * (1 + self.magnification), pixel_pitch_m)
@@ -96,12 +96,12 @@ class Optics:
         return illuminance_lx / self._slope(illuminance_lx, pixel_pitch_m)
 
     def process(self, signal: Signal, context: Context) -> Signal:
-        """Illuminance on the sensor, with its way back; levels of a scene are taken as on the axis.
+        """Illuminance on the sensor, with its inverse; levels of a scene are taken as on the axis.
 
         Raises
         ------
         InputError
-            If the fall-off needs the pixel pitch of a sensor and there is none.
+            If the vignetting needs the pixel pitch of a sensor and there is none.
         """
         axial = self.axial_illuminance_per_cd_m2
         pitch_m = context.pixel_pitch_m
@@ -121,7 +121,7 @@ class Optics:
             signal,
             values=self.apply(signal.values, pitch_m),
             quantity="illuminance",
-            # The map of the fall-off is made anew each time instead of being kept.
+            # The map of the vignetting is made anew each time instead of being kept.
             to_luminance=lambda illuminance_lx: signal.to_luminance(self.invert(illuminance_lx, pitch_m)),
         )
 

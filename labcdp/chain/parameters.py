@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..core.disk.quoting import shown
+from ..core.errors import InputError
 
 #: Most pixels of a side of a scene or sensor; a larger frame would not fit into any memory.
 LARGEST_SIDE = 20_000
@@ -23,7 +24,7 @@ def check_number(name: str, value: Any, unit: str, low: float, high: float = inf
         Naming the key, its value, the range and the unit.
     """
     if not _is_number(value) or not low <= value <= high or (above and value == low):
-        raise InputError(f"{name} is {_shown(value)}: give {_interval(low, high, above)}{unit and ' '}{unit}")
+        raise InputError(f"{name} is {shown(value)}: give {_interval(low, high, above)}{unit and ' '}{unit}")
 
 
 #: Name, unit, lowest and highest value of a number, and whether the lowest itself is refused.
@@ -39,7 +40,7 @@ def check_ranges(parameters: object, ranges: Iterable[Range]) -> None:
 def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -> None:
     """Refuse a value that is not a whole number from `low` to `high`; raises InputError as `check_number`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise InputError(f"{name} is {_shown(value)}: give a whole number{unit and ' of '}{unit}")
+        raise InputError(f"{name} is {shown(value)}: give a whole number{unit and ' of '}{unit}")
     check_number(name, value, unit, low, high)
 
 
@@ -48,11 +49,6 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     return isfinite(value) if not isinstance(value, int) else abs(value) < 2**1000
-
-
-def _shown(value: Any) -> str:
-    text = repr(value) if not isinstance(value, int) or abs(value) < 10**30 else "a very large whole number"
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _interval(low: float, high: float, above: bool) -> str:

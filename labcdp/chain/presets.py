@@ -1,14 +1,15 @@
-"""Chains that ship with labcdp, and loading one by name or from a file."""
+"""Chain files that ship with labcdp, and reading one by name or path."""
 
 from __future__ import annotations
 
-from difflib import get_close_matches
+import os
 from importlib.resources import files
 from pathlib import Path
 
-from ..errors import ConfigurationError
-from .chain import Chain
-from .chain_file import chain_from_toml
+from ..core.disk import is_file, read_text
+from ..core.disk.documents import MOST_BYTES_OF_TOML
+from ..core.disk.quoting import closest, shown
+from ..core.errors import ConfigurationError
 
 
 def preset_names() -> tuple[str, ...]:
@@ -26,34 +27,41 @@ def preset_text(name: str) -> str:
     """
     names = preset_names()
     if name not in names:
-        close = get_close_matches(name, names, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"give a .toml file, or one of {', '.join(names)}"
-        raise ConfigurationError(f"there is no preset {name!r}: {hint}")
+        close = closest(name, names)
+        hint = f"did you mean {close}?" if close else f"give a .toml file, or one of {', '.join(names)}"
+        raise ConfigurationError(f"there is no preset {shown(name)}: {hint}")
     return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def load(name_or_path: str | Path) -> Chain:
-    """Load a chain.
+def chain_text(name_or_path: str | Path) -> tuple[str, str, Path]:
+    """Read a chain file.
 
     Parameters
     ----------
     name_or_path : str or Path
         Name of a preset, or a chain file (``.toml``).
 
+    Returns
+    -------
+    (str, str, Path)
+        Its text, what messages call it, and the folder that paths in it are relative to.
+
     Raises
     ------
     ConfigurationError
-        If there is no such preset or file, or its content cannot be used.
+        If there is no such preset or file, or the file cannot be read.
     """
+    if not isinstance(name_or_path, str | Path):
+        raise ConfigurationError(
+            f"{shown(name_or_path)} is no chain: give the name of a preset or the path of a .toml file"
+        )
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.is_file():
-        return chain_from_toml(preset_text(str(name_or_path)), str(name_or_path))
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(f"{path} cannot be read ({reason}): give a chain file or a preset") from error
-    return chain_from_toml(text, str(path), path.parent)
+    name = str(name_or_path)
+    # Any other existing path is read, so that pipes and devices are refused with a specific message.
+    is_name = name in preset_names() or not os.path.lexists(path)
+    if path.suffix != ".toml" and is_name and not is_file(path):
+        return preset_text(name), name, Path()
+    return read_text(path, "a chain file or a preset", MOST_BYTES_OF_TOML, ConfigurationError), str(path), path.parent
 
 
 def _folder() -> Path:

@@ -6,10 +6,10 @@ A new stage, sensor model or scene is one small class and one call of `register`
 from __future__ import annotations
 
 from dataclasses import is_dataclass
-from difflib import get_close_matches
 from importlib.metadata import entry_points
 
-from ..errors import ConfigurationError, InputError
+from ..core.disk.quoting import closest, shown
+from ..core.errors import ConfigurationError, InputError
 
 #: Entry points of installed packages under this name are loaded when a chain file names something unknown.
 ENTRY_POINT_GROUP = "labcdp.chain"
@@ -56,7 +56,7 @@ def class_of(table: str, type_name: str | None) -> type:
     if table not in _CLASSES:
         _load_entry_points("is not known")
     elif type_name is not None and type_name not in _CLASSES[table]:
-        _load_entry_points(f".type is {type_name!r}, which is not known")
+        _load_entry_points(f".type is {shown(type_name)}, which is not known")
     if table not in _CLASSES:
         raise ConfigurationError(f"is not known: {_instead(table, [*_CLASSES, *_OTHER_NAMES])}")
     types = _CLASSES[table]
@@ -65,8 +65,27 @@ def class_of(table: str, type_name: str | None) -> type:
             raise ConfigurationError(f".type is missing: give one of {', '.join(types)}")
         type_name = next(iter(types))
     if type_name not in types:
-        raise ConfigurationError(f".type is {type_name!r}, which is not known: {_instead(type_name, list(types))}")
+        instead = _instead(type_name, list(types))
+        raise ConfigurationError(f".type is {shown(type_name)}, which is not known: {instead}")
     return types[type_name]
+
+
+def type_of(table: str, cls: type) -> str | None:
+    """Return the ``type`` of a class in a chain file, None where the table does not need one.
+
+    Raises
+    ------
+    ConfigurationError
+        If the class is not registered for the table.
+    """
+    types = _CLASSES.get(table, {})
+    for number, (type_name, known) in enumerate(types.items()):
+        if known is cls:
+            return None if number == 0 and table not in ("scene", "sensor") else type_name
+    raise ConfigurationError(
+        f"{cls.__name__} is not registered for the table {table}, so no chain file can hold it: call "
+        f"labcdp.chain.register({table!r}, {cls.__name__}, ...)"
+    )
 
 
 def _load_entry_points(reason: str) -> None:
@@ -77,10 +96,10 @@ def _load_entry_points(reason: str) -> None:
             # Whatever happens while a foreign package is imported.
             raise ConfigurationError(
                 f"{reason}, and the entry point {point.value!r} of {ENTRY_POINT_GROUP} cannot be loaded ({error}): "
-                "mend or remove its package"
+                "repair or remove its package"
             ) from error
 
 
 def _instead(name: str, known: list[str]) -> str:
-    close = get_close_matches(str(name), known, n=1)
-    return f"did you mean {close[0]}?" if close else f"give one of {', '.join(known)}"
+    close = closest(name, known)
+    return f"did you mean {close}?" if close else f"give one of {', '.join(known)}"

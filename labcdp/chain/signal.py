@@ -1,4 +1,4 @@
-"""Signal: what flows from stage to stage, with its way back to the luminance of the scene."""
+"""Signal: what flows from stage to stage, with its inverse to the luminance of the scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Signal:
         None for an image. Otherwise the values are levels of luminance that a scene consists of, and these are the
         shares of its area they take; a row is a scene of its own.
     saturated : ndarray of bool or None
-        Digital numbers that say no more than a lowest luminance; None if nothing can be saturated.
+        Digital numbers that say at most a lowest luminance; None if nothing can be saturated.
     """
 
     values: Values
@@ -41,6 +41,9 @@ class Signal:
     to_luminance: Callable[[Values], Values]
     shares: NDArray[np.float64] | None = None
     saturated: NDArray[np.bool_] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Signal {self.quantity} in {self.unit}, shape {self.values.shape}>"
 
     @property
     def unit(self) -> str:
@@ -62,12 +65,12 @@ class Signal:
 
 @dataclass(frozen=True)
 class Context:
-    """What a stage may need to know beside the signal.
+    """Inputs of a stage in addition to the signal.
 
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.photometry` takes it.
+        Spectrum of the light, as `labcdp.core.photometry` takes it.
     seed : int
         Fixes everything random of a run.
     pixel_pitch_m : float or None
@@ -87,7 +90,7 @@ class Context:
 
 @runtime_checkable
 class Stage(Protocol):
-    """What a stage has to be: a frozen dataclass of its parameters with one method.
+    """Protocol of stages: frozen dataclasses of their parameters with one method.
 
     Attributes
     ----------
@@ -99,4 +102,4 @@ class Stage(Protocol):
     gives: ClassVar[str]
 
     def process(self, signal: Signal, context: Context) -> Signal:
-        """Return the signal behind the stage, with its way back; changes nothing in place."""
+        """Return the signal behind the stage, with its inverse; changes nothing in place."""

@@ -82,7 +82,7 @@ class Windscreen:
         return before_windscreen(luminance_cd_m2, self.transmittance, glare_cd_m2)
 
     def process(self, signal: Signal, _context: Context) -> Signal:
-        """Luminance behind the windscreen, with its way back."""
+        """Luminance behind the windscreen, with its inverse."""
         glare_cd_m2 = self.glare_fraction * signal.scene_mean()
         return replace(
             signal,
@@ -93,14 +93,14 @@ class Windscreen:
 
 @dataclass(frozen=True)
 class ThesisWindscreen(Windscreen):
-    """The windscreen of the 2018 thesis, whose way back does not quite undo it.
+    """The windscreen of the 2018 thesis, whose inverse does not quite undo it.
 
     It takes off glare / transmittance and does not divide by the transmittance, so a luminance L comes back as
     transmittance * L + glare * (transmittance - 1 / transmittance). The published CDP values need it.
     """
 
     def process(self, signal: Signal, context: Context) -> Signal:
-        """Luminance behind the windscreen, with the thesis' way back."""
+        """Luminance behind the windscreen, with the thesis' inverse."""
         taken_off_cd_m2 = self.glare_fraction * signal.scene_mean() / self.transmittance
         behind = super().process(signal, context)
         return replace(behind, to_luminance=lambda values: signal.to_luminance(values - taken_off_cd_m2))

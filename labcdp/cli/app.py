@@ -1,75 +1,75 @@
-"""The command ``labcdp``: its subcommands, and what an error looks like to a person."""
+"""The command ``labcdp``: its subcommands and its error messages."""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from io import TextIOWrapper
+from itertools import pairwise
 
 import typer
 
-from ..errors import LabcdpError
-from . import (
-    acquire,
-    bench,
-    characterise,
-    contrast_map,
-    demo,
-    devices,
-    doctor,
-    history,
-    image,
-    import_files,
-    luminance,
-    meter,
-    rois,
-    session,
-    simulation,
-    spectra,
-    twin,
-    verify,
-    video,
-)
+from ..core.disk.quoting import reason, shortened
+from ..core.errors import InputError, LabcdpError
+from . import simulation
+from .bench import acquire, demo, devices, doctor, import_files, meter, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
+from .evaluate import characterise, history, luminance, session, twin, verify
+from .pictures import image, image_map, rois, video
+from .start import info, init
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
 _INTERRUPTED = 130
+#: Longest error message; inputs are quoted in part, but paths may be long.
+_MOST_CHARACTERS = 2000
+
+#: Commands by group, as the help shows them.
+_COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
+    "Start": {"demo": demo.demo, "init": init.init, "info": info.info},
+    "Bench": {
+        "doctor": doctor.doctor,
+        "devices": devices.devices,
+        "snap": devices.snap,
+        "meter": meter.meter,
+        "acquire": acquire.acquire,
+        "import": import_files.import_files,
+        "simulate-bench": simulate_bench.simulate_bench,
+    },
+    "Evaluate": {
+        "calibrate": session.calibrate,
+        "evaluate": session.evaluate,
+        "luminance": luminance.luminance,
+        "verify": verify.verify,
+        "history": history.history,
+        "characterise": characterise.characterise,
+        "twin": twin.twin,
+    },
+    "Pictures and videos": {
+        "rois": rois.rois,
+        "image": image.image,
+        "image-map": image_map.image_map,
+        "video": video.video,
+    },
+    "Simulation": {
+        "presets": simulation.presets,
+        "simulate": simulation.simulate,
+        "sweep": simulation.sweep,
+        "reproduce": simulation.reproduce,
+    },
+}
 
 app = typer.Typer(
-    help="Measure how probable it is that a driver-assistance camera still sees a contrast.",
+    help="Measure the contrast detection probability (CDP) of cameras.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("demo")(demo.demo)
-app.command("devices")(devices.devices)
-app.command("doctor")(doctor.doctor)
-app.command("snap")(devices.snap)
-app.command("meter")(meter.meter)
-app.command("meter-test")(meter.meter_test)
-app.command("acquire")(acquire.acquire)
-app.command("import")(import_files.import_files)
-app.command("calibrate")(session.calibrate)
-app.command("evaluate")(session.evaluate)
-app.command("replay")(session.replay)
-app.command("luminance")(luminance.luminance)
-app.command("characterise")(characterise.characterise)
-app.command("verify")(verify.verify)
-app.command("twin")(twin.twin)
-app.command("history")(history.history)
-app.command("rois")(rois.rois)
-app.command("image")(image.image)
-app.command("image-map")(contrast_map.image_map)
-app.command("video")(video.video)
-app.command("simulate-bench")(bench.simulate_bench)
-app.command("spectra")(spectra.spectra)
-app.command("presets")(simulation.presets)
-app.command("simulate")(simulation.simulate)
-app.command("sweep")(simulation.sweep)
-app.command("reproduce")(simulation.reproduce)
+for _group, _members in _COMMANDS.items():
+    for _name, _command in _members.items():
+        app.command(_name, rich_help_panel=_group)(_command)
 
 
 class _Chosen:
@@ -89,12 +89,19 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     context: typer.Context,
-    verbose: bool = typer.Option(False, "--verbose", "-v", help="Also tell what the devices do."),
-    _: bool = typer.Option(False, "--version", help="Tell the version and stop.", is_eager=True, callback=_version),
+    verbose: bool = typer.Option(False, "--verbose", "-v", help="Also log what happens with devices and files."),
+    _: bool = typer.Option(False, "--version", help="Show the version and exit.", is_eager=True, callback=_version),
 ) -> None:
     log_to_terminal(verbose)
     if isinstance(context.obj, _Chosen):
         context.obj.command = context.invoked_subcommand
+
+
+def _require_no_empty_argument() -> None:
+    """Refuse an empty argument, as of a shell variable that is not set: as a path it would be the current folder."""
+    for before, one in pairwise(sys.argv):
+        if not one or (one.startswith("--") and one.endswith("=")):
+            raise InputError(f"the argument after {shortened(before)} is empty: give a value, or leave it out")
 
 
 def main() -> None:
@@ -105,17 +112,18 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     chosen = _Chosen()
     try:
+        _require_no_empty_argument()
         with unwinding():
             app(obj=chosen)
         sys.stdout.flush()
     except MemoryError:
-        say("labcdp: there is not enough memory for this: give fewer pixels or fewer values")
+        say("labcdp: not enough memory: use fewer pixels or fewer values")
         sys.exit(1)
     except LabcdpError as error:
-        say(f"labcdp: {' '.join(str(error).split())}")
+        say(f"labcdp: {shortened(' '.join(str(error).split()), _MOST_CHARACTERS)}")
         sys.exit(1)
     except SystemExit as end:
-        # Typer turns Ctrl-C into this status without a word.
+        # Typer turns Ctrl-C into this status without a message.
         if end.code == _INTERRUPTED:
             say(what_is_left(chosen.command))
         raise
@@ -129,7 +137,9 @@ def main() -> None:
         sys.exit(141)
     except OSError as error:
         if error.filename is not None:
-            raise
-        say(f"labcdp: the output cannot be written ({error.strerror}): make room where it goes")
+            name = shortened(os.fsdecode(error.filename), _MOST_CHARACTERS)
+            say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
+            sys.exit(1)
+        say(f"labcdp: the output cannot be written ({error.strerror}): free some disk space")
         # What is left in the buffer would fail again at exit.
         os._exit(1)

@@ -1,4 +1,4 @@
-"""How a command ends before it is done: by Ctrl-C, or by a signal that ends a process."""
+"""Interruption of a command by Ctrl-C or a signal."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-#: Commands that record what they have done and go on with it.
-_GOES_ON = ("acquire", "import", "sweep", "video")
+#: Commands that can be resumed.
+_RESUMED = ("acquire", "import", "sweep", "video")
 
 
 class EndedBySignal(BaseException):
-    """The process was told to end; no error handler may take this for one.
+    """The process received a signal to end; error handlers must not catch this.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class EndedBySignal(BaseException):
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the process, as Ctrl-C does, so that nothing half done is left behind.
+    """Let SIGTERM and SIGHUP unwind the process, as Ctrl-C does, so that temporary files are removed.
 
     Raises
     ------
@@ -39,14 +39,15 @@ def unwinding() -> Iterator[None]:
 
     def end(number: int, _frame: FrameType | None) -> None:
         if os.getpid() != owner:
-            # A process that was forked from this one has nothing of its own to clear away.
+            # A forked process has nothing to clean up.
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
             return
         raise EndedBySignal(number)
 
-    # nohup wants the end of the terminal to be ignored.
-    numbers = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) != signal.SIG_IGN]
+    # Not all systems have SIGHUP; nohup ignores it.
+    known = [signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if name in signal.Signals.__members__]
+    numbers = [one for one in known if signal.getsignal(one) != signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in numbers}
     try:
         yield
@@ -56,7 +57,7 @@ def unwinding() -> Iterator[None]:
 
 
 def what_is_left(command: str | None) -> str:
-    """Say what a command that was stopped leaves."""
-    if command in _GOES_ON:
-        return "labcdp: stopped; what was recorded is safe, and the same command goes on with it"
-    return "labcdp: stopped before it was done; the same command begins anew"
+    """Return a message on what an interrupted command leaves."""
+    if command in _RESUMED:
+        return "labcdp: stopped; recorded data are safe, and the same command resumes"
+    return "labcdp: stopped; the same command starts again from the beginning"

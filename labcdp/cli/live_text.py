@@ -1,4 +1,4 @@
-"""Live numbers of an acquisition as a line, and as a table where there is room."""
+"""Live numbers of an acquisition as a line and as a table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def live_line(live: Live) -> str:
         where = f" ({saturated.patch})" if saturated.saturated_share else ""
         parts.append(f"saturated {saturated.saturated_share:.2%}{where}")
         parts.append(f"noise {noise:.2f} DN")
-        # The brightest that is not saturated tells it best: in dark patches it drowns in noise.
+        # The brightest unsaturated patch shows drift best; in dark patches noise hides it.
         steady = [n for n in live.patches if not n.saturated_share and n.drift_rel is not None]
         if steady:
             best = max(steady, key=lambda n: n.mean_dn)

@@ -2,181 +2,168 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from ..errors import InputError
-from .terminal import JSON_OPTION, fraction_of_percent, print_json, print_table, progress_bars, say
+from ..core.errors import InputError
+from .output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
+from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
 if TYPE_CHECKING:
     from ..chain import Chain
+    from ..core.result import InputFile, Result
 
-#: A longer table of usable ranges is left to the page.
-_MOST_ROWS = 20
-
-CHAIN_ARGUMENT = typer.Argument(help="Name of a preset (see labcdp presets), or a chain file.")
-CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 100%; default: that of the scene.")
-EPSILON_OPTION = typer.Option("50%", help="Tolerance of the contrast.")
-SEED_OPTION = typer.Option(0, help="Of the noise.", min=0)
-SET_OPTION = typer.Option(
-    [], "--set", help="Another value for a parameter, for example exposure.exposure_s=0.01; may be repeated."
-)
+CHAIN_ARGUMENT = typer.Argument(help="Name of a preset (see labcdp presets), or chain file.")
+CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 100%; default: contrast of the scene.")
+EPSILON_OPTION = typer.Option("50%", help="Relative tolerance of the contrast.")
+SEED_OPTION = typer.Option(0, help="Random seed of the noise.", min=0)
+SET_OPTION = typer.Option([], "--set", help="Set a parameter, for example exposure.exposure_s=0.01; may be repeated.")
 
 
 def presets(
-    name: str | None = typer.Argument(None, help="Preset to show; default: list all."),
-    output: Path | None = typer.Option(None, "--output", "-o", help="Write it to this new file."),
+    name: str | None = typer.Argument(None, help="Preset to print; default: list all."),
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """List the chains that ship with labcdp, or write one as a file to start from."""
-    from ..chain import load, preset_names, preset_text
+    """List the imaging chains that ship with labcdp, or print one."""
+    from ..chain import preset_text
 
-    if name is None:
-        if output is not None:
-            raise InputError("--output needs the name of a preset: give one of " + ", ".join(preset_names()))
-        chains = {known: load(known).description for known in preset_names()}
-        if as_json:
-            print_json(chains)
-        else:
-            print_table("Presets", ("name", "what it is"), list(chains.items()))
-            say("Next: labcdp simulate NAME, or labcdp presets NAME --output my.toml to change one")
+    if name is not None and not as_json:
+        typer.echo(preset_text(name), nl=False)
         return
-    text = preset_text(name)
-    if output is None:
-        if as_json:
-            print_json(dict(load(name).document))
-        else:
-            typer.echo(text, nl=False)
-        return
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError(f"{output} exists: give the name of a new file") from None
-    except OSError as error:
-        raise InputError(f"{output} cannot be written ({error.strerror}): give another file") from error
-    say(f"Written: {output}")
-    say(f"Next: labcdp simulate {output}")
+    print_result(_presets(name), as_json)
+    if not as_json:
+        say("Next: labcdp simulate NAME, or labcdp init chain my.toml --preset NAME to change one")
 
 
 def simulate(
+    context: typer.Context,
     chain: str = CHAIN_ARGUMENT,
-    output: Path | None = typer.Option(
-        None, "--output", "-o", help="Folder for the results.", show_default="CHAIN-simulation"
-    ),
+    output: Path | None = output_option("CHAIN-simulate"),
     contrast: str | None = CONTRAST_OPTION,
     epsilon: str = EPSILON_OPTION,
     changes: list[str] = SET_OPTION,
     seed: int = SEED_OPTION,
+    force: bool = FORCE_OPTION,
+    open_page: bool = OPEN_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Send a scene through the imaging chain; tell signal, contrast and detection probability behind each stage."""
-    from ..evaluate import evaluate_run
-    from ..report import detection_table, signal_table, simulation_values, write_simulation
+    """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
+    from ..evaluate.sweep.simulation.report import write_simulation
+    from ..evaluate.sweep.simulation.result import result
+    from ..evaluate.sweep.simulation.run import evaluate_run
 
     loaded = _chain(chain, changes)
     asked, tolerance = _asked(contrast), fraction_of_percent(epsilon, "--epsilon")
-    run = loaded.run(seed)
-    evaluation = evaluate_run(run, asked, tolerance)
-    folder = output or Path(f"{Path(chain).stem if chain.endswith('.toml') else chain}-simulation")
-    write_simulation(evaluation, run, folder)
-    if as_json:
-        print_json({"output": str(folder), **simulation_values(evaluation)})
-        return
-    for warning in evaluation.warnings:
-        say(f"Warning: {warning}")
-    print_table("Signal and noise", *signal_table(evaluation))
-    if evaluation.stages[0].pairs:
-        print_table("Contrast detection probability", *detection_table(evaluation))
+    with results_folder(context, chain, output, force) as results:
+        folder = results.folder
+        run = loaded.run(seed)
+        evaluation = evaluate_run(run, asked, tolerance)
+        found = result(evaluation, _inputs(chain, loaded))
+        write_simulation(found, evaluation, run, results)
+    print_result(found, as_json)
     say(f"Report: {folder / 'report.html'}")
+    show_page(folder / "report.html", open_page)
 
 
 def sweep(
+    context: typer.Context,
     chain: str = CHAIN_ARGUMENT,
     over: list[str] = typer.Option(
         ...,
-        help="Parameter and its values: NAME=a,b,c or NAME=start:stop:count or NAME=start:stop:count:log, "
-        "for example scene.contrast=10%:100%:50; may be repeated.",
+        help="Parameter and its values: NAME=a,b,c or NAME=START:STOP:COUNT[:log], for example "
+        "scene.contrast=10%:100%:50; may be repeated.",
     ),
     exact: bool = typer.Option(
         False,
         "--exact",
-        help="Predict without random numbers instead of simulating: on the optical axis, for one pair of uniform "
-        "patches behind an EMVA 1288 sensor.",
+        help="Compute the distribution of DN instead of simulating: on the optical axis, for one pair of uniform "
+        "patches and an EMVA 1288 sensor.",
     ),
     stage: str | None = typer.Option(None, help="Stage to evaluate, for example sensor or hdr; default: the last."),
-    output: Path | None = typer.Option(
-        None, "--output", "-o", help="Folder for the results.", show_default="CHAIN-sweep"
-    ),
+    output: Path | None = output_option("CHAIN-sweep"),
     contrast: str | None = CONTRAST_OPTION,
     epsilon: str = EPSILON_OPTION,
     changes: list[str] = SET_OPTION,
     seed: int = SEED_OPTION,
+    force: bool = FORCE_OPTION,
+    open_page: bool = OPEN_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Map the detection probability over parameters of a chain; a sweep that was broken off goes on.
+    """Map the CDP over parameters of an imaging chain; resume an interrupted sweep.
 
     Writes NetCDF, a picture, an interactive page and a spreadsheet.
     """
-    from ..evaluate import Sweep, analyse_map, parse_axis, run_sweep
-    from ..report import map_notes, map_values, usable_table, write_map
+    from ..chain.predict.chain import known_transitions
+    from ..evaluate.sweep.axis import parse_axis
+    from ..evaluate.sweep.maps.map import analyse_map
+    from ..evaluate.sweep.plan import Sweep
+    from ..evaluate.sweep.report.page import write_map
+    from ..evaluate.sweep.report.result import result
+    from ..evaluate.sweep.run import run_sweep
 
     loaded = _chain(chain, changes)
     axes = tuple(parse_axis(text) for text in over)
     wanted = Sweep(loaded, axes, exact, stage, _asked(contrast), fraction_of_percent(epsilon, "--epsilon"), seed)
-    folder = output or Path(f"{Path(chain).stem if chain.endswith('.toml') else chain}-sweep")
-    with progress_bars() as bars:
-        result = run_sweep(wanted, folder, lambda done, total: bars.update("Cells", done, total))
-    if exact and any(getattr(part, "focal_length_m", None) for _, part in loaded.before):
-        say("Note: --exact is for the optical axis; the lens' fall-off towards the corners is left out")
-    expected = _transitions(loaded, wanted.stage)
-    write_map(result, folder, expected=expected)
-    analysis = analyse_map(result, expected=expected)
-    if as_json:
-        print_json({"output": str(folder), **map_values(result, analysis)})
-        return
-    table = usable_table(result, analysis)
-    if 0 < len(table.rows) <= _MOST_ROWS:
-        print_table("Usable range", *table)
-    for note in map_notes(result, analysis):
-        say(note)
-    say(f"CDP behind {wanted.stage}, {'predicted' if exact else 'simulated'}")
-    say(f"Map: {folder / 'map.html'}; also map.png, map.xlsx, map.nc and map.json")
+    with results_folder(context, chain, output, force) as results:
+        folder = results.folder
+        with progress_bars() as bars:
+            dataset = run_sweep(wanted, results, lambda done, total: bars.update("Cells", done, total))
+        analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
+        found = result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
+        write_map(found, dataset, analysis, results)
+    print_result(found, as_json)
+    say(f"Report: {folder / 'report.html'}")
+    show_page(folder / "report.html", open_page)
 
 
 def reproduce(
+    context: typer.Context,
     what: str = typer.Argument(help="What to reproduce: thesis."),
-    seeds: int = typer.Option(30, help="Number of seeds; few tell little of the scatter.", min=5),
-    output: Path = typer.Option(Path("thesis-reproduction"), "--output", "-o", help="Folder for the results."),
+    seeds: int = typer.Option(30, help="Number of random seeds.", min=5),
+    output: Path | None = output_option("thesis-reproduce"),
+    force: bool = FORCE_OPTION,
+    open_page: bool = OPEN_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Compute the published values of the 2018 thesis anew, with its physics and with the correct one."""
-    from ..evaluate import reproduce_thesis
-    from ..report import figure_table, place_for_results, thesis_table, thesis_values, write_thesis
+    """Reproduce the published values of the 2018 thesis, with its physics and with corrected physics."""
+    from ..evaluate.sweep.thesis.page import write_thesis
+    from ..evaluate.sweep.thesis.reproduce import reproduce_thesis
+    from ..evaluate.sweep.thesis.result import result
 
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
-    # Not after minutes of work.
-    with place_for_results(output):
+    with results_folder(context, what, output, force) as results:
+        folder = results.folder
         with progress_bars() as bars:
-            result = reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total))
-        write_thesis(result, output)
-    if as_json:
-        print_json({"output": str(output), **thesis_values(result)})
-        return
-    print_table(f"Table 5.3: dark squares; mean ± standard deviation over {seeds} seeds", *thesis_table(result))
-    print_table("Figure 3.10", *figure_table(result))
-    for row in result.table:
-        if row.published.explanation:
-            say(f"Row {row.published.label}: {row.published.explanation}")
-    say(f"Report: {output / 'report.html'}")
+            found = result(reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total)))
+        write_thesis(found, results)
+    print_result(found, as_json)
+    say(f"Report: {folder / 'report.html'}")
+    show_page(folder / "report.html", open_page)
+
+
+def _presets(name: str | None) -> Result:
+    """Return the list of all presets, or the parameters of one."""
+    from ..chain import Chain, preset_names
+    from ..core.result import Result
+    from ..core.table import Column, Table
+
+    names = preset_names() if name is None else (name,)
+    chains = {one: Chain.load(one) for one in names}
+    columns = (Column("name", "name"), Column("description", "what it is"))
+    rows = [{"name": one, "description": chain.description} for one, chain in chains.items()]
+    documents = {} if name is None else {"chain": chains[name].document}
+    return Result(
+        "presets", name or "presets", (Table.of_rows("presets", "Presets", columns, rows),), (), (), documents
+    )
 
 
 def _chain(name: str, changes: list[str]) -> Chain:
-    from ..chain import load, replaced
-    from ..evaluate import parse_axis
+    from ..chain import Chain
+    from ..evaluate.sweep.axis import parse_axis
 
     values = {}
     for text in changes:
@@ -184,18 +171,20 @@ def _chain(name: str, changes: list[str]) -> Chain:
             raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
-    chain = load(name)
-    return replaced(chain, values) if values else chain
+    chain = Chain.load(name)
+    return chain.with_(**values) if values else chain
 
 
-def _transitions(chain: Chain, stage: str | None) -> tuple[float, ...]:
-    """Luminances at which the merge changes exposure, if they can be known."""
-    from ..evaluate import transition_luminances
+def _inputs(name: str, chain: Chain) -> list[InputFile]:
+    """Return the chain file, or the preset, and the picture that its scene reads."""
+    from ..chain import ImageScene, preset_names, preset_text
+    from ..core.result import InputFile
 
-    try:
-        return transition_luminances(chain, stage)
-    except InputError:
-        return ()
+    if name in preset_names() and not Path(name).is_file():
+        inputs = [InputFile("preset", name, sha256(preset_text(name).encode()).hexdigest())]
+    else:
+        inputs = [InputFile.of("chain", name)]
+    return inputs + ([InputFile.of("picture", chain.scene.path)] if isinstance(chain.scene, ImageScene) else [])
 
 
 def _asked(contrast: str | None) -> float | None:

@@ -1,4 +1,4 @@
-"""What a person sees: messages, progress bars and tables on the terminal, JSON on standard output."""
+"""Messages, progress bars and tables on the terminal; JSON on standard output."""
 
 from __future__ import annotations
 
@@ -11,83 +11,126 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..errors import InputError
+from ..core.disk.quoting import printable
+from ..core.errors import InputError
+from ..core.finding import unique
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from ..acquire import Live
     from ..acquire import Progress as AcquisitionProgress
+    from ..core.result import Result
 
-#: Loggers whose warnings a person should see at once; the calibration's are in its result.
+#: Loggers whose warnings are shown at once; those of the calibration are in its result.
 _SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
+#: Width in characters to which texts in a table may be wrapped.
+_TEXT_WIDTH = 24
+#: Rows of a table that are printed.
+_MOST_ROWS = 40
 
 
 class _Say(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        say(f"labcdp: {record.getMessage()}")
+        if record.name.startswith(_SHOWN):
+            say(f"labcdp: {record.getMessage()}")
+
+
+_SAY = _Say()
+_SILENT = logging.NullHandler()
 
 
 def log_to_terminal(verbose: bool) -> None:
     """Show the warnings, or with `verbose` all messages, of the parts that work with devices and files."""
-    # Damaged files are reported as errors of ours.
+    # labcdp reports damaged files itself. The handlers are module constants, so that none is added twice.
     for name in ("tifffile", "roifile"):
-        logging.getLogger(name).addHandler(logging.NullHandler())
-        logging.getLogger(name).propagate = False
+        logging.getLogger(name).addHandler(_SILENT)
+    _SAY.setLevel(logging.INFO if verbose else logging.WARNING)
     library = logging.getLogger("labcdp")
-    library.addHandler(logging.NullHandler())
-    library.propagate = False
-    for name in _SHOWN:
-        logger = logging.getLogger(name)
-        logger.setLevel(logging.INFO if verbose else logging.WARNING)
-        logger.addHandler(_Say())
-        logger.propagate = False
+    library.setLevel(_SAY.level)
+    library.addHandler(_SAY)
 
 
 def say(text: str) -> None:
-    """Tell a person something, on standard error, so that standard output stays for results."""
+    """Print a message on standard error; standard output is for results.
+
+    Control characters quoted from files, names and devices are made harmless.
+    """
     from rich.console import Console
+    from rich.text import Text
 
-    Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(text)
-
-
-def print_json(values: Any) -> None:
-    """Print a result for machines."""
-    from ..json_text import results_json
-
-    sys.stdout.write(results_json(values))
+    safe = "\n".join(printable(line) for line in text.split("\n"))
+    Console(stderr=True, highlight=False, soft_wrap=True).print(Text(safe))
 
 
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table; all columns but the first are right aligned.
+def print_result(result: Result, as_json: bool) -> None:
+    """Print a result: as JSON on standard output, or its tables there and its findings on standard error."""
+    if as_json:
+        from ..report.envelope import envelope_json
 
-    A terminal too narrow for the cells gets each row as a list: a number broken in two is no number.
+        sys.stdout.write(envelope_json(result))
+        return
+    from ..report.cells import is_number, text_table
+    from ..report.findings import finding_text
+
+    for table in result.tables:
+        if table.detail or not len(table):
+            continue
+        heads, rows = text_table(table.select(range(min(len(table), _MOST_ROWS))))
+        print_table(
+            table.title, heads, rows, [is_number(table[column.name]) for column in table.columns if column.shown]
+        )
+        if len(table) > _MOST_ROWS:
+            say(f"{len(table) - _MOST_ROWS} more rows are in the files")
+    if result.simulated:
+        say("Simulated data, not a measurement")
+    for finding in unique(result.findings):
+        say(f"{finding.severity}: {finding_text(finding)}")
+
+
+def print_table(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool] | None = None
+) -> None:
+    """Print a table; columns of numbers, or all but the first if these are not given, are right aligned.
+
+    Long texts are wrapped. On a narrow terminal each row is printed as a list, so that no number is split.
     """
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     console = Console(highlight=False)
     if not console.is_terminal:
         # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
         console = Console(highlight=False, width=200)
+    right = numbers or [index > 0 for index in range(len(columns))]
     widths = [max((len(row[index]) for row in rows), default=0) for index in range(len(columns))]
+    widths = [width if number else min(width, _TEXT_WIDTH) for width, number in zip(widths, right, strict=True)]
     # Three characters between two cells, and the frame.
     if sum(widths) + 3 * len(columns) + 1 > console.width:
-        console.print(Text(title, style="bold"))
+        console.print(_text(title, "bold"))
         for row in rows:
-            console.print(Text(f"  {row[0]}"))
+            console.print(_text(f"  {row[0]}"))
             for column, cell in zip(columns[1:], row[1:], strict=True):
-                console.print(Text(f"    {column}: {cell}"))
+                console.print(_text(f"    {column}: {cell}"))
         return
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if index == 0 else "right", overflow="fold")
+    table = Table(title=_text(title), title_justify="left", title_style="bold")
+    for column, is_right, width in zip(columns, right, widths, strict=True):
+        # Words of a head may be wrapped, numbers not.
+        least = max([width, *map(len, column.split())]) if is_right else min(width, _TEXT_WIDTH)
+        table.add_column(_text(column), justify="right" if is_right else "left", overflow="fold", min_width=least)
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*map(_text, row))
     console.print(table)
 
 
+def _text(text: str, style: str = "") -> Text:
+    from rich.text import Text
+
+    return Text(printable(text), style)
+
+
 class Bars:
-    """Progress bars by name, made when first told of."""
+    """Progress bars by name, created at their first update."""
 
     def __init__(self, progress: Any) -> None:
         self._progress = progress
@@ -96,7 +139,7 @@ class Bars:
     def update(self, name: str, done: int, total: int) -> None:
         """Set a bar."""
         if not self._tasks:
-            # Not before: an error on the way here should not follow an empty line.
+            # Started late, so that an earlier error does not follow an empty line.
             self._progress.start()
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total)
@@ -117,7 +160,7 @@ class Bars:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Take the bars away while a person is asked something."""
+        """Hide the bars during a question to the operator."""
         started = self._progress.live.is_started
         if started:
             self._progress.stop()
@@ -157,7 +200,7 @@ def _progress() -> Any:
             live = self.live_numbers
             if live is not None:
                 yield Text(live_line(live))
-                # Its heading, the bars and some lines of before.
+                # Room for its heading, the bars and some earlier lines.
                 if len(live.patches) + 10 <= self.console.height:
                     yield live_table(live)
 
@@ -174,7 +217,7 @@ def fraction_of_percent(text: str, name: str) -> float:
         If it is not a number with a percent sign.
     """
     try:
-        fraction = float(text[:-1].strip()) / 100 if text.endswith("%") else nan
+        fraction = float(text[:-1].strip()) / 100 if text.isascii() and text.endswith("%") else nan
         if not isfinite(fraction):
             raise ValueError
         return fraction

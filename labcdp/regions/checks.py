@@ -1,4 +1,4 @@
-"""What speaks against using a region: saturation, an edge at its border, uneven light, odd pixels, too few pixels."""
+"""Checks of regions: saturation, an edge at the border, non-uniform light, outlier pixels, too few pixels."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..roi import Roi
+from ..core.errors import InputError
+from ..core.finding import Finding, warning
+from ..core.roi import Roi
 
 _Array: TypeAlias = NDArray[np.float64]
 
@@ -29,18 +30,18 @@ _MEAN_OFF, _MEAN_OFF_SIGMA = 0.5, 5.0
 #: Blocks along each side of a region whose means show a trend.
 _BLOCKS = 8
 
-#: A trend is told if it spans this part of the mean, varies by this part of the noise, and stands out of the scatter of
-#: the blocks by this many of its standard deviations.
+#: A trend is reported if it spans this part of the mean, varies by this part of the noise, and stands out of the
+#: scatter of the blocks by this many of its standard deviations.
 _TREND_REL, _TREND_TO_NOISE, _TREND_SIGMA = 0.02, 0.3, 6.0
 
-#: Odd pixels are told if they are this many standard deviations off and raise the variance by this part.
+#: Odd pixels are reported if they are this many standard deviations off and raise the variance by this part.
 _ODD_SIGMA, _ODD_VARIANCE = 6.0, 0.1
 
 #: Differences of this part of the values come from computing.
 _ROUNDING = 1e-9
 
 
-def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi: Roi) -> tuple[str, ...]:
+def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi: Roi) -> tuple[Finding, ...]:
     """Look for what speaks against using a region.
 
     Parameters
@@ -54,8 +55,8 @@ def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi:
 
     Returns
     -------
-    tuple of str
-        One sentence each; none if all is well.
+    tuple of Finding
+        None if all is well.
 
     Raises
     ------
@@ -68,32 +69,28 @@ def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi:
     height, width = values.shape
     window, mask = roi.window((height, width)), roi.mask((height, width))
     pixels = values[window].astype(np.float64)
-    name = f"region {roi.name!r}"
-    found: list[str] = []
+    found: list[Finding] = []
     count = int(mask.sum())
     if count < _FEW_PIXELS:
-        found.append(f"{name} holds {count} pixels: intervals will be wide; use {_FEW_PIXELS} or more")
+        found.append(warning("region-few-pixels", roi.name, pixels=count, recommended=_FEW_PIXELS))
     if saturated is not None:
         share = float(saturated[window][mask].mean())
         if share >= _SHARE:
-            found.append(f"{100 * share:.2g} % of the pixels of {name} are saturated: shorten the exposure")
+            found.append(warning("region-saturated", roi.name, share=share))
     valued = np.isfinite(pixels)
     if (missing := float(1 - valued[mask].mean())) >= _SHARE:
-        found.append(f"{100 * missing:.2g} % of the pixels of {name} have no value: leave them out")
+        found.append(warning("region-missing-values", roi.name, share=missing))
     if (mask & valued).sum() >= _FEW_PIXELS / 4:
-        found += _uneven(pixels, mask & valued, mask, name)
+        found += _uneven(pixels, mask & valued, mask, roi.name)
     return tuple(found)
 
 
-def _uneven(pixels: _Array, usable: NDArray[np.bool_], mask: NDArray[np.bool_], name: str) -> list[str]:
+def _uneven(pixels: _Array, usable: NDArray[np.bool_], mask: NDArray[np.bool_], name: str) -> list[Finding]:
     found = []
     depth = _depth(mask)
     margin = _edge_px(pixels, usable, depth)
     if margin:
-        found.append(
-            f"the outer {margin} pixels of {name} differ from its middle: it touches an edge; "
-            f"leave a margin of {margin} pixels or more"
-        )
+        found.append(warning("region-edge", name, margin_px=margin))
         usable = usable & (depth > margin)
     y, x = np.nonzero(usable)
     values = pixels[usable]
@@ -104,15 +101,14 @@ def _uneven(pixels: _Array, usable: NDArray[np.bool_], mask: NDArray[np.bool_], 
     span = float(np.ptp(np.percentile(trend, (1, 99))))
     level = abs(float(np.median(values)))
     if span > _TREND_REL * level and trend.std() > _TREND_TO_NOISE * sigma:
-        part = f"{100 * span / level:.2g} % of its value" if level else f"{span:.3g}"
-        found.append(f"{name} is uneven by {part} beyond noise: make light and lens even, or the region smaller")
+        if level:
+            found.append(warning("region-uneven", name, share=span / level))
+        else:
+            found.append(warning("region-uneven-around-0", name, span=span))
     odd = np.abs(values - trend) > _ODD_SIGMA * sigma
     rest = values[~odd] - trend[~odd]
     if odd.any() and (values - trend).var() > (1 + _ODD_VARIANCE) * rest.var():
-        found.append(
-            f"{int(odd.sum())} of {values.size} pixels of {name} lie {_ODD_SIGMA:g} standard deviations or more off: "
-            "look for defects, dust or an object in it"
-        )
+        found.append(warning("region-odd-pixels", name, odd=int(odd.sum()), pixels=values.size, sigma=_ODD_SIGMA))
     return found
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
-from ..errors import InputError
-from ..roi import Roi
+from ..core.errors import InputError
+from ..core.roi import Roi
 
 
 def require_simple(roi: Roi) -> None:
@@ -28,6 +29,31 @@ def require_simple(roi: Roi) -> None:
     place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
     where = f" at x {float(place[1]):.6g}, y {float(place[2]):.6g}" if place else ""
     raise InputError(f"region {roi.name!r} crosses itself{where}: give its corners in order around it")
+
+
+def is_simple(corners: Sequence[tuple[float, float]]) -> bool:
+    """Whether the edges of a polygon neither cross nor touch each other."""
+    import shapely
+
+    return bool(shapely.Polygon(corners).is_valid)
+
+
+def in_one_line(rings: Sequence[Sequence[tuple[float, float]]]) -> tuple[tuple[float, float], ...]:
+    """Corners of one line around all parts and holes of a region; the ways between them are passed twice.
+
+    Parts go around one way and holes the other, so that the area of the line is that of the region.
+    """
+    import shapely
+
+    areas = [shapely.Polygon(ring) for ring in rings]
+    line: list[tuple[float, float]] = []
+    for at, (ring, area) in enumerate(zip(rings, areas, strict=True)):
+        start = shapely.Point(ring[0])
+        around = sum(other.buffer(0).contains(start) for n, other in enumerate(areas) if n != at)
+        ordered = list(ring) if area.exterior.is_ccw == (around % 2 == 0) else list(ring)[::-1]
+        line += [*ordered, ordered[0]] if len(rings) > 1 else ordered
+        line += [line[0]] if at else []
+    return tuple(line)
 
 
 def inset(roi: Roi, margin_px: float) -> Roi:

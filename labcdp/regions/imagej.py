@@ -1,33 +1,38 @@
 """ImageJ's and Fiji's files of regions: .roi with one, .zip with any number.
 
 ImageJ counts the edges of pixels and not their centres, as labcdp does: the rectangle (10, 20, 5, 4) begins at the
-left edge of column 10 and holds 5 x 4 pixels. Ovals and polygons hold the pixels whose centres they hold.
+left edge of column 10 and holds 5 x 4 pixels. Ovals, polygons and combinations hold the pixels whose centres they hold.
 """
 
 from __future__ import annotations
 
+import logging
 import struct
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
-from math import atan2, cos, degrees, hypot, radians, sin
+from math import atan2, cos, degrees, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
-from ..roi import Roi
-from .geometry import require_simple
-from .shapes import MOST_REGIONS, EllipseShape, PolygonShape, RectangleShape, Shape
+from ..core.disk.quoting import quoted, reason
+from ..core.errors import InputError
+from .geometry import in_one_line, is_simple
+from .shapes import MOST_REGIONS, CompositeShape, EllipseShape, PolygonShape, RectangleShape, Shape
 
 if TYPE_CHECKING:
     from roifile import ImagejRoi
 
-#: More bytes of one region (100 000 corners have 1.2 million), or of all regions in a .zip, are taken for a bomb.
+_log = logging.getLogger(__name__)
+
+#: More bytes of one region (100 000 corners have 1.2 million), or of all regions in a .zip, are refused as a
+#: decompression bomb.
 _MOST_BYTES_OF_REGION = 4 * 2**20
 _MOST_BYTES = 64 * 2**20
 
+#: Most parts and holes of one region.
+_MOST_RINGS = 1000
 #: Whole coordinates that the file's 16 bits can hold.
 _LOWEST, _HIGHEST = -5000, 60535
 
@@ -54,12 +59,22 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
     Raises
     ------
     InputError
-        Naming the region, if one is damaged or has no area, or the file is larger than a region file can be.
+        Naming the region, if all are damaged or have no area, or the file is larger than a region file can be. Single
+        ones are left out, with a message.
     """
     if data[:4] == b"Iout":
         return (_shape(data, name),)
-    entries = list(_entries(data))
-    shapes = [_shape(content, entry) for entry, content in entries]
+    entries, shapes, errors = [], [], []
+    for entry, content in _entries(data):
+        try:
+            shapes.append(_shape(content, entry))
+            entries.append((entry, content))
+        except InputError as error:
+            errors.append(error)
+    if not shapes:
+        raise errors[0]
+    for one in errors:
+        _log.warning("a region is left out: %s", one)
     # ImageJ's list shows the names of the entries, which differ; a name in a region may be left from its copy.
     times = Counter(shape.name for shape in shapes)
     return tuple(
@@ -107,19 +122,22 @@ def _entries(data: bytes) -> Iterator[tuple[str, bytes]]:
                 left -= len(content)
                 if len(content) > _MOST_BYTES_OF_REGION or left < 0:
                     raise InputError(
-                        f"{name!r} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more than "
-                        f"{_MOST_BYTES // 2**20} MiB: these are no regions"
+                        f"{quoted(name)} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more "
+                        f"than {_MOST_BYTES // 2**20} MiB: these are no regions"
                     )
                 yield name[: -len(".roi")], content
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, struct.error) as error:
-        raise InputError(f"it is a damaged .zip file ({error}): save it again in ImageJ") from error
+    except (InputError, MemoryError):
+        raise
+    # Of a damaged archive the library raises nearly anything.
+    except Exception as error:
+        raise InputError(f"it is a damaged .zip file ({reason(error)}): save it again in ImageJ") from error
 
 
 def _shape(data: bytes, entry: str) -> Shape:
     """Read one region."""
     from roifile import ImagejRoi
 
-    where = f"ImageJ region {entry!r}"
+    where = f"ImageJ region {quoted(entry)}"
     if len(data) < 64 or data[:4] != b"Iout":
         raise InputError(f"{where} is damaged or none: save it again in ImageJ")
     kind, subtype = data[6], int.from_bytes(data[48:50], "big")
@@ -132,15 +150,15 @@ def _shape(data: bytes, entry: str) -> Shape:
         _ROTATED_RECTANGLE,
     ):
         raise InputError(f"{where} is of the unknown kind {kind}, {subtype}: draw it as a polygon")
-    if int.from_bytes(data[36:40], "big", signed=True) > 0:
-        raise InputError(f"{where} is made of several: split it in ImageJ's ROI Manager (More > Split)")
     _require_name(data, where)
     try:
         read = ImagejRoi.frombytes(data)
     except _BROKEN as error:
-        raise InputError(f"{where} is damaged ({error}): save it again in ImageJ") from error
+        raise InputError(f"{where} is damaged ({reason(error)}): save it again in ImageJ") from error
     name = _clean(read.name) or _clean(entry)
-    where = f"ImageJ region {name!r}"
+    where = f"ImageJ region {quoted(name)}"
+    if read.shape_roi_size > 0:
+        return CompositeShape(name, in_one_line(_rings(read, where)))
     if kind in (_RECTANGLE, _OVAL):
         return _box(read, name, where)
     if kind == _FREEHAND and subtype:
@@ -187,25 +205,22 @@ def _turned(read: ImagejRoi, name: str) -> Shape:
 
 
 def _polygon(read: ImagejRoi, name: str, where: str) -> Shape:
-    corners = [(float(x), float(y)) for x, y in read.coordinates()]
+    corners = tuple((float(x), float(y)) for x, y in read.coordinates())
     if len(corners) < 3:
         raise InputError(f"{where} has {len(corners)} corners: draw it again")
-    shape = PolygonShape(name, tuple(corners))
-    return shape if read.roitype == _POLYGON else _without_spikes(shape)
+    # The wand and freehand lines touch and cross themselves; ImageJ fills them by the even-odd rule.
+    return (PolygonShape if read.roitype == _POLYGON or is_simple(corners) else CompositeShape)(name, corners)
 
 
-def _without_spikes(shape: PolygonShape) -> PolygonShape:
-    """Take off what a shaky hand adds to a freehand region: ways there and back, which hold no pixel."""
-    import shapely
-
-    drawn = shapely.Polygon(shape.corners)
-    if drawn.is_valid:
-        return shape
-    mended = shapely.make_valid(drawn)
-    areas = [part for part in getattr(mended, "geoms", [mended]) if part.area > 0]
-    if len(areas) != 1 or areas[0].geom_type != "Polygon" or len(areas[0].interiors):
-        require_simple(Roi(shape.name, shape.corners))
-    return PolygonShape(shape.name, tuple(areas[0].exterior.coords[:-1]))
+def _rings(read: ImagejRoi, where: str) -> list[list[tuple[float, float]]]:
+    try:
+        found = [[(float(x), float(y)) for x, y in ring] for ring in read.coordinates(multi=True)]
+    except _BROKEN as error:
+        raise InputError(f"{where} is damaged ({reason(error)}): save it again in ImageJ") from error
+    rings = [ring for ring in (one[:-1] if one and one[0] == one[-1] else one for one in found) if len(ring) > 2]
+    if not rings or len(rings) > _MOST_RINGS or not all(isfinite(v) for ring in rings for one in ring for v in one):
+        raise InputError(f"{where} has {len(rings)} parts that can be used: give 1 to {_MOST_RINGS}")
+    return rings
 
 
 def _clean(name: str) -> str:
@@ -267,7 +282,7 @@ def _imagej(shape: Shape) -> bytes:
 
 
 def _corners(corners: Sequence[tuple[float, float]]) -> ImagejRoi:
-    """Make a polygon, of whole coordinates if it has such, else of 32-bit floats beside them."""
+    """Make a polygon, of whole coordinates if it has such, else of additional 32-bit floats."""
     import numpy as np
     from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi
 

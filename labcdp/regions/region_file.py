@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
-from ..errors import InputError
-from ..session.files import write_whole
+from ..core.disk import read_bytes
+from ..core.errors import InputError
+from ..output import write_file
 from .imagej import imagej_file, parse_imagej
 from .region_json import ImageSize, parse_regions, regions_json
 from .shapes import Shape, rois_of
@@ -23,7 +24,7 @@ _IMAGEJ = (b"Iout", b"PK\x03\x04", b"PK\x05\x06")
 
 
 def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None) -> tuple[Shape, ...]:
-    """Read regions from a file of labcdp (JSON) or ImageJ (.roi, or .zip of several); the content tells which.
+    """Read regions from a file of labcdp (JSON) or ImageJ (.roi, or .zip of several); detected by content.
 
     Parameters
     ----------
@@ -82,23 +83,27 @@ def image_size_of(path: str | PathLike[str]) -> ImageSize | None:
         raise InputError(f"{path}: {error}") from error
 
 
-def save_regions(path: str | PathLike[str], shapes: Iterable[Shape], image_size: ImageSize | None = None) -> None:
+def save_regions(
+    path: str | PathLike[str], shapes: Iterable[Shape], image_size: ImageSize | None = None, *, force: bool = False
+) -> None:
     """Write regions: JSON (.json), ImageJ's file of one region (.roi), or of any number (.zip).
 
     Parameters
     ----------
     path : path-like
-        The file; one that is there is replaced.
+        The file.
     shapes : iterable of Shape
         At least one. ImageJ has no grids: their rectangles are written one by one.
     image_size : (int, int) or None
         Width and height of the image they belong to, in pixels; only JSON keeps it.
+    force : bool
+        Whether an existing file is replaced.
 
     Raises
     ------
     InputError
         If the suffix is none of these, the regions cannot be used (see `rois_of`), there are several for a .roi file,
-        or the file cannot be written.
+        or the file exists or cannot be written.
     """
     path, shapes = Path(path), tuple(shapes)
     suffix = path.suffix.lower()
@@ -109,22 +114,13 @@ def save_regions(path: str | PathLike[str], shapes: Iterable[Shape], image_size:
         data = regions_json(shapes, image_size).encode() if suffix == ".json" else imagej_file(shapes, suffix == ".zip")
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    try:
-        write_whole(path.parent, path.name, data)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): check the folder and the disk") from error
+    write_file(path, data, force=force)
 
 
 def _read(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check the path") from error
+    data = read_bytes(path, "a file with regions", _MOST_BYTES)
     if not data:
         raise InputError(f"{path} is empty: give a file with regions")
-    if len(data) > _MOST_BYTES:
-        raise InputError(f"{path} has more than {_MOST_BYTES // 2**20} MiB: it is no region file")
     return data
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields
-from difflib import get_close_matches
 from typing import Any, TypeAlias
 
-from ..errors import InputError
-from .shapes import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, shown
+from ..core.disk import parse_json, quoted, shortened
+from ..core.disk.quoting import closest
+from ..core.errors import InputError
+from .shapes import CompositeShape, EllipseShape, GridShape, PolygonShape, RectangleShape, Shape
 
 #: What the key "format" says, and the newest version of the format.
 FORMAT = "labcdp regions"
@@ -18,7 +19,9 @@ VERSION = 1
 #: Width and height of an image in pixels.
 ImageSize: TypeAlias = tuple[int, int]
 
-_KINDS: dict[str, type[Shape]] = {kind.kind: kind for kind in (PolygonShape, RectangleShape, EllipseShape, GridShape)}
+_KINDS: dict[str, type[Shape]] = {
+    kind.kind: kind for kind in (PolygonShape, CompositeShape, RectangleShape, EllipseShape, GridShape)
+}
 _KEYS = ("format", "version", "image", "regions")
 
 
@@ -28,13 +31,13 @@ def regions_json(shapes: Sequence[Shape], image_size: ImageSize | None) -> str:
     if image_size is not None:
         width, height = image_size
         head.append(f'"image": {_json({"width": int(width), "height": int(height)})}')
-    # A line each: a person finds a region, and corners do not fill pages.
+    # A line each: the user finds a region, and corners do not fill pages.
     regions = ",\n    ".join(_json(_region(shape)) for shape in shapes)
     return "{\n  " + ",\n  ".join([*head, f'"regions": [\n    {regions}\n  ]']) + "\n}\n"
 
 
 def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
-    """Read what `regions_json` wrote, or a person.
+    """Read what `regions_json` wrote, or the user.
 
     Raises
     ------
@@ -44,12 +47,12 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
     document = _document(text)
     _check_keys(document, _KEYS, ("format", "version", "regions"), "")
     if document["format"] != FORMAT:
-        raise InputError(f"format is {shown(document['format'])}: give {FORMAT!r}")
+        raise InputError(f"format is {quoted(document['format'])}: give {FORMAT!r}")
     version = document["version"]
     if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
         raise InputError(f"version is {version}, this labcdp reads {VERSION}: use a newer labcdp")
     if version != VERSION or not isinstance(version, int) or isinstance(version, bool):
-        raise InputError(f"version is {shown(version)}: give {VERSION}")
+        raise InputError(f"version is {quoted(version)}: give {VERSION}")
     regions = document["regions"]
     if not isinstance(regions, list):
         raise InputError("regions is no list: give a list of regions in square brackets")
@@ -62,32 +65,10 @@ def _json(value: object) -> str:
 
 
 def _document(text: str) -> dict[str, Any]:
-    try:
-        document = json.loads(text, object_pairs_hook=_table, parse_constant=_no_constant)
-    except RecursionError as error:
-        raise InputError("it is no region file: lists or tables are nested too deep") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"it is no JSON: {error.msg} in line {error.lineno}, column {error.colno}") from error
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"it is no JSON: {error}") from error
+    document = parse_json(text)
     if not isinstance(document, dict):
         raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
     return document
-
-
-def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for at, key in enumerate(keys) if key in keys[:at])
-        raise InputError(f"the key {twice!r} is given twice in one table: leave one out")
-    return table
-
-
-def _no_constant(text: str) -> float:
-    raise InputError(f"{text} stands where a number should: give a finite number")
 
 
 def _region(shape: Shape) -> dict[str, Any]:
@@ -103,14 +84,14 @@ def _shape(at: int, region: object) -> Shape:
     if not isinstance(region, dict):
         raise InputError(f"regions[{at}] is no table: give one in curly brackets")
     name = region.get("name")
-    where = f"region {name!r}: " if isinstance(name, str) else f"regions[{at}]: "
+    where = f"region {quoted(name)}: " if isinstance(name, str) else f"regions[{at}]: "
     known = ", ".join(_KINDS)
     if "kind" not in region:
         raise InputError(f"{where}kind is missing: give one of {known}")
     kind = region["kind"]
     shape = _KINDS.get(kind) if isinstance(kind, str) else None
     if shape is None:
-        raise InputError(f"{where}kind is {shown(kind)}: give one of {known}")
+        raise InputError(f"{where}kind is {quoted(kind)}: give one of {known}")
     parameters = _parameters(shape)
     needed = [field.name for field in parameters if field.default is MISSING]
     _check_keys(region, ["name", "kind", *(field.name for field in parameters)], ["name", *needed], where)
@@ -127,7 +108,7 @@ def _size(image: object) -> ImageSize:
     _check_keys(image, ("width", "height"), ("width", "height"), "image: ")
     for key, value in image.items():
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-            raise InputError(f"image: {key} is {shown(value)}: give a whole number of pixels of at least 1")
+            raise InputError(f"image: {key} is {quoted(value)}: give a whole number of pixels of at least 1")
     return image["width"], image["height"]
 
 
@@ -135,9 +116,9 @@ def _check_keys(table: dict[str, Any], known: Sequence[str], needed: Sequence[st
     # Unknown keys first: a mistyped key also leaves the right one missing.
     for key in table:
         if key not in known:
-            close = get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known here are {', '.join(known)}"
-            raise InputError(f"{where}{key} is not a known key: {hint}")
+            close = closest(key, known)
+            hint = f"did you mean {close}?" if close else f"known here are {', '.join(known)}"
+            raise InputError(f"{where}{shortened(key)} is not a known key: {hint}")
     for key in needed:
         if key not in table:
             raise InputError(f"{where}{key} is missing: give it")

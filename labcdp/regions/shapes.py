@@ -1,4 +1,4 @@
-"""Shapes a person draws or a file holds, and the polygons they stand for."""
+"""Shapes the user draws or a file holds, and the polygons they stand for."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from math import ceil, cos, isfinite, pi, radians, sin, sqrt
 from numbers import Real
 from typing import Any, ClassVar, TypeAlias
 
-from ..errors import InputError
-from ..roi import Roi
+from ..core.disk.quoting import MOST_QUOTED, quoted
+from ..core.errors import InputError
+from ..core.roi import Roi
 from .geometry import require_simple
 
 #: Largest distance of an ellipse from the polygon that stands for it, in pixels, and the most corners that has.
 _SAGITTA_PX = 0.01
 _MOST_CORNERS_OF_ELLIPSE = 4096
 
-#: More regions, or corners of one, are taken for a mistake.
+#: More regions, corners of one, or corners of all, are refused; and so are coordinates beyond any image.
 MOST_REGIONS = 10_000
 MOST_CORNERS = 100_000
+_MOST_CORNERS_OF_ALL = 2_000_000
+_MOST_PX = 1e7
 
 _Corner: TypeAlias = tuple[float, float]
 
@@ -50,19 +53,31 @@ class PolygonShape:
         corners = self.corners
         if not (isinstance(corners, Sequence) and 3 <= len(corners) <= MOST_CORNERS):
             raise InputError(
-                f"region {self.name!r}: corners is {shown(corners)}: give a list of 3 to {MOST_CORNERS} [x, y] corners"
+                f"region {quoted(self.name)}: corners is {quoted(corners)}: give a list of 3 to {MOST_CORNERS} [x, y] "
+                "corners"
             )
         object.__setattr__(self, "corners", tuple(self._corner(at, corner) for at, corner in enumerate(corners)))
 
     def _corner(self, at: int, corner: object) -> _Corner:
         key = f"corners[{at}]"
         if not (isinstance(corner, Sequence) and not isinstance(corner, str) and len(corner) == 2):
-            raise InputError(f"region {self.name!r}: {key} is {shown(corner)}: give the two numbers [x, y]")
+            raise InputError(f"region {quoted(self.name)}: {key} is {quoted(corner)}: give the two numbers [x, y]")
         return _number(self.name, f"{key}[0]", corner[0]), _number(self.name, f"{key}[1]", corner[1])
 
     def rois(self) -> tuple[Roi, ...]:
         """Return the polygon as the one region."""
         return (Roi(self.name, self.corners),)
+
+
+@dataclass(frozen=True)
+class CompositeShape(PolygonShape):
+    """A region of several parts, or with holes, as ImageJ's wand and its combinations make them.
+
+    One line leads around all parts; from one to the next and back it passes the same way, and parts may touch. Pixels
+    belong to the region by the even-odd rule.
+    """
+
+    kind: ClassVar[str] = "composite"
 
 
 @dataclass(frozen=True)
@@ -150,7 +165,7 @@ class GridShape:
     width, height : float
         Size of the whole grid in pixels.
     rows, columns : int
-        How many rectangles there are below and beside each other.
+        Numbers of rows and columns of rectangles.
     gap : float
         Distance between neighbouring rectangles in pixels.
 
@@ -176,19 +191,21 @@ class GridShape:
         for key in ("rows", "columns"):
             value: object = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise InputError(f"region {self.name!r}: {key} is {shown(value)}: give a whole number of at least 1")
+                raise InputError(
+                    f"region {quoted(self.name)}: {key} is {quoted(value)}: give a whole number of at least 1"
+                )
         if self.rows * self.columns > MOST_REGIONS:
             raise InputError(
-                f"region {self.name!r}: {self.rows} rows of {self.columns} columns are "
+                f"region {quoted(self.name)}: {self.rows} rows of {self.columns} columns are "
                 f"{self.rows * self.columns} regions: give at most {MOST_REGIONS}"
             )
         if self.gap < 0:
-            raise InputError(f"region {self.name!r}: gap is {self.gap:g}: give at least 0 pixels")
+            raise InputError(f"region {quoted(self.name)}: gap is {self.gap:g}: give at least 0 pixels")
         width, height = self._cell
         if not (width > 0 and height > 0):
             raise InputError(
-                f"region {self.name!r}: gaps of {self.gap:g} pixels leave nothing of {self.rows} x {self.columns} "
-                f"rectangles in {self.width:g} x {self.height:g} pixels: give a smaller gap"
+                f"region {quoted(self.name)}: gaps of {self.gap:g} pixels leave nothing of {self.rows} x "
+                f"{self.columns} rectangles in {self.width:g} x {self.height:g} pixels: give a smaller gap"
             )
 
     @property
@@ -223,28 +240,43 @@ def rois_of(shapes: Iterable[Shape]) -> tuple[Roi, ...]:
     Raises
     ------
     InputError
-        If there is none, there are more than 10 000, two have the same name, or a polygon crosses itself or has no
-        area.
+        If there is none, there are more than 10 000 or they have more than 2 000 000 corners, two have the same name,
+        or one crosses itself or has no area.
     """
     rois: list[Roi] = []
+    drawn: set[str] = set()
+    n_corners = 0
     for shape in shapes:
-        rois.extend(shape.rois())
-        if len(rois) > MOST_REGIONS:
-            raise InputError(f"there are more than {MOST_REGIONS} regions: give fewer")
+        own = shape.rois()
+        if shape.kind == "polygon":
+            drawn.add(shape.name)
+        rois.extend(own)
+        n_corners += sum(len(roi.corners) for roi in own)
+        if len(rois) > MOST_REGIONS or n_corners > _MOST_CORNERS_OF_ALL:
+            raise InputError(
+                f"there are more than {MOST_REGIONS} regions, or more than {_MOST_CORNERS_OF_ALL} corners (a large "
+                "ellipse has thousands): give fewer"
+            )
     if not rois:
         raise InputError("there is no region: give at least one")
     name, times = Counter(roi.name for roi in rois).most_common(1)[0]
     if times > 1:
-        raise InputError(f"{times} regions have the name {name!r}: give each its own")
+        raise InputError(f"{times} regions have the name {quoted(name)}: give each its own")
     for roi in rois:
-        require_simple(roi)
+        # An ellipse's polygon of thousands of corners need not be looked at for crossings, as long as it has an area.
+        if len(roi.corners) <= 4 or roi.area == 0 or roi.name in drawn:
+            require_simple(roi)
     return tuple(rois)
 
 
 def check_name(name: object) -> None:
-    """Refuse what is no name for a region: it has printable characters and no space at its ends; raises InputError."""
-    if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable():
-        raise InputError(f"the name of a region is {shown(name)}: give printable text without spaces at its ends")
+    """Refuse what is no name for a region: 1 to 100 printable characters, no space at its ends; raises InputError."""
+    good = isinstance(name, str) and 0 < len(name) <= MOST_QUOTED and name == name.strip() and name.isprintable()
+    if not good:
+        raise InputError(
+            f"the name of a region is {quoted(name)}: give 1 to {MOST_QUOTED} printable characters, without spaces at "
+            "its ends"
+        )
 
 
 def _check_box(shape: Any) -> None:
@@ -255,7 +287,7 @@ def _check_box(shape: Any) -> None:
     for key in ("width", "height"):
         value = getattr(shape, key)
         if not value > 0:
-            raise InputError(f"region {shape.name!r}: {key} is {value:g}: give a number of pixels above 0")
+            raise InputError(f"region {quoted(shape.name)}: {key} is {value:g}: give a number of pixels above 0")
 
 
 def _number(name: str, key: str, value: object) -> float:
@@ -264,18 +296,10 @@ def _number(name: str, key: str, value: object) -> float:
             number = float(value)
         except OverflowError:
             number = float("inf")
-        if isfinite(number):
+        if abs(number) <= _MOST_PX:
             return number
-    raise InputError(f"region {name!r}: {key} is {shown(value)}: give a finite number")
-
-
-def shown(value: object) -> str:
-    """Return a value as messages show it: as JSON has it, and short."""
-    if isinstance(value, bool) or value is None:
-        return {True: "true", False: "false", None: "null"}[value]
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, list | tuple) and len(value) > 4:
-        return f"a list of {len(value)}"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        if isfinite(number):
+            raise InputError(
+                f"region {quoted(name)}: {key} is {number:g}: give a number from {-_MOST_PX:g} to {_MOST_PX:g}"
+            )
+    raise InputError(f"region {quoted(name)}: {key} is {quoted(value)}: give a finite number")

@@ -1,28 +1,27 @@
-"""Numbers as text, with no more digits than they are worth."""
+"""Numbers and times as text with significant digits only."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from math import floor, isfinite, log10
 
-from ..contrast import DetectionResult
+from ..core.table import Z_95 as Z_95
+from ..metrics import DetectionResult
 
-#: 97.5 % quantile of the standard normal distribution: half width of a 95 % interval in standard uncertainties.
-Z_95 = 1.959963984540054
-
-#: Stands for a value that is not known.
+#: Text for an unknown value.
 UNKNOWN = "unknown"
 
-#: More decimals than this of a probability tell nobody anything.
+#: Most decimals of a probability.
 _MOST_DECIMALS_OF_SHARE = 5
 
-#: Characters that XML and drawing cannot take; a name may hold them.
+#: Characters that cannot be written to XML or drawn; names may contain them.
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 
 def decimals(value: float, significant: int) -> int:
-    """Count the decimals that show a value with so many significant digits; below 0 it is rounded to tens and so on."""
+    """Count the decimals for a number of significant digits; a negative number rounds to tens and so on."""
     if not isfinite(value) or value == 0:
         return significant
     exponent = floor(log10(abs(value)))
@@ -41,23 +40,23 @@ def fixed(value: float | None, n_decimals: int, sign: bool = False) -> str:
 
 
 def significant(value: float, n_digits: int = 4) -> str:
-    """Write a value with so many significant digits."""
+    """Write a value with a number of significant digits."""
     return fixed(value, decimals(value, n_digits))
 
 
 def with_half_width(value: float, half_width: float) -> str:
-    """Write "value ± half width", the latter with two digits and the value to match (GUM 7.2.6)."""
+    """Write "value ± U", with two digits of U and the value rounded to match (GUM 7.2.6)."""
     n = decimals(half_width, 2) if half_width > 0 else decimals(value, 6)
     return f"{fixed(value, n)} ± {fixed(half_width, n)}"
 
 
-def percent(fraction: float) -> str:
-    """Write a fraction as percent, with up to six significant digits: 0.76 is "76 %"."""
-    return f"{100 * fraction:.6g} %"
+def percent(fraction: float, n_digits: int = 6) -> str:
+    """Write a fraction as percent with up to a number of significant digits: 0.76 is "76 %"."""
+    return f"{100 * fraction:.{n_digits}g} %"
 
 
 def share_percent(share: float) -> str:
-    """Write a share as percent, with two digits of the share or of what is missing to all."""
+    """Write a share as percent, with two digits of the share or of its complement."""
     rest = min(share, 1 - share)
     if 0 < rest < 1e-6:
         return "less than 0.0001 %" if rest == share else "more than 99.9999 %"
@@ -65,7 +64,7 @@ def share_percent(share: float) -> str:
 
 
 def exposure(exposure_s: float) -> str:
-    """Write an exposure in the unit in which it is a handy number."""
+    """Write an exposure in a convenient unit."""
     for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
         if exposure_s >= seconds:
             return f"{exposure_s / seconds:.4g} {unit}"
@@ -98,6 +97,21 @@ def printable(text: str) -> str:
 
 
 def shortened(text: str, n_characters: int) -> str:
-    """Cut a text that is too long for its place, and make it printable."""
+    """Truncate a text and make it printable."""
     text = printable(text)
     return text if len(text) <= n_characters else text[: n_characters - 1] + "…"
+
+
+def day(time: datetime) -> str:
+    """Write the day, in UTC."""
+    return f"{time.astimezone(UTC):%Y-%m-%d}"
+
+
+def minute(time: datetime) -> str:
+    """Write day and time, in UTC."""
+    return f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Write "a, b and c"."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

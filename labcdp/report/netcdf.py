@@ -1,67 +1,40 @@
-"""Maps, and other labelled results, as NetCDF files."""
+"""Datasets as NetCDF-4 files."""
 
 from __future__ import annotations
 
-from os import PathLike
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
-from ..evaluate.map_axes import check_map
-from ..session.files import write_whole
+from ..core.disk import read_bytes, reason
+from ..core.disk.child import read_in_child
+from ..core.errors import InputError
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Compressed by zlib, with a checksum, so that damage is seen.
+
+#: Largest size of a file, and signatures of HDF5 and classic NetCDF.
+_MOST_BYTES = 2**31
+_SIGNATURES = (b"\x89HDF\r\n\x1a\n", b"CDF")
+#: Compressed by zlib, with a checksum that detects damage.
 _NUMBERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 
 
-def save_netcdf(dataset: Dataset, path: str | PathLike[str]) -> None:
-    """Write a map as NetCDF-4 file, whole or not at all; equal maps give equal bytes.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        The map; its attributes are texts and numbers.
-    path : path
-        Replaced if it exists.
-
-    Raises
-    ------
-    InputError
-        If the dataset is no map, holds what NetCDF cannot, or the file cannot be written.
-    """
-    path = Path(path)
-    data = netcdf_bytes(dataset)
-    try:
-        write_whole(path.parent, path.name, data)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}): choose a folder that exists and that you may write to"
-        ) from error
-
-
-def netcdf_bytes(dataset: Dataset) -> bytes:
-    """Return the content of the file that `save_netcdf` writes; raises InputError as it does."""
-    check_map(dataset)
-    return dataset_bytes(dataset, "map")
-
-
 def dataset_bytes(dataset: Dataset, what: str) -> bytes:
-    """Return any labelled result as content of a NetCDF-4 file; equal results give equal bytes.
+    """Return a labelled result as content of a NetCDF-4 file; equal results give equal bytes.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        Its attributes are texts and numbers.
+        Dataset whose attributes are texts and numbers.
     what : str
-        What it is, for messages.
+        Name of the result in messages.
 
     Raises
     ------
     InputError
-        If it holds what NetCDF cannot.
+        If it holds values that NetCDF cannot store.
     """
     encoding = {
         name: _NUMBERS for name, variable in dataset.data_vars.items() if variable.ndim and variable.dtype.kind in "iuf"
@@ -70,60 +43,65 @@ def dataset_bytes(dataset: Dataset, what: str) -> bytes:
         return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(
-            f"the {what} holds what NetCDF cannot ({_one_line(error)}): give attributes that are texts or numbers"
+            f"the {what} holds what NetCDF cannot ({reason(error)}): give attributes that are texts or numbers"
         ) from error
 
 
-def load_netcdf(path: str | PathLike[str]) -> Dataset:
-    """Read a map that `save_netcdf` wrote.
+def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
+    """Write a Dataset block by block in constant memory; equal blocks give equal bytes.
 
     Parameters
     ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    xarray.Dataset
-        In memory; the file is closed.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, cannot be read, is damaged, or is no map of labcdp.
+    path : Path
+        Written incrementally: give a temporary name and rename.
+    blocks : iterable of xarray.Dataset
+        At least one; variables with the dimension `along` are concatenated, all others are taken from the first.
+    along : str
+        The dimension.
     """
-    dataset = read_dataset(Path(path), "map")
-    try:
-        check_map(dataset)
-    except InputError as error:
-        raise InputError(f"{path} is no map of labcdp: {error}") from error
-    return dataset
+    from netCDF4 import Dataset as File
+
+    size = 0
+    for block in blocks:
+        start, size = size, size + block.sizes[along]
+        grown = {name: variable for name, variable in block.variables.items() if along in variable.dims}
+        if not start:
+            encoding = {
+                name: {**_NUMBERS, "chunksizes": variable.shape}
+                for name, variable in grown.items()
+                if variable.dtype.kind in "biuf" and variable.size
+            }
+            block.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding, unlimited_dims=[along])
+            continue
+        with File(path, "a") as file:
+            file.set_auto_maskandscale(False)
+            for name, variable in grown.items():
+                index = tuple(slice(start, size) if name == along else slice(None) for name in variable.dims)
+                file[str(name)][index] = variable.values
 
 
 def read_dataset(path: Path, what: str) -> Dataset:
-    """Read any labelled result into memory and close the file; `what` it should be is told in messages.
+    """Read a labelled result into memory and close the file; `what` names it in messages.
 
     Raises
     ------
     InputError
         If the file is missing, cannot be read or is damaged.
     """
+    data = read_bytes(path, f"the path of a {what} (.nc)", _MOST_BYTES)
+    if not data.startswith(_SIGNATURES):
+        raise InputError(f"{path} is no NetCDF file: give the path of a {what} (.nc)")
+    try:
+        # A single damaged byte can make HDF5 loop forever.
+        dataset: Dataset = read_in_child(f"{__name__}:_load", data)
+    except InputError as error:
+        raise InputError(
+            f"{path} is damaged or no NetCDF file ({error}): restore it from a copy, or make the {what} again"
+        ) from error
+    return dataset
+
+
+def _load(data: bytes) -> Dataset:
     import xarray as xr
 
-    try:
-        # Bytes, so that an error of the file system is told from one of the format.
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give the path of a {what} (.nc)") from error
-    try:
-        return xr.load_dataset(data, engine="netcdf4")
-    except Exception as error:  # damage can surface as almost any error of the libraries
-        raise InputError(
-            f"{path} is damaged or no NetCDF file ({_one_line(error)}): restore it from a copy, or make the {what} "
-            "again"
-        ) from error
-
-
-def _one_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
+    return xr.load_dataset(data, engine="netcdf4")

@@ -1,12 +1,8 @@
-"""Sessions: one measurement in a folder a person can read, safe against kills and checked when read."""
+"""Sessions: one measurement in a folder the user can read, safe against kills and checked when read."""
 
-from .bench_tables import (
-    CameraConfiguration,
-    LensConfiguration,
-    MeterConfiguration,
-    SourceConfiguration,
-)
+from .bench_tables import CameraConfiguration, LensConfiguration, SourceConfiguration
 from .configuration import (
+    ConditionsConfiguration,
     ContrastConfiguration,
     GuessConfiguration,
     Patch,
@@ -16,16 +12,19 @@ from .configuration import (
 )
 from .examples import example_configuration, example_session
 from .files import StoredFile
+from .meter_tables import MeterCertificate, MeterConfiguration
 from .records import EventRecord, FrameRecord, ReadingRecord, Record, Role
 from .store import Session
 
 __all__ = [
     "CameraConfiguration",
+    "ConditionsConfiguration",
     "ContrastConfiguration",
     "EventRecord",
     "FrameRecord",
     "GuessConfiguration",
     "LensConfiguration",
+    "MeterCertificate",
     "MeterConfiguration",
     "Patch",
     "PlanConfiguration",

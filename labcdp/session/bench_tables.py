@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..errors import InputError
-from ..spectral_table import SpectralTable, read_spectral_file
+from ..core.errors import InputError
+from ..core.spectral.table import SpectralTable, read_spectral_file
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
-Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$")]
+Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$", max_length=255)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -78,52 +78,8 @@ class LensConfiguration(Table):
     serial: Text = Field(description="the serial number as text, in quotes")
     focal_length_m: Positive = Field(description="a focal length above 0 m")
     f_number: Positive = Field(description="an f-number above 0")
+    focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
-
-
-#: Models whose protocol and data sheet the drivers know.
-SERIAL_MODELS = ("LS-110", "LS-100")
-
-
-class MeterConfiguration(Table):
-    """Which luminance meter; it cannot tell its own serial number and calibration date.
-
-    Readings come over a serial line, are typed by a person, or stand in a CSV file. For the last two the accuracy
-    of the instrument is given here, since no driver knows it.
-    """
-
-    model: Text = Field(description="the model's name as text")
-    entry: Literal["serial", "by hand", "csv"] = Field("serial", description='"serial", "by hand" or "csv"')
-    port: Text | None = Field(None, description="the serial port as text")
-    file: Text | None = Field(None, description="the path of a CSV file as text")
-    serial: Text = Field(description="the serial number as text, in quotes")
-    calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
-    scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for +-2 %")
-    repeatability_rel: NotNegative | None = Field(None, description="a fraction of at least 0")
-    digits: Count | None = Field(None, description="a whole number of at least 1, 1 for +-1 digit")
-
-    @model_validator(mode="after")
-    def _known_or_described(self) -> Self:
-        accuracy = ("scale_half_width_rel", "repeatability_rel", "digits")
-        if self.entry == "serial":
-            if self.model not in SERIAL_MODELS:
-                raise ValueError(
-                    f'has model {self.model!r}: give "LS-110" or "LS-100", or entry = "by hand" or "csv" for '
-                    "another instrument"
-                )
-            given = [name for name in ("file", *accuracy) if getattr(self, name) is not None]
-            if given:
-                raise ValueError(f'has {given[0]}, which belongs to entry = "by hand" or "csv": leave it out')
-            return self
-        if self.port is not None:
-            raise ValueError('has port, which belongs to entry = "serial": leave it out')
-        if (self.file is None) == (self.entry == "csv"):
-            wrong = "lacks file: give the path of a CSV file" if self.entry == "csv" else "has file: leave it out"
-            raise ValueError(f'{wrong} with entry = "{self.entry}"')
-        missing = [name for name in accuracy if getattr(self, name) is None]
-        if missing:
-            raise ValueError(f'lacks {missing[0]}: with entry = "{self.entry}" give the accuracy of the instrument')
-        return self
 
 
 class SourceConfiguration(Table):
@@ -153,7 +109,7 @@ class SourceConfiguration(Table):
         return self
 
 
-#: Keys whose value is the name of a file with spectra, with the table they stand in.
+#: Keys whose value is the name of a file with spectra, with their table.
 _SPECTRA = (("camera", "spectral_sensitivity"), ("source", "spectrum_file"))
 
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from ..errors import ConfigurationError, InputError
-from ..roi import Roi
-from ..toml_text import toml_text
+from ..core.disk import parse_toml, read_toml
+from ..core.errors import ConfigurationError, InputError
+from ..core.roi import Roi
+from ..core.toml_text import toml_text
 from .bench_tables import (
     CameraConfiguration,
     Count,
     Fraction,
     LensConfiguration,
-    MeterConfiguration,
     NotNegative,
     Number,
     Positive,
@@ -29,6 +28,7 @@ from .bench_tables import (
     Text,
     with_spectra,
 )
+from .meter_tables import MeterConfiguration
 from .validation import validated
 
 #: Two exposures are the same setting within this relative difference: cameras round to their clock.
@@ -87,16 +87,18 @@ class TargetConfiguration(Table):
 
 
 class ContrastConfiguration(Table):
-    """A pair of patches, and the contrast whose detection probability is asked for."""
+    """A pair of patches, and their target contrast."""
 
     bright: Text = Field(description="the name of a patch")
     dark: Text = Field(description="the name of a patch")
     contrast: Positive = Field(description="a Weber contrast above 0, as a fraction (1.0 is 100 %)")
     epsilon: Fraction = Field(0.5, description="a fraction above 0, up to 1")
+    # CDP from which the contrast counts as detected.
+    cdp_limit: Fraction = Field(0.9, description="a probability above 0, up to 1")
 
 
 class PlanConfiguration(Table):
-    """What is recorded, how often, and how far it may wander before a person is asked to repeat it."""
+    """What is recorded, how often, and the drift above which a repetition is offered."""
 
     # Left out: searched before the first frame, so that each patch lies between black and saturation at one.
     exposures_s: tuple[Positive, ...] | None = Field(None, min_length=1, description="exposures above 0 s")
@@ -131,6 +133,16 @@ class PlanConfiguration(Table):
         return exposures_s
 
 
+class ConditionsConfiguration(Table):
+    """Geometry and surroundings, as a certificate states them; nothing is computed from them."""
+
+    camera_distance_m: Positive | None = Field(None, description="a distance of camera and target above 0 m")
+    meter_distance_m: Positive | None = Field(None, description="a distance of meter and target above 0 m")
+    measuring_field_deg: Positive | None = Field(None, description="the meter's measuring angle above 0 degrees")
+    angle_deg: NotNegative | None = Field(None, description="the angle to the target's normal, at least 0 degrees")
+    temperature_c: Number | None = Field(None, description="the temperature of the room in degC")
+
+
 class GuessConfiguration(Table):
     """Camera parameters as one would guess them without a calibration, to show what the guess costs."""
 
@@ -158,6 +170,7 @@ class SessionConfiguration(Table):
         (), validation_alias="contrast", serialization_alias="contrast", description="[[contrast]] tables"
     )
     plan: PlanConfiguration = Field(description="a [plan] table")
+    conditions: ConditionsConfiguration | None = Field(None, description="a [conditions] table")
     guess: GuessConfiguration | None = Field(None, description="a [guess] table")
 
     @model_validator(mode="after")
@@ -182,13 +195,7 @@ class SessionConfiguration(Table):
         ConfigurationError
             If the file cannot be read, or as `from_toml`.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): give a file you can read") from error
-        except UnicodeDecodeError as error:
-            raise ConfigurationError(f"{path}: byte {error.start} is not UTF-8 text: save the file as UTF-8") from error
-        return cls.from_toml(text, str(path), Path(path).parent)
+        return cls._from_document(read_toml(path, "a session's configuration"), str(path), Path(path).parent)
 
     @classmethod
     def from_toml(cls, text: str, source: str, folder: Path = Path()) -> SessionConfiguration:
@@ -203,9 +210,13 @@ class SessionConfiguration(Table):
             its unit and what to give).
         """
         try:
-            document = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigurationError(f"{source}: not valid TOML: {error}: correct it there") from error
+            document = parse_toml(text)
+        except InputError as error:
+            raise ConfigurationError(f"{source}: {error}") from error
+        return cls._from_document(document, source, folder)
+
+    @classmethod
+    def _from_document(cls, document: dict[str, Any], source: str, folder: Path) -> SessionConfiguration:
         try:
             document = with_spectra(document, folder)
         except InputError as error:

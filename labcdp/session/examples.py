@@ -16,3 +16,8 @@ def example_configuration() -> str:
 def example_session() -> Path:
     """Return the folder of a small session recorded on the simulated bench."""
     return _DATA / "example-session"
+
+
+def example_camera() -> str:
+    """Return a camera specification as TOML, with comments: that of the 2018 thesis' camera."""
+    return (_DATA / "cameras" / "thesis-2018.toml").read_text(encoding="utf-8")

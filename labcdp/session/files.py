@@ -9,11 +9,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
-from ..errors import SessionError
-
-Buffer: TypeAlias = bytes | memoryview
+from ..core.disk import open_regular, reason
+from ..core.errors import SessionError
+from ..output.file import Buffer, fsync_folder, is_temporary, temporary_name, write_all
 
 
 @dataclass(frozen=True)
@@ -70,9 +69,8 @@ def write_several(folder: Path, files: Iterable[tuple[str, Buffer]]) -> list[Sto
     named: list[Path] = []
     try:
         for name, data in files:
-            path = folder / name
-            partials.append(path.with_name(f".{path.name}.part"))
-            with open(partials[-1], "wb", buffering=0) as file:
+            partials.append(temporary_name(folder / name))
+            with open(partials[-1], "xb", buffering=0) as file:
                 write_all(file.fileno(), data)
                 os.fsync(file.fileno())
             written.append(StoredFile(name, hashlib.sha256(data).hexdigest(), memoryview(data).nbytes))
@@ -89,32 +87,10 @@ def write_several(folder: Path, files: Iterable[tuple[str, Buffer]]) -> list[Sto
     return written
 
 
-def write_all(descriptor: int, data: Buffer) -> None:
-    """Write all bytes; a call that takes only some is repeated, and on a full disk then raises its OSError."""
-    view = memoryview(data)
-    written = os.write(descriptor, view)
-    while written < view.nbytes:
-        written += os.write(descriptor, view[written:])
-
-
-def fsync_folder(folder: Path) -> None:
-    """Flush a folder's entries to the disk, so that a new name outlives a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def is_partial(path: Path) -> bool:
-    """Whether this is a temporary file of `write_whole`."""
-    return path.name.startswith(".") and path.name.endswith(".part")
-
-
 def remove_partial(folder: Path) -> None:
     """Remove temporary files that a killed `write_whole` left in a folder."""
     for path in folder.iterdir():
-        if is_partial(path):
+        if is_temporary(path) and path.is_file():
             path.unlink()
 
 
@@ -127,12 +103,13 @@ def read_checked(folder: Path, stored: StoredFile) -> bytes:
         If it is missing, shorter or longer than recorded, altered, or cannot be read.
     """
     path = folder / stored.name
-    with reported(path, "read"):
-        data = path.read_bytes()
-    if len(data) < stored.size:
-        fault = f"is truncated: {len(data)} of {stored.size} bytes are left"
-    elif len(data) > stored.size:
-        fault = f"was altered: it has {len(data)} bytes, {stored.size} were recorded"
+    with reported(path, "read"), open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read() if size == stored.size else b""
+    if size < stored.size:
+        fault = f"is truncated: {size} of {stored.size} bytes are left"
+    elif size > stored.size:
+        fault = f"was altered: it has {size} bytes, {stored.size} were recorded"
     elif hashlib.sha256(data).hexdigest() != stored.sha256:
         fault = "was altered: its SHA-256 is not the recorded one"
     else:
@@ -159,4 +136,4 @@ def reported(path: Path, done: str) -> Iterator[None]:
             errno.EFBIG: "raise the limit of the file size and record it again",
         }
         remedy = remedies.get(error.errno or 0, "check the path and the disk")
-        raise SessionError(f"{path} cannot be {done} ({error.strerror}): {remedy}") from error
+        raise SessionError(f"{path} cannot be {done} ({reason(error)}): {remedy}") from error

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
-from ..clock import Clock
-from ..errors import SessionError
+from ..core.clock import Clock
+from ..core.errors import SessionError
 from .configuration import SessionConfiguration
 from .files import reported, write_whole
 from .journal import Journal
-from .journal_text import JOURNAL
+from .journal_text import JOURNAL, JOURNAL_END
 from .readme import README, README_TEXT
 
 CONFIGURATION = "session.toml"
@@ -45,3 +46,16 @@ def make_folder(folder: Path, configuration: SessionConfiguration, compress: boo
         journal.append("readme", {}, readme)
     finally:
         journal.close()
+
+
+def remove_session(folder: Path, recorded: Iterable[str]) -> None:
+    """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
+    own = {JOURNAL, JOURNAL_END, FRAMES, *recorded}
+    with reported(folder, "removed"):
+        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
+        if others:
+            raise SessionError(f"{folder} holds {min(others)}, which is not of the session: give a new folder")
+        for name in own - {FRAMES}:
+            (folder / name).unlink(missing_ok=True)
+        (folder / FRAMES).rmdir()
+        folder.rmdir()

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import json
 from io import BytesIO
+from pathlib import Path
 
-from ..errors import InputError, SessionError
-from ..frame import Frame
+from ..core.disk import parse_json, reason
+from ..core.disk.tiff import open_tiff, pixels_of
+from ..core.errors import InputError, SessionError
+from ..core.frame import Frame
+
+#: What messages call the file, which the session names itself.
+_IT = Path("it")
 
 
 def frame_to_tiff(frame: Frame, compress: bool) -> memoryview:
@@ -55,16 +61,14 @@ def frame_from_tiff(data: bytes, source: str) -> Frame:
     SessionError
         If it is a TIFF, but not one of labcdp's frames.
     """
-    import tifffile
-
     try:
-        with tifffile.TiffFile(BytesIO(data)) as tiff:
+        with open_tiff(data, _IT) as tiff:
             page = tiff.pages.first
-            dn = page.asarray()
-            metadata = json.loads(page.description)
+            dn = pixels_of(page, _IT)
+            metadata = parse_json(page.description)
         return Frame.from_metadata(dn.astype(dn.dtype.newbyteorder("="), copy=False), metadata)
-    except (tifffile.TiffFileError, ValueError) as error:
-        raise SessionError(f"{source} is not a frame recorded by labcdp ({error})") from error
+    except InputError as error:
+        raise SessionError(f"{source} is not a frame recorded by labcdp ({reason(error)})") from error
 
 
 def frame_file_name(number: int, role: str, exposure_s: float) -> str:

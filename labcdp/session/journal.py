@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 from collections.abc import Mapping, Sequence
@@ -13,9 +12,10 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
-from ..clock import Clock
-from ..errors import SessionError
-from .files import StoredFile, reported, write_all, write_whole
+from ..core.clock import Clock
+from ..core.errors import SessionError
+from ..output.file import write_all
+from .files import StoredFile, reported, write_whole
 from .journal_text import JOURNAL, JOURNAL_END, START, Entry, JournalText, Line, decode, encode, end_text, read_journal
 
 #: Kind of a line that says that the clock was set back.
@@ -30,6 +30,8 @@ _log = logging.getLogger(__name__)
 def _lock(file: FileIO, folder: Path) -> None:
     with reported(folder / JOURNAL, "written"):
         try:
+            import fcntl  # not on all systems; reading needs no lock
+
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise SessionError(
@@ -114,8 +116,8 @@ class Journal:
     def append_several(self, lines: Sequence[Line]) -> list[Entry]:
         """Add lines; when this returns, they are on the disk, and if it raises, none of them counts.
 
-        A line whose time is before that of the line above it, because somebody set the computer's clock back,
-        gets a line of kind ``clock`` before it that says so.
+        A line whose time is before that of the line above it, because the computer's clock was set back, gets a line of
+        kind ``clock`` before it that says so.
 
         Raises
         ------

@@ -17,14 +17,33 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, SessionError
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..core.disk import parse_json, read_at_most, validated_as
+from ..core.errors import InputError, SessionError
 from .files import StoredFile, reported
 
 JOURNAL = "journal.jsonl"
 JOURNAL_END = "journal.end"
 
 START = "0" * 64
+#: Size from which a journal is refused: some 100 000 frames.
+_MOST_BYTES = 2**28
 _LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}', re.DOTALL)
+
+
+class _LineValues(BaseModel):
+    """A line without its check."""
+
+    model_config = ConfigDict(extra="forbid")
+    sequence: int = Field(ge=1)
+    time: str
+    kind: str = Field(min_length=1)
+    content: dict[str, Any]
+    # A path that stays inside the session's folder.
+    file: str | None = Field(None, pattern=r"^(?:[^/\\\x00.][^/\\\x00]*/)*[^/\\\x00.][^/\\\x00]*$")
+    sha256: str = Field("", pattern="^[0-9a-f]{64}$")
+    size: int = Field(0, ge=0, le=2**40)
 
 
 @dataclass(frozen=True)
@@ -119,9 +138,9 @@ def read_journal(folder: Path) -> JournalText:
     # The end first: a writer may append between the two, and the end must not be ahead of the lines.
     end_path, path = folder / JOURNAL_END, folder / JOURNAL
     with reported(end_path, "read"):
-        end = end_path.read_bytes() if end_path.exists() else None
+        end = read_at_most(end_path, 1000) if end_path.exists() else None
     with reported(path, "read"):
-        text = path.read_bytes()
+        text = read_at_most(path, _MOST_BYTES)
     *lines, torn = text.split(b"\n")
     entries: list[Entry] = []
     for number, line in enumerate(lines, start=1):
@@ -171,7 +190,7 @@ def encode(previous_check: str, values: dict[str, Any]) -> bytes:
 
 
 def decode(line: bytes, previous_check: str) -> Entry | None:
-    """Return the entry, or None if the line does not follow one with that check."""
+    """Return the entry, or None if the line does not follow one with that check, or is no line of a journal."""
     found = _LINE.fullmatch(line)
     if not found:
         return None
@@ -179,9 +198,12 @@ def decode(line: bytes, previous_check: str) -> Entry | None:
     if hashlib.sha256(previous_check.encode() + body).hexdigest() != check:
         return None
     try:
-        values = json.loads(body)
-        file = StoredFile(values["file"], values["sha256"], values["size"]) if "file" in values else None
-        time = datetime.fromisoformat(values["time"])
-        return Entry(values["sequence"], time, values["kind"], values["content"], file, check)
-    except (KeyError, TypeError, ValueError):
+        values = parse_json(body)
+        line_values = validated_as(_LineValues, values)
+        time = datetime.fromisoformat(line_values.time)
+    except ValueError:
         return None
+    file = None
+    if line_values.file is not None:
+        file = StoredFile(line_values.file, line_values.sha256, line_values.size)
+    return Entry(line_values.sequence, time, line_values.kind, values["content"], file, check)

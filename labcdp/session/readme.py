@@ -1,4 +1,4 @@
-"""The page in a session's folder that tells a person what is in it."""
+"""The page in a session's folder that describes its content."""
 
 README = "README.txt"
 

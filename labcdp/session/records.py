@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
-from ..frame import CameraIdentity
-from ..reading import Reading
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from ..core.disk import shortened, validated_as
+from ..core.errors import InputError, SessionError
+from ..core.frame import CameraIdentity, checked_metadata
+from ..core.reading import Reading
 from .files import StoredFile
 from .journal_text import Entry
 
 Role = Literal["light", "dark"]
+_Content = TypeVar("_Content", bound=BaseModel)
 ROLES: tuple[Role, ...] = get_args(Role)
 
 #: Kind of the event that takes frames and readings out of what counts.
@@ -71,7 +76,7 @@ class FrameRecord:
 
     @property
     def camera(self) -> CameraIdentity:
-        """Who took it."""
+        """Camera."""
         return CameraIdentity(**self.metadata["camera"])
 
 
@@ -156,26 +161,84 @@ def record(entry: Entry) -> Record:
 
 def frame_record(entry: Entry) -> FrameRecord:
     """Make the record of a frame's line."""
-    content = entry.content
-    assert entry.file is not None
+    content = _content(_FrameContent, entry)
+    if entry.file is None:
+        raise _no_record(entry, "it names no file")
     return FrameRecord(
         sequence=entry.sequence,
         time=entry.time,
-        number=content["number"],
-        role=content["role"],
-        shape=(content["height"], content["width"]),
-        metadata=content["frame"],
+        number=content.number,
+        role=content.role,
+        shape=(content.height, content.width),
+        metadata=entry.content["frame"],
         file=entry.file,
-        patch=content.get("patch"),
+        patch=content.patch,
     )
 
 
 def reading_record(entry: Entry) -> ReadingRecord:
     """Make the record of a reading's line."""
-    reading = Reading.from_dict(entry.content["reading"])
-    return ReadingRecord(entry.sequence, entry.time, entry.content["patch"], reading)
+    content = _content(_ReadingContent, entry)
+    return ReadingRecord(entry.sequence, entry.time, content.patch, Reading.from_dict(content.reading))
 
 
 def event_record(entry: Entry) -> EventRecord:
     """Make the record of any other line."""
+    if entry.kind in _EVENT_CONTENTS:
+        _content(_EVENT_CONTENTS[entry.kind], entry)
     return EventRecord(entry.sequence, entry.time, entry.kind, entry.content, entry.file)
+
+
+class _FrameContent(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    number: int = Field(ge=1)
+    role: Role
+    width: int = Field(ge=1)
+    height: int = Field(ge=1)
+    frame: Annotated[dict[str, Any], AfterValidator(checked_metadata)]
+    patch: str | None = None
+
+
+class _ReadingContent(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    patch: str
+    reading: dict[str, Any]
+
+
+class _SupersededContent(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    lines: list[int]
+    reason: str
+
+
+class _ExposuresContent(BaseModel):
+    # Findings of the search are stored with them.
+    exposures_s: list[Annotated[float, Field(gt=0)]] = Field(min_length=1)
+
+
+class _SessionContent(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    format: int
+    compress: bool
+    versions: dict[str, str]
+
+
+_EVENT_CONTENTS: dict[str, type[BaseModel]] = {
+    "session": _SessionContent,
+    SUPERSEDED: _SupersededContent,
+    EXPOSURES: _ExposuresContent,
+}
+
+
+def _content(kind: type[_Content], entry: Entry) -> _Content:
+    try:
+        return validated_as(kind, entry.content)
+    except InputError as error:
+        raise _no_record(entry, str(error)) from error
+
+
+def _no_record(entry: Entry, why: str) -> SessionError:
+    return SessionError(
+        f"line {entry.sequence} of the journal is no record of a {shortened(entry.kind)} ({why}): use the labcdp that "
+        "wrote it, or restore the journal from a copy of the session"
+    )

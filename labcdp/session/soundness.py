@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import SessionError
-from .files import is_partial, read_checked, reported
+from ..core.errors import SessionError
+from ..output.file import is_temporary
+from .files import read_checked, reported
 from .journal_text import JOURNAL, JOURNAL_END, Entry, read_journal
 
 
@@ -14,7 +15,7 @@ def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Files in a session's folder that its journal does not know, as names inside it."""
     known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, JOURNAL_END}
     with reported(folder, "read"):
-        files = [path for path in folder.rglob("*") if path.is_file() and not is_partial(path)]
+        files = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
     return sorted({path.relative_to(folder).as_posix() for path in files} - known)
 
 

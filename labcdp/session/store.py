@@ -14,13 +14,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from ..clock import Clock, SystemClock
-from ..errors import InputError, SessionError
-from ..frame import Frame
-from ..reading import Reading
+from ..core.clock import Clock, SystemClock
+from ..core.disk.quoting import shown
+from ..core.errors import InputError, SessionError
+from ..core.frame import Frame
+from ..core.reading import Reading
+from ..output.file import fsync_folder
 from .configuration import SessionConfiguration
-from .files import fsync_folder, read_checked, remove_partial, reported, write_several
-from .folder import FORMAT, FRAMES, make_folder, require_session
+from .files import read_checked, remove_partial, reported, write_several
+from .folder import FORMAT, FRAMES, make_folder, remove_session, require_session
 from .frame_file import frame_file_name, frame_from_tiff, frame_to_tiff
 from .journal import CLOCK, Journal
 from .journal_text import JOURNAL, Entry, Line, read_journal
@@ -128,6 +130,8 @@ class Session:
         SessionError
             If it is no session, the journal or the configuration was altered, or another process writes to it.
         """
+        if not isinstance(path, str | PathLike):
+            raise SessionError(f"the session is {shown(path)}: give the path of its folder")
         path = Path(path)
         require_session(path)
         if not writable:
@@ -301,6 +305,18 @@ class Session:
         """Check the journal on the disk and every file in it; one line for each fault, none if all is sound."""
         return problems(self.path, self._entries)
 
+    def remove(self) -> None:
+        """Remove a closed session with its folder.
+
+        Raises
+        ------
+        SessionError
+            If the folder holds anything else, or a file of the session was altered; then nothing is removed.
+        """
+        if self.problems():
+            raise SessionError(f"{self.path} was altered and is not removed: give a new folder")
+        remove_session(self.path, [entry.file.name for entry in self._entries if entry.file])
+
     def verify(self) -> None:
         """Check everything, as `problems` does.
 
@@ -327,11 +343,12 @@ class Session:
         first = self._entries[0] if self._entries else None
         if first is None or first.kind != "session" or first.file is None:
             raise SessionError(f"{self.path / JOURNAL} does not begin with a session: restore it from a copy")
+        event_record(first)
         if first.content["format"] != FORMAT:
             raise SessionError(
                 f"{self.path} has format {first.content['format']}, this labcdp knows {FORMAT}: update labcdp"
             )
-        text = read_checked(self.path, first.file).decode()
+        text = read_checked(self.path, first.file).decode(errors="replace")
         return SessionConfiguration.from_toml(text, str(self.path / first.file.name))
 
     def _recover(self) -> None:

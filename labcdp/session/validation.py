@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from difflib import get_close_matches
 from inspect import isclass
 from typing import Any, TypeVar, get_args
 
@@ -12,7 +11,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..errors import ConfigurationError
+from ..core.disk.quoting import closest, quoted, shortened
+from ..core.errors import ConfigurationError
+
+#: Length of what a validator says, which may name all patches.
+_MOST_CHARACTERS = 400
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -65,9 +68,9 @@ def _sentence(model: type[BaseModel], problem: ErrorDetails) -> str:
     if problem["type"] == "extra_forbidden":
         return f"{path} is not a known key: {_suggestion(model, location)}"
     if problem["type"] == "value_error":
-        return f"{path} {problem['ctx']['error']}".lstrip()
+        return shortened(f"{path} {problem['ctx']['error']}".lstrip(), _MOST_CHARACTERS)
     field = _field(model, location)
-    what = field.description if field else "a table"
+    what = field.description if field else "what the documentation says"
     if problem["type"] == "missing":
         return f"{path} is missing: give {what}"
     if problem["type"] == "tuple_type":
@@ -84,20 +87,16 @@ def _path(location: tuple[int | str, ...]) -> str:
         else:
             key = part if re.fullmatch(r"[\w-]+", part, re.ASCII) else json.dumps(part)
             text += f".{key}" if text else key
-    return text
+    return shortened(text)
 
 
 def _shown(value: object, key: str) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        endings = [ending for ending in _UNITS if key.endswith(ending)]
-        return f"{value!r} {_UNITS[max(endings, key=len)]}" if endings else repr(value)
-    if isinstance(value, dict):
-        return "a table"
+    endings = [ending for ending in _UNITS if key.endswith(ending)]
+    if isinstance(value, int | float) and not isinstance(value, bool) and endings:
+        return f"{value!r} {_UNITS[max(endings, key=len)]}"
     if isinstance(value, list):
         return f"a list of {len(value)}"
-    return repr(value) if isinstance(value, str) else str(value)
+    return quoted(value) if isinstance(value, bool | int | float | str | dict) else shortened(str(value))
 
 
 def _suggestion(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
@@ -107,15 +106,17 @@ def _suggestion(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
             assert nested is not None
             model = nested
     known = list(_fields(model))
-    close = get_close_matches(str(location[-1]), known, n=1)
-    return f"did you mean {close[0]}?" if close else f"known here are {', '.join(known)}"
+    close = closest(location[-1], known)
+    return f"did you mean {close}?" if close else f"known here are {', '.join(known)}"
 
 
 def _field(model: type[BaseModel], location: tuple[int | str, ...]) -> FieldInfo | None:
     field, table = None, model
     for part in location:
         if isinstance(part, str):
-            field = _fields(table)[part]
+            field = _fields(table).get(part)
+            if field is None:
+                return None
             table = _nested(field.annotation) or table
     return field
 

@@ -1,5 +1,6 @@
 """Regions that follow their objects from frame to frame."""
 
-from .tracker import METHODS, TrackedRoi, Tracker, make_tracker
+from .methods import METHODS, make_tracker, methods_of
+from .tracker import TrackedRoi, Tracker
 
-__all__ = ["METHODS", "TrackedRoi", "Tracker", "make_tracker"]
+__all__ = ["METHODS", "TrackedRoi", "Tracker", "make_tracker", "methods_of"]

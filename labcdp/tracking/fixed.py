@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..roi import Roi
+from ..core.roi import Roi
 from .tracker import TrackedRoi, grey_frame
 
 #: Pixels around a region that are compared with the first frame.
@@ -17,20 +18,20 @@ _MARGIN_PX = 8
 class FixedTracker:
     """Leaves regions in place; their quality is the correlation with the first frame, and none is ever lost.
 
-    Whoever chooses it says that nothing moves: what changes in place is the scene's light, or what shall be measured.
+    This assumes that nothing moves: changes in place are those of the light or of the measured quantity.
     """
 
-    def __init__(self, grey: NDArray[np.uint8], rois: Sequence[Roi]) -> None:
-        self._shape = (grey.shape[0], grey.shape[1])
+    def __init__(self, grey: NDArray[Any], rois: Sequence[Roi]) -> None:
+        self._shape, self._dtype = (grey.shape[0], grey.shape[1]), grey.dtype
         self._rois = tuple(rois)
         self._windows = tuple(_window(roi, self._shape) for roi in rois)
         self._first = tuple(_deviations(grey[window]) for window in self._windows)
 
-    def update(self, grey: NDArray[np.uint8]) -> tuple[TrackedRoi, ...]:
+    def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
         """Compare the next frame with the first one; see `Tracker`."""
-        frame = grey_frame(grey, self._shape)
+        frame = grey_frame(grey, self._shape, self._dtype)
         return tuple(
-            TrackedRoi(roi, _correlation(first, _deviations(frame[window])), False, "")
+            TrackedRoi(roi, _correlation(first, _deviations(frame[window])), False)
             for roi, window, first in zip(self._rois, self._windows, self._first, strict=True)
         )
 
@@ -43,7 +44,7 @@ def _window(roi: Roi, shape: tuple[int, int]) -> tuple[slice, slice]:
     )
 
 
-def _deviations(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _deviations(pixels: NDArray[Any]) -> NDArray[np.float32]:
     values = pixels.astype(np.float32)
     deviations: NDArray[np.float32] = values - np.float32(values.mean(dtype=np.float64))
     return deviations

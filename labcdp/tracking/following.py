@@ -3,63 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..roi import Roi
+from ..core.errors import InputError
+from ..core.roi import Roi
+from .align.template import is_background, make_template, plain_template
 from .follower import Follower
 from .geometry import Matrix, inverse
 from .pairs import Companions
-from .scene import SceneWatch
+from .resting import Resting
+from .scene import SceneNow, SceneWatch
+from .sight import Sight, scale_of
 from .tracker import TrackedRoi, grey_frame
 
 
 class FollowingTracker:
-    """Follows each region; one that is lost is also looked for where the others say it should be."""
+    """Follows each region; a lost one is also searched at the position predicted by the others."""
 
-    def __init__(self, method: str, grey: NDArray[np.uint8], rois: Sequence[Roi]) -> None:
+    def __init__(self, grey: NDArray[Any], rois: Sequence[Roi], planar: Sequence[bool]) -> None:
+        self._dtype, self._scale = grey.dtype, scale_of(grey)
         self._shape = (grey.shape[0], grey.shape[1])
-        self._followers = tuple(Follower(method, grey, roi) for roi in rois)
-        self._scene = SceneWatch(grey)
+        sight = Sight(grey, self._scale)
+        self._scene = SceneWatch(sight)
+        self._followers = tuple(
+            _follower(sight, roi, self._scene, planar=flat) for roi, flat in zip(rois, planar, strict=True)
+        )
         self._companions = Companions()
         # Motions of each region and each other one, from when both were last seen.
         self._together: dict[tuple[int, int], tuple[Matrix, Matrix]] = {}
         self._remember()
 
-    def update(self, grey: NDArray[np.uint8]) -> tuple[TrackedRoi, ...]:
+    def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
         """Find the regions in the next frame; see `Tracker`."""
-        frame = grey_frame(grey, self._shape)
-        change = self._scene.look(frame)
+        sight = Sight(grey_frame(grey, self._shape, self._dtype), self._scale)
+        scene = self._scene.look(sight)
         for follower in self._followers:
-            follower.follow(frame, change)
-        self._keep_together()
-        if change != "blank":
+            follower.follow(sight, scene)
+        self._keep_together(sight, scene)
+        if scene.change != "blank":
             for number, follower in enumerate(self._followers):
                 if not follower.seen:
-                    follower.look_again(frame, self._told(number))
+                    follower.look_again(sight, scene, self._predicted_places(number))
+        for follower in self._followers:
+            follower.learn(sight)
         self._remember()
         return tuple(follower.result for follower in self._followers)
 
-    def _keep_together(self) -> None:
-        found = {number: step for number, follower in enumerate(self._followers) if (step := follower.step) is not None}
+    def _keep_together(self, sight: Sight, scene: SceneNow) -> None:
+        """Regions that moved together so far still do, unless they are clearly seen elsewhere."""
+        moving = {number: one for number, one in enumerate(self._followers) if isinstance(one, Follower)}
+        found = {number: step for number, one in moving.items() if (step := one.step) is not None}
+        off = {(a, b): moving[a].off(moving[b].motion) for a in found for b in found if a != b}
+        for a, b in self._companions.doubted(off):
+            if moving[a].result.quality < moving[b].result.quality:
+                moving[a].put_back(sight, scene, moving[b].motion)
         steps = {number: step for number, (step, _) in found.items()}
         for number in self._companions.jumped(steps, {number: expected for number, (_, expected) in found.items()}):
-            self._followers[number].take_back("it jumped away from the region it moved with")
+            moving[number].take_back("tracking-region-jumped")
 
-    def _told(self, number: int) -> list[Matrix]:
-        """Where the regions that are seen say that another one is, nearest region first."""
+    def _predicted_places(self, number: int) -> list[Matrix]:
+        """Positions of a region predicted by the visible ones, nearest region first."""
         there = self._followers[number]
         near = sorted(
             (other for other, follower in enumerate(self._followers) if other != number and follower.seen),
             key=lambda other: np.hypot(*np.subtract(self._followers[other].result.roi.centre, there.result.roi.centre)),
         )
-        told = []
+        predicted = []
         for other in near[:2]:
             if (number, other) in self._together:
                 motion, of_other = self._together[number, other]
-                told.append(self._followers[other].motion @ inverse(of_other) @ motion)
-        return told
+                predicted.append(self._followers[other].motion @ inverse(of_other) @ motion)
+        return predicted
 
     def _remember(self) -> None:
         motions = {number: follower.motion for number, follower in enumerate(self._followers) if follower.seen}
@@ -67,3 +84,17 @@ class FollowingTracker:
             for b in motions:
                 if a != b:
                     self._together[a, b] = motions[a], motions[b]
+
+
+def _follower(sight: Sight, roi: Roi, scene: SceneWatch, *, planar: bool) -> Follower | Resting:
+    """Follower of a region that its surroundings fix, or of a plain one that stays in the scene."""
+    template = make_template(sight, roi)
+    if (template is None or is_background(template)) and scene.holds:
+        mover = None if template is None else Follower(sight, template, scene.now, planar=planar)
+        return Resting(plain_template(sight, roi), scene.now, mover)
+    if template is None:
+        raise InputError(
+            f"region {roi.name!r} cannot be followed: neither it and its surroundings nor the rest of the image have "
+            "enough structure in both directions; choose one with edges or texture nearby, or the method fixed"
+        )
+    return Follower(sight, template, scene.now, planar=planar)

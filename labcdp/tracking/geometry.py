@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import nan
+from math import atan2, hypot, nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..roi import Roi
+from ..core.roi import Roi
 
 Matrix = NDArray[np.float64]
 
@@ -76,3 +76,43 @@ def carried(roi: Roi, matrix: Matrix) -> Roi:
         w = g * x + h * y + i
         corners.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w) if w else (nan, nan))
     return Roi(roi.name, tuple(corners))
+
+
+def box_of(matrix: Matrix, width: float, height: float) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom end of a rectangle of `width` x `height` moved by `matrix`; nan if not finite."""
+    corners = np.array([moved(matrix, x, y) for x, y in ((0, 0), (width, 0), (width, height), (0, height))])
+    if not np.isfinite(corners).all():
+        return nan, nan, nan, nan
+    (left, top), (right, bottom) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return left, top, right, bottom
+
+
+def shape_change(before: Matrix, after: Matrix, to_centred: Matrix) -> tuple[float, float, float, float]:
+    """How the shape of a template changed between two matrices that put it into the image, wherever it went.
+
+    Parameters
+    ----------
+    before, after : ndarray of float, shape (3, 3)
+        Template pixels to image pixels.
+    to_centred : ndarray of float, shape (3, 3)
+        Template pixels to coordinates of -1 to 1 along its longer side.
+
+    Returns
+    -------
+    longest, shortest : float
+        Largest and smallest factor by which lengths grew; nan if there are none.
+    turned : float
+        Angle by which it was turned, in rad.
+    tilted : float
+        Perspective over half its size.
+    """
+    change = to_centred @ inverse(before) @ after @ inverse(to_centred)
+    a, b, x, c, d, y, g, h, whole = change.ravel().tolist()
+    if whole == 0:
+        return nan, nan, nan, nan
+    a, b, x, c, d, y, g, h = (value / whole for value in (a, b, x, c, d, y, g, h))
+    # Where it went does not matter, but how its shape changed.
+    a, b, c, d = a - x * g, b - x * h, c - y * g, d - y * h
+    # Singular values of a 2 x 2 matrix.
+    plain, mirrored = hypot(a + d, c - b), hypot(a - d, b + c)
+    return (plain + mirrored) / 2, abs(plain - mirrored) / 2, atan2(c - b, a + d), max(abs(g), abs(h))

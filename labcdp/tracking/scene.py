@@ -1,40 +1,211 @@
-"""Notices that the scene changes at once, or is not to be seen at all."""
+"""The scene as a whole: whether it changes at once or is not visible, and how it moves in the image."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene_kernel import deviations
+from .geometry import Matrix, inverse, scaling, shift, transform
+from .sight import Sight, noise_dn
 
 #: Most rows and columns of the picture that is compared from frame to frame.
 _SIZE = 32, 48
-#: Rows and columns of the frame for each of these that are enough.
-_TAKEN = 3, 10
 #: Correlation of two pictures in a row below which the scene is another one.
 _LEAST_CORRELATION = 0.5
 #: Standard deviation of the picture in DN below which nothing is seen in it.
 _BLANK_DN = 0.7
+#: Pixels along each side from which the noise is estimated; times the noise of its cells that a picture must vary.
+_SAMPLE, _CLEAR = 512, 4.0
+#: Rows and columns of parts of the frame of which each gives a point to follow if it has a corner; least number.
+_PARTS, _POINTS_LEAST = (8, 12), 12
+#: Least answer of a corner. Surroundings in which contrast is made the same, and contrast below which it is not, in DN.
+_CORNER, _LOCAL, _CONTRAST_DN = 5e-4, (17, 17), 3.0
+#: Distance in pixels of the small frame within which a point moves with the others; share that has to; share below
+#: which new points are chosen.
+_WITH_PX, _SHARE_LEAST, _SHARE_NEW = 1.0, 0.2, 0.5
+#: Lead in this share that another motion needs over rest, and over that of the frame before.
+_LEAD = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class SceneNow:
+    """What became of the scene.
+
+    Parameters
+    ----------
+    change : str
+        ``blank`` for a frame with nothing in it, ``cut`` for another scene, else an empty text.
+    motion : ndarray of float, shape (3, 3), or None
+        Pixels of a frame of the same `epoch` to those of this one, for things at rest; None if not known.
+    epoch : int
+        Changes when the scene does.
+    light : float
+        Median of the frame in DN.
+    """
+
+    change: str
+    motion: Matrix | None
+    epoch: int
+    light: float = 0.0
 
 
 class SceneWatch:
-    """Compares each frame, made small, with the one before."""
+    """Compares each frame, made small, with the one before and with one in which its points were chosen."""
 
-    def __init__(self, grey: NDArray[np.uint8]) -> None:
-        self._last = _small(grey)
-        self._last_power = float(np.vdot(self._last, self._last))
+    _key: NDArray[np.uint8]
+    _points: NDArray[np.float32]
 
-    def look(self, grey: NDArray[np.uint8]) -> str:
-        """Say ``blank`` for a frame with nothing in it, ``cut`` for another scene, else an empty text."""
-        this = _small(grey)
+    def __init__(self, sight: Sight) -> None:
+        self._last = _tiny(sight)
+        self._last_cells = sight.shape[0] * sight.shape[1] / self._last.size
+        self._epoch = self._epochs = 0
+        self._median = float(np.median(sight.small))
+        self._noise = noise_dn(sight.part(0, 0, min(sight.shape[1], _SAMPLE), min(sight.shape[0], _SAMPLE)))
+        self._start(_grey(sight), np.eye(3))
+        self._beginning = self._key, self._points
+
+    def look(self, sight: Sight) -> SceneNow:
+        """Compare the next frame."""
+        this = _tiny(sight)
         power = float(np.vdot(this, this))
         if power < _BLANK_DN**2 * this.size:
-            return "blank"
+            return SceneNow("blank", None, self._epoch, self._median)
         last, self._last = self._last, this
-        powers, self._last_power = power * self._last_power, power
-        return "cut" if powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5 else ""
+        powers = power * float(np.vdot(last, last))
+        self._median = float(np.median(sight.small[::3, ::3]))
+        cut = powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5
+        small = None if cut else self._moved(_grey(sight))
+        if small is None:
+            small = self._begun_again(sight)
+        return SceneNow("cut" if cut else "", self._motion(small, sight), self._epoch, self._median)
+
+    def _begun_again(self, sight: Sight) -> Matrix:
+        """Start anew with another scene, or with the first one if that is there again."""
+        self._key, self._points = self._beginning
+        self._key_motion = self._since_key = np.eye(3)
+        self._epoch = 0
+        small = self._moved(_grey(sight))
+        if small is not None:
+            return small
+        self._epochs += 1
+        self._epoch = self._epochs
+        self._start(_grey(sight), np.eye(3))
+        return np.eye(3)
+
+    @property
+    def now(self) -> SceneNow:
+        """The first frame."""
+        return SceneNow("", np.eye(3), self._epoch, self._median)
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is enough in the scene to tell where a plain region of it is."""
+        pixels = self._last_cells
+        return len(self._points) >= _POINTS_LEAST and float(self._last.std()) > _CLEAR * self._noise / pixels**0.5
+
+    def _motion(self, small: Matrix, sight: Sight) -> Matrix:
+        factor = scaling(sight.reduction)
+        return inverse(factor) @ small @ factor
+
+    def _start(self, grey: NDArray[np.uint8], motion: Matrix) -> None:
+        """Choose points in a frame to which the scene moved by `motion`."""
+        import cv2
+
+        # The best of each part of the frame, so that no single thing has most of them.
+        answers = cv2.cornerMinEigenVal(grey, 5)
+        rows, columns = _PARTS
+        points: list[tuple[int, int]] = []
+        for row in range(rows):
+            for column in range(columns):
+                top, left = row * grey.shape[0] // rows, column * grey.shape[1] // columns
+                part = answers[top : (row + 1) * grey.shape[0] // rows, left : (column + 1) * grey.shape[1] // columns]
+                _, best, _, (x, y) = cv2.minMaxLoc(part)
+                if best > _CORNER:
+                    points.append((left + x, top + y))
+        self._points = np.array(points, np.float32).reshape(-1, 1, 2)
+        self._key = grey
+        self._key_motion, self._since_key = motion, np.eye(3)
+
+    def _moved(self, grey: NDArray[np.uint8]) -> Matrix | None:
+        """How the scene moved since the start of its epoch, in pixels of the small frame; None if that is lost."""
+        import cv2
+
+        if len(self._points) < _POINTS_LEAST:
+            return None
+        before = self._points.reshape(-1, 2) + 0.5
+        guess = (transform(self._since_key, before) - 0.5).astype(np.float32).reshape(-1, 1, 2)
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
+            self._key, grey, self._points, guess, winSize=(15, 15), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        )
+        good = found.ravel() == 1
+        if np.count_nonzero(good) < _POINTS_LEAST:
+            return None
+        after = there.reshape(-1, 2) + 0.5
+
+        def near_of(guess: Matrix) -> NDArray[np.bool_]:
+            return np.asarray(good & (np.hypot(*(transform(guess, before) - after).T) < _WITH_PX), dtype=np.bool_)
+
+        # What moves before the scene may have more of the points than the scene itself.
+        motion, share = None, 0.0
+        for start in (np.eye(3), self._since_key, None):
+            if share > 1 - _LEAD:
+                break
+            near = near_of(common_motion(before[good], after[good]) if start is None else start)
+            if float(near.mean()) > max(share + _LEAD, _SHARE_LEAST):
+                motion, share = common_motion(before[near], after[near]), float(near.mean())
+        if motion is None:
+            return None
+        # A few points turn and stretch a scene that only moves.
+        plain = shift(*np.median((after - before)[near_of(motion)], axis=0))
+        if float(near_of(plain).mean()) > share - _LEAD / 2:
+            motion = plain
+        self._since_key = motion
+        now: Matrix = motion @ self._key_motion
+        if share < _SHARE_NEW:
+            self._start(grey, now)
+        return now
 
 
-def _small(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Small picture of a frame, less its mean."""
-    return deviations(grey, min(_SIZE[0], grey.shape[0]), min(_SIZE[1], grey.shape[1]), _TAKEN)
+def _grey(sight: Sight) -> NDArray[np.uint8]:
+    """Small frame with the same contrast everywhere, whatever the light."""
+    import cv2
+
+    deviations = sight.small - cv2.blur(sight.small, _LOCAL)
+    contrast = cv2.blur(np.abs(deviations), _LOCAL) + np.float32(_CONTRAST_DN)
+    return np.asarray(np.clip(128 + 40 * deviations / contrast, 0, 255), dtype=np.uint8)
+
+
+def _tiny(sight: Sight) -> NDArray[np.float32]:
+    """Very small picture of a frame, less its mean."""
+    import cv2
+
+    rows, columns = (min(most, side) for most, side in zip(_SIZE, sight.small.shape, strict=True))
+    tiny = cv2.resize(sight.small, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(tiny - tiny.mean(dtype=np.float64), dtype=np.float32)
+
+
+def common_motion(before: NDArray[Any], after: NDArray[Any]) -> Matrix:
+    """Shift, scale and rotation that most points share: least squares, reweighted from the median shift on.
+
+    Notes
+    -----
+    Nothing is drawn at random, so the result is the same each time.
+    """
+    a, b = before.astype(np.float64), after.astype(np.float64)
+    motion = shift(*np.median(b - a, axis=0))
+    for _ in range(8):
+        off = np.hypot(*(transform(motion, a) - b).T)
+        weights = 1 / np.square(1 + np.square(off / max(2.0 * float(np.median(off)), 0.2)))
+        middle_a, middle_b = np.average(a, axis=0, weights=weights), np.average(b, axis=0, weights=weights)
+        u, v = a - middle_a, b - middle_b
+        spread = float((weights * (u * u).sum(axis=1)).sum())
+        if spread < 1e-6:
+            break
+        cosine = float((weights * (u * v).sum(axis=1)).sum()) / spread
+        sine = float((weights * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])).sum()) / spread
+        turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+        motion = shift(*middle_b) @ turned @ shift(*-middle_a)
+    return motion

@@ -1,56 +1,118 @@
-"""Search for a template in a part of a frame, in several sizes."""
+"""Search for looks of a region in the whole of a frame."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, dist, floor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, scaling, shift
-from .template import Template
-from .view import View
+from .geometry import Matrix, box_of, moved, shift
+from .sight import Sight
 
-#: Longest side of the template that is searched with.
-_LONGEST = 24
-#: Sizes that are looked for, over that of the view.
-SIZES = (1.0, 0.87, 1.15)
+#: Longest side of what is searched for, in pixels of the reduced frame, and of that frame.
+_LONGEST, _FRAME_LONGEST = 24, 960
+#: Least correlation of a place that is looked at.
+_LEAST = 0.35
+#: Sizes of the first look that are searched besides the last one's.
+_SIZES = (0.87, 1.15)
+#: Places of each look and size; distance of places from each other, in parts of its size.
+_PLACES, _APART = 4, 0.3
 
 
-def candidates(view: View, template: Template, most: int) -> list[Matrix]:
-    """Up to `most` guesses, template to view pixels, best first.
+@dataclass(frozen=True, eq=False)
+class Look:
+    """How a region looked in a frame.
+
+    Parameters
+    ----------
+    pixels : ndarray of float32, shape (h, w)
+        What lay under the box around it.
+    corner : (int, int)
+        Left and top end of the box in the frame.
+    to_image : ndarray of float, shape (3, 3)
+        Template pixels to pixels of that frame.
+    """
+
+    pixels: NDArray[np.float32]
+    corner: tuple[int, int]
+    to_image: Matrix
+
+
+def look_at(sight: Sight, to_image: Matrix, patch: tuple[float, float, float, float]) -> Look | None:
+    """Look of a region whose patch lies at `patch` (left, top, right, bottom) of the template; None if not in sight."""
+    left, top, right, bottom = box_of(to_image @ shift(patch[0], patch[1]), patch[2] - patch[0], patch[3] - patch[1])
+    height, width = sight.shape
+    if not (left > -0.5 and top > -0.5 and right < width + 0.5 and bottom < height + 0.5):
+        return None
+    x, y = max(floor(left), 0), max(floor(top), 0)
+    return Look(sight.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
+
+
+def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int) -> list[Matrix]:
+    """Up to `most` places where a region may be, template to frame pixels, best first.
+
+    Parameters
+    ----------
+    looks : list of (Look, float)
+        Looks, and the size that each is expected in, relative to its own.
 
     Notes
     -----
-    Peaks of the correlation after removal of the mean, in an image reduced until the template is small.
+    Peaks of the correlation after removal of the mean, in the frame reduced until the look is small.
     """
     import cv2
 
-    reduction = min(_LONGEST / max(template.shape), 1.0)
-    picture = _reduced(view.values, reduction)
-    found: list[tuple[float, Matrix]] = []
-    for size in SIZES:
-        pattern = _reduced(template.values, reduction * size)
-        if pattern.shape[0] > picture.shape[0] or pattern.shape[1] > picture.shape[1] or min(pattern.shape) < 3:
-            continue
-        answers = cv2.matchTemplate(picture, pattern, cv2.TM_CCOEFF_NORMED)
-        answers[~np.isfinite(answers)] = -1
-        for _ in range(2):
-            _, best, _, (x, y) = cv2.minMaxLoc(answers)
-            if best < 0.3:
-                break
-            scale_x, scale_y = pattern.shape[1] / template.shape[1], pattern.shape[0] / template.shape[0]
-            in_picture = shift(x, y) @ scaling(scale_x, scale_y)
-            back = scaling(view.values.shape[1] / picture.shape[1], view.values.shape[0] / picture.shape[0])
-            found.append((best, back @ in_picture))
-            away_x, away_y = max(pattern.shape[1] // 3, 2), max(pattern.shape[0] // 3, 2)
-            answers[max(y - away_y, 0) : y + away_y + 1, max(x - away_x, 0) : x + away_x + 1] = -1
-    found.sort(key=lambda item: -item[0])
-    return [matrix for _, matrix in found[:most]]
+    found: list[tuple[float, float, Matrix]] = []
+    height, width = sight.shape
+    pictures: dict[tuple[int, int], NDArray[np.float32]] = {}
+    for look, expected in looks:
+        longest = expected * max(look.pixels.shape)
+        reduction = min(_LONGEST / longest, _FRAME_LONGEST / max(height, width), 1.0)
+        shape = max(round(reduction * width), 1), max(round(reduction * height), 1)
+        if shape not in pictures:
+            pictures[shape] = _sized(sight, shape)
+        picture = pictures[shape]
+        for size in (1.0, *_SIZES):
+            scale = expected * size
+            across, down = (max(round(reduction * scale * side), 1) for side in look.pixels.shape[::-1])
+            if across > shape[0] or down > shape[1] or min(across, down) < 3:
+                continue
+            how = cv2.INTER_AREA if reduction * scale < 1 else cv2.INTER_LINEAR
+            pattern = cv2.resize(look.pixels, (across, down), interpolation=how)
+            answers = np.nan_to_num(cv2.matchTemplate(picture, pattern, cv2.TM_CCOEFF_NORMED), nan=-1.0)
+            for score, x, y in _peaks(answers, max(_APART * across, 2), max(_APART * down, 2)):
+                placed = shift(x * width / shape[0], y * height / shape[1]) @ np.diag([scale, scale, 1.0])
+                found.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
+    return _distinct(found, most)
 
 
-def _reduced(image: NDArray[np.float32], reduction: float) -> NDArray[np.float32]:
+def _sized(sight: Sight, shape: tuple[int, int]) -> NDArray[np.float32]:
+    height, width = sight.shape
+    return sight.reduced(0, 0, width, height, shape)
+
+
+def _peaks(answers: NDArray[np.float32], across: float, down: float) -> list[tuple[float, float, float]]:
+    """Highest answers that are apart from each other, with their places."""
     import cv2
 
-    size = max(round(image.shape[1] * reduction), 1), max(round(image.shape[0] * reduction), 1)
-    how = cv2.INTER_AREA if reduction < 1 else cv2.INTER_LINEAR
-    smaller: NDArray[np.float32] = cv2.resize(image, size, interpolation=how)
-    return smaller
+    peaks = []
+    answers = answers.copy()
+    for _ in range(_PLACES):
+        _, best, _, (x, y) = cv2.minMaxLoc(answers)
+        if best < _LEAST:
+            break
+        peaks.append((best, float(x), float(y)))
+        answers[max(y - ceil(down), 0) : y + ceil(down) + 1, max(x - ceil(across), 0) : x + ceil(across) + 1] = -1
+    return peaks
+
+
+def _distinct(found: list[tuple[float, float, Matrix]], most: int) -> list[Matrix]:
+    """Keep the best of each place."""
+    kept: list[tuple[tuple[float, float], Matrix]] = []
+    for _, size, matrix in sorted(found, key=lambda item: -item[0]):
+        middle = moved(matrix, 0, 0)
+        if all(dist(middle, other) > _APART * size / 2 for other, _ in kept):
+            kept.append((middle, matrix))
+    return [matrix for _, matrix in kept[:most]]

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from labcdp.acquire import acquire
-from labcdp.clock import SimulatedClock
+from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import EventRecord, Session
 
@@ -54,7 +54,7 @@ def changed(small_configuration):
 
 @pytest.fixture
 def on_bench(tmp_path):
-    """Open a session on a simulated bench in simulated time; opening it again goes on with it."""
+    """Open a session on a simulated bench in simulated time; opening it again resumes it."""
 
     @contextmanager
     def opened(configuration, patience_s=0.0, name="session"):

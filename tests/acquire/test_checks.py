@@ -1,12 +1,11 @@
 from dataclasses import replace
 from datetime import UTC, datetime
-from math import sqrt
 
 import pytest
 
 from labcdp.acquire.checks import check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
 from labcdp.acquire.live import PatchNumbers
-from labcdp.reading import MeterIdentity, Reading
+from labcdp.core.reading import MeterIdentity, Reading
 
 NUMBERS = PatchNumbers(
     patch="P01",
@@ -69,15 +68,9 @@ def test_dark_frames_half_as_bright_as_the_light_ones_were_taken_without_the_cap
     assert [f.check for f in findings] == (["light in the dark"] if found else [])
     if found:
         assert str(findings[0]) == (
-            "in the dark frames at 0.01 s patch 'P01' is 50% as bright as in the light frames: put the cap on the lens"
+            "in the dark frames at 0.01 s patch 'P01' is 50% as bright as in the light frames: cover the lens"
         )
         assert not findings[0].passing
-
-
-def test_a_target_too_dark_to_see_says_nothing_about_the_cap():
-    faint = replace(NUMBERS, mean_dn=80.0)
-    assert check_darkness([faint], [faint]) == []
-    assert check_darkness([], [NUMBERS]) == []
 
 
 @pytest.mark.parametrize(("signal_dn", "found"), [(29.9, ["darkness"]), (30.1, [])])
@@ -100,22 +93,7 @@ def test_flicker_counts_above_the_limit_and_above_the_noise(flicker_dn, noise_dn
     assert bool(check_flicker(numbers, 0.01)) is found
 
 
-def test_flicker_is_told_once_an_exposure_with_the_worst_patch():
-    numbers = [
-        replace(NUMBERS, flicker_dn=30.0),
-        replace(NUMBERS, patch="P02", flicker_dn=50.0),
-        replace(NUMBERS, patch="P03", flicker_dn=90.0, saturated_share=0.5),
-        replace(NUMBERS, exposure_s=0.02),
-    ]
-    (finding,) = check_flicker(numbers, 0.01)
-    assert finding.value == pytest.approx(0.05)
-    assert str(finding) == (
-        "patch 'P02' flickers by 5.0% between frames of 0.01 s: lamp flicker? choose an exposure that is a multiple "
-        "of the mains period, or wait until the lamp is steady"
-    )
-
-
-def test_a_meter_that_drifted_is_told_with_both_values():
+def test_a_meter_that_drifted_is_reported_with_both_values():
     (finding,) = check_meter_drift("P01", readings(100.0, 100.2), readings(97.0, 97.2), 0.01)
     assert finding.check == "meter drift"
     assert finding.value == pytest.approx(97.1 / 100.1 - 1)
@@ -132,31 +110,10 @@ def test_drift_within_limit_or_within_the_readings_own_uncertainty_is_none():
     assert check_meter_drift("P01", readings(0.50, repeatability_rel=0.0), readings(0.56, repeatability_rel=0.0), 0.01)
 
 
-def test_repeatability_averages_in_the_drift_check():
-    """3 sigma of a difference of means of n readings of repeatability r are 3 r sqrt(2 / n)."""
-    r, n = 0.02, 8
-    limit = 3 * r * sqrt(2 / n)
-    fields = {"repeatability_rel": r, "resolution": 1e-9}
-    assert check_meter_drift("P", readings(*[1.0] * n, **fields), readings(*[1 + 1.1 * limit] * n, **fields), 0.01)
-    assert not check_meter_drift("P", readings(*[1.0] * n, **fields), readings(*[1 + 0.9 * limit] * n, **fields), 0.01)
-
-
-def test_scatter_beyond_limit_and_data_sheet_is_told():
+def test_scatter_beyond_limit_and_data_sheet_is_reported():
     (finding,) = check_scatter("P01", readings(100.0, 104.0, 96.0), 0.01)
     assert finding.value == pytest.approx(0.04)
     assert str(finding).startswith("the 3 readings of patch 'P01' scatter by 4.0%: is the meter pointed at")
     assert check_scatter("P01", readings(100.0, 100.5), 0.01) == []
     assert check_scatter("P01", readings(100.0, 104.0, 96.0, repeatability_rel=0.02), 0.01) == []
     assert check_scatter("P01", readings(100.0), 0.01) == []
-
-
-def test_readings_in_two_units_are_told():
-    mixed = [*readings(100.0), *readings(29.2, unit="fL")]
-    (finding,) = check_scatter("P01", mixed, 0.01)
-    assert finding.check == "mixed readings"
-    assert "cd/m2 and fL" in str(finding)
-    assert check_meter_drift("P01", mixed, mixed, 0.01) == []
-
-
-def test_darkness_has_no_relative_drift():
-    assert check_meter_drift("P01", readings(0.0), readings(0.0), 0.01) == []

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from labcdp.acquire.writer import FrameWriter, Throughput
-from labcdp.clock import SystemClock
-from labcdp.errors import InputError, SessionError
-from labcdp.frame import CameraIdentity, Frame
+from labcdp.acquire.recording.writer import FrameWriter
+from labcdp.core.clock import SystemClock
+from labcdp.core.errors import SessionError
+from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.session import EventRecord, FrameRecord, Session
 
 
@@ -42,7 +42,7 @@ class Gated:
 
     def add_frames(self, group):
         self.asked.set()
-        assert self.open.wait(10)
+        assert self.open.wait(120)
         self.groups.append(len(group))
         self.frames += [frame.frame_id for frame, _, _ in group]
 
@@ -85,7 +85,7 @@ def test_a_full_queue_holds_the_camera_up_and_loses_nothing(limits):
     with FrameWriter(disk, SystemClock(), **limits) as writer:
         producer = threading.Thread(target=count, args=(writer,))
         producer.start()
-        assert disk.asked.wait(10)
+        assert disk.asked.wait(120)
         producer.join(0.3)
         # Those being written count: their memory is in use.
         assert n_put == 3
@@ -96,13 +96,6 @@ def test_a_full_queue_holds_the_camera_up_and_loses_nothing(limits):
     assert max(disk.groups) <= 3
     assert writer.throughput.waited_s >= 0.3
     assert writer.throughput.limited_by_disk
-
-
-def test_a_frame_larger_than_the_queue_fits_alone(session):
-    with FrameWriter(session, SystemClock(), max_bytes=1) as writer:
-        for n in range(3):
-            writer.put(frame(n), "light", None)
-    assert len(session.frames()) == 3
 
 
 def test_what_was_put_is_recorded_when_something_else_fails(session):
@@ -149,16 +142,3 @@ def test_an_error_of_the_disk_comes_out_at_the_next_frame_or_at_the_end(session,
     with pytest.raises(SessionError, match=r"is not open for writing"):
         write()
     assert not any(thread.name == "labcdp frame writer" for thread in threading.enumerate())
-
-
-def test_a_wrong_frame_is_refused_as_the_session_does(session):
-    with pytest.raises(InputError, match=r"patch is 'nowhere'"), FrameWriter(session, SystemClock()) as writer:
-        writer.put(frame(1), "light", "nowhere")
-
-
-def test_no_time_is_no_speed():
-    assert Throughput(0, 0.0, 0.0).frames_per_s == 0
-    assert not Throughput(0, 0.0, 0.0).limited_by_disk
-    assert Throughput(30, 2.0, 0.1).frames_per_s == 15
-    assert not Throughput(30, 2.0, 0.1).limited_by_disk
-    assert Throughput(30, 4.0, 2.0).limited_by_disk

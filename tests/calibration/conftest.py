@@ -11,21 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labcdp.calibration import (
-    CameraState,
-    DarkObservation,
-    LensIdentity,
-    PatchObservation,
-    Setup,
-)
-from labcdp.calibration.unevenness import Unevenness
-from labcdp.frame import CameraIdentity, Frame
-from labcdp.reading import MeterIdentity, Reading
+from labcdp.calibration import CameraState, DarkObservation, LensIdentity, PatchObservation, Setup
+from labcdp.calibration.frames.nonuniformity import Nonuniformity
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity, Reading
 
 CAMERA = CameraIdentity("Allied Vision", "Manta G-505C", "503363706")
 METER = MeterIdentity("LS-110", "73323007")
 START = datetime(2018, 3, 1, 12, tzinfo=UTC)
-EVEN = Unevenness((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 3, 100.0)
+EVEN = Nonuniformity((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 3, 100.0)
 STATE = CameraState(CAMERA, "Mono12", 12, (48, 64), 0.0, 4095.0, 64.0)
 
 
@@ -60,7 +54,7 @@ class SimulatedCamera:
         n_pixels, n_frames = size
         mean, variance = self.mean_dn(luminance_cd_m2, exposure_s), self.pixel_variance_dn2(luminance_cd_m2, exposure_s)
         saturated = mean + 4 * sqrt(variance) >= self.state.saturation_dn
-        freedom = (n_pixels - 1) * (n_frames - 1)
+        dof = (n_pixels - 1) * (n_frames - 1)
         return PatchObservation(
             patch=patch,
             exposure_s=exposure_s,
@@ -68,8 +62,8 @@ class SimulatedCamera:
             mean_inverse_v=1.0,
             n_pixels=n_pixels,
             n_frames=n_frames,
-            temporal_variance_dn2=variance * (rng.chisquare(freedom) / freedom if rng else 1.0),
-            unevenness=EVEN,
+            temporal_variance_dn2=variance * (rng.chisquare(dof) / dof if rng else 1.0),
+            nonuniformity=EVEN,
             saturated_share=1.0 if saturated else 0.0,
             black_share=0.0,
             state=self.state,
@@ -84,7 +78,7 @@ class SimulatedCamera:
         return DarkObservation(
             exposure_s=exposure_s,
             mean_dn=self.mean_dn(0.0, exposure_s) + (rng.normal(0, sqrt(variance)) if rng else 0.0),
-            mean_variance_dn2=variance,
+            frame_means_variance_dn2=self.dark_noise_dn**2 / n_pixels,
             n_pixels=n_pixels,
             n_frames=n_frames,
             temporal_variance_dn2=self.dark_noise_dn**2,

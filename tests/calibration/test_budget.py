@@ -2,16 +2,13 @@
 
 from dataclasses import replace
 from datetime import timedelta
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 
 import pytest
 
-from labcdp.calibration import common_errors, fit, patch_luminance
-from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined, net_dn_at
-from labcdp.calibration.findings import BudgetRow
-from labcdp.errors import InputError
-from labcdp.response import Response
-from labcdp.vignetting import RadialVignetting
+from labcdp.calibration import fit, patch_luminance
+from labcdp.calibration.errors.budget import SOURCES, budget, budget_exposure_s, combined, net_dn_at
+from labcdp.calibration.errors.common import common_errors
 
 LUMINANCES = (0.5, 1.0, 2.5, 6.0, 15.0, 40.0, 100.0, 250.0)
 EXPOSURES = (0.002, 0.01, 0.1)
@@ -84,61 +81,3 @@ def test_noise_averages_over_pixels_and_frames(calibration):
     assert "one pixel of one frame at 0.01 s" in one.basis
     net_dn = 1200 * 8.0 * 0.01
     assert one.standard_uncertainty_rel == pytest.approx(sqrt(0.25 * net_dn + 1.5**2) / net_dn, rel=0.02)
-
-
-def test_noise_of_a_bent_response_is_stretched(calibration):
-    top = calibration.range_net_dn[1]
-    bent = replace(calibration, response=Response("quadratic", (0.0, top), (0.0, 1.2 * top)))
-    n = net_dn_at(bent, 8.0, 0.1)
-    r = bent.responsivity.responsivity_dn_s_cd_m2
-    assert float(bent.response.linearise(n)) == pytest.approx(r * 0.1 * 8.0)
-    found = row(budget(bent, 8.0, 0.1), "shot and read noise").standard_uncertainty_rel
-    step = 1e-3 * n
-    luminance = [float(bent.response.linearise(v)) / (r * 0.1) for v in (n - step, n + step)]
-    stretch = (luminance[1] - luminance[0]) / (2 * step) / 8.0
-    assert found == pytest.approx(stretch * sqrt(bent.noise.variance_dn2(n)), rel=1e-4)
-    assert "contained in fit" in row(budget(bent, 8.0, 0.1), "linearity").basis
-
-
-def test_a_measured_fall_off_tells_what_it_is_worth(calibration):
-    radial = replace(calibration, vignetting=RadialVignetting(-0.2, 0.0, 0.0, slow_rel=0.004))
-    found = row(budget(radial, 8.0), "flat field")
-    assert found.standard_uncertainty_rel == 0.004
-    assert not found.included
-
-
-def test_the_exposure_leaves_headroom(calibration):
-    assert budget_exposure_s(calibration, 0.5) == 0.1
-    assert budget_exposure_s(calibration, 250.0) == 0.01
-    # 1200 * 250 * 0.01 + 64 is below 80 % of 4095, at 0.1 s it is far above; nothing fits 1e6 cd/m^2.
-    assert budget_exposure_s(calibration, 1e6) == 0.002
-
-
-def test_combination_by_hand():
-    rows = [
-        BudgetRow("meter scale", 0.012, "rectangular", True, "B", ""),
-        BudgetRow("fit", 0.004, "normal", True, "A", ""),
-        BudgetRow("patch uniformity", 0.003, "normal", False, "A", ""),
-        BudgetRow("glare", 0.5, "normal", True, "A", "", included=False),
-    ]
-    whole = combined(rows, 9)
-    assert whole.standard_uncertainty_rel == pytest.approx(0.013)
-    # Welch-Satterthwaite with eight degrees of freedom of one row.
-    assert whole.effective_degrees_of_freedom == pytest.approx(0.013**4 / (0.003**4 / 8))
-    assert combined(rows[:2], 9).effective_degrees_of_freedom == inf
-    # A rectangular part of 0.012 sqrt 3 and a normal one of 0.005: less than 1.96 times the combined one.
-    assert 0.022 < whole.expanded_95_rel < 1.96 * 0.013
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((0.0,), "luminance_cd_m2 is 0.0: give a positive number"),
-        ((float("nan"),), "luminance_cd_m2 is nan"),
-        ((1.0, -1.0), "exposure_s is -1.0: give a positive number of seconds"),
-        ((1.0, 0.01, 0), "n_pixels is 0: give a positive number"),
-    ],
-)
-def test_refusals(calibration, arguments, words):
-    with pytest.raises(InputError, match=words):
-        budget(calibration, *arguments)

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration import LensIdentity, fit
-from labcdp.errors import CalibrationError, InputError
-from labcdp.frame import CameraIdentity
-from labcdp.luminance import Invalid
+from labcdp.calibration import fit
+from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.frame import CameraIdentity
+from labcdp.core.luminance import Invalid
 
 SHAPE = (48, 64)
 
@@ -68,18 +68,6 @@ def test_other_frames_are_refused(calibration, new_frame, change, message):
         calibration.to_luminance(frame)
 
 
-def test_an_exposure_outside_the_calibrated_ones_is_logged(calibration, new_frame, caplog):
-    calibration.to_luminance(new_frame(np.full(SHAPE, 500.0), 0.064))
-    assert caplog.records == []
-    calibration.to_luminance(new_frame(np.full(SHAPE, 500.0), 0.1))
-    assert caplog.messages == ["frame 0 has an exposure of 0.1 s, the calibration was made at 0.001 to 0.064 s"]
-
-
-def test_reduced_chi_squared(calibration):
-    responsivity = replace(calibration.responsivity, chi_squared=22.0, degrees_of_freedom=11)
-    assert responsivity.reduced_chi_squared == 2.0
-
-
 def test_a_gain_that_was_not_calibrated_is_refused_by_name(calibration):
     gain = replace(calibration.setting(0.0), gain_db=6.0, factor=2.0)
     two = replace(calibration, gains=(gain,))
@@ -104,18 +92,3 @@ def test_a_gain_that_was_not_calibrated_is_refused_by_name(calibration):
 def test_values_are_checked(calibration, change, message):
     with pytest.raises(InputError, match=message):
         replace(calibration, **change)
-
-
-def test_responsivity_is_checked(calibration):
-    with pytest.raises(
-        InputError, match=r"responsivity_dn_s_cd_m2 is -1\.0: a camera that sees light has a positive one"
-    ):
-        replace(calibration, responsivity=replace(calibration.responsivity, responsivity_dn_s_cd_m2=-1.0))
-
-
-@pytest.mark.parametrize(
-    ("focal_length_m", "f_number", "name"), [(0.0, 2.6, "focal_length_m"), (0.006, -1.0, "f_number")]
-)
-def test_lens_is_checked(focal_length_m, f_number, name):
-    with pytest.raises(InputError, match=f"{name} of the lens is .*: give a positive number"):
-        LensIdentity("Kowa", "", focal_length_m, f_number)

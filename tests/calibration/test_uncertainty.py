@@ -1,5 +1,3 @@
-from math import inf, nan
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +6,6 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 
 from labcdp.calibration import coverage_probability, expanded_half_width
-from labcdp.errors import InputError
 
 half_widths = st.floats(0.05, 10.0)
 
@@ -19,16 +16,6 @@ def test_a_normal_error_alone_gives_the_normal_quantile():
 
 def test_a_rectangular_error_alone_gives_95_percent_of_its_half_width():
     assert expanded_half_width(0.02, 0.0) == pytest.approx(0.019, rel=1e-9)
-
-
-def test_no_error_gives_no_interval():
-    assert expanded_half_width(0.0, 0.0) == 0.0
-
-
-@pytest.mark.parametrize("ratio", [1e-12, 1e-8, 1e-5, 1e5, 1e8])
-def test_a_vanishing_part_changes_nothing(ratio):
-    alone = 0.95 if ratio < 1 else 1.959963984540054 * ratio
-    assert expanded_half_width(1.0, ratio) == pytest.approx(alone, rel=1e-4)
 
 
 @given(a=half_widths, s=half_widths, w=half_widths)
@@ -44,30 +31,8 @@ def test_half_width_has_the_probability_asked_for(a, s, probability):
     assert coverage_probability(expanded_half_width(a, s, probability), a, s) == pytest.approx(probability, abs=1e-9)
 
 
-@given(a=half_widths, s=half_widths, factor=st.floats(1e-3, 1e3))
-def test_half_width_goes_with_the_unit(a, s, factor):
-    assert expanded_half_width(a * factor, s * factor) == pytest.approx(factor * expanded_half_width(a, s), rel=1e-7)
-
-
 def test_drawn_errors_lie_within_it_at_the_stated_rate():
     n, rng = 200_000, np.random.default_rng(1)
     error = rng.uniform(-0.02, 0.02, n) + rng.normal(0, 0.008, n)
     inside = np.mean(np.abs(error) <= expanded_half_width(0.02, 0.008))
     assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / n))
-
-
-@pytest.mark.parametrize(("a", "s"), [(-0.02, 0.01), (nan, 0.01), (inf, 0.01)])
-def test_half_width_of_the_rectangle_is_checked(a, s):
-    with pytest.raises(InputError, match=r"rectangular_half_width is .*: give a finite number of at least 0"):
-        expanded_half_width(a, s)
-
-
-def test_standard_uncertainty_is_checked():
-    with pytest.raises(InputError, match=r"standard_uncertainty is -1\.0: give a finite number"):
-        expanded_half_width(0.02, -1.0)
-
-
-@pytest.mark.parametrize("probability", [0.0, 1.0, 95.0])
-def test_probability_is_checked(probability):
-    with pytest.raises(InputError, match=f"probability is {probability}: give a number between 0 and 1, such as 0.95"):
-        expanded_half_width(0.02, 0.01, probability)

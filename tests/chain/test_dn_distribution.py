@@ -8,8 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import poisson
 
 from labcdp.chain import Sensor
-from labcdp.chain.dn_distribution import dn_distribution
-from labcdp.errors import InputError
+from labcdp.chain.predict.dn_distribution import dn_distribution
 
 FloatArray = NDArray[np.float64]
 
@@ -66,17 +65,6 @@ def test_without_noise_dn_are_poisson_counts(sensor: Sensor) -> None:
     np.testing.assert_allclose(
         np.cumsum(shares, axis=1), poisson.cdf(np.arange(65536), np.array(rates)[:, None]), atol=1e-7
     )
-
-
-def test_interpolation_at_many_rates(sensor: Sensor) -> None:
-    rates = np.sort(np.random.default_rng(1).uniform(0, 60, 40)) ** 2
-    shares = of(replace(sensor, bits=12, full_well_e=3000), list(rates))
-    expected = poisson.cdf(np.arange(3000), rates[:, None])
-    assert np.abs(np.cumsum(shares, axis=1)[:, :3000] - expected).max() < 1e-7
-
-
-def test_far_beyond_the_full_well(sensor: Sensor) -> None:
-    assert of(replace(sensor, full_well_e=1000), [1e4, 1e9])[:, 1000] == pytest.approx([1, 1], abs=1e-9)
 
 
 def test_lattice_of_noiseless_dn_rounds_like_the_sensor(sensor: Sensor) -> None:
@@ -145,9 +133,3 @@ def test_simulated_exposures_are_distributed_so(sensor: Sensor, changes: dict[st
     freedom = usual.sum() - 1
     chi2 = ((counts - expected) ** 2)[usual] / expected[usual]
     assert (chi2.sum() - freedom) / sqrt(2 * freedom) < 4
-
-
-@pytest.mark.parametrize("rate", [-1.0, float("nan"), float("inf")])
-def test_rates_that_are_none(sensor: Sensor, rate: float) -> None:
-    with pytest.raises(InputError, match=r"electron_rate_e_s has no value, or one that is negative or not finite"):
-        of(sensor, [1.0, rate])

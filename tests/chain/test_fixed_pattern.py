@@ -43,12 +43,6 @@ def test_columns_and_rows_have_their_own_offsets(sensor: Sensor) -> None:
     assert rows[:, 0].std() == pytest.approx(2, abs=5 * 2 / sqrt(2 * sensor.height))
 
 
-def test_pattern_is_the_same_in_two_exposures_of_one_device(sensor: Sensor) -> None:
-    # Nothing else in these dark frames: no read noise, no dark current.
-    device = replace(sensor, dsnu_e=20.0, black_level_dn=200.0, device_seed=1)
-    np.testing.assert_array_equal(dark_frame(device, seed=1), dark_frame(replace(device), seed=2))
-
-
 def test_pattern_differs_between_devices(sensor: Sensor) -> None:
     one, other = (
         dark_frame(replace(sensor, dsnu_e=20.0, black_level_dn=200.0, device_seed=seed), seed=0).astype(float)
@@ -71,9 +65,3 @@ def test_noise_and_pattern_are_independent_even_with_the_same_seed(sensor: Senso
     noise = dark_frame(replace(device, dsnu_e=0.0, read_noise_e=10.0), seed=7).astype(float)
     for pattern in (device.fixed_pattern.photo_response, device.fixed_pattern.offset_e):
         assert np.corrcoef(noise.ravel(), pattern.ravel())[0, 1] == pytest.approx(0, abs=5 / sqrt(N))
-
-
-def test_one_effect_does_not_change_the_pattern_of_another(sensor: Sensor) -> None:
-    alone = replace(sensor, prnu_rel=0.01).fixed_pattern.photo_response
-    beside = replace(sensor, prnu_rel=0.01, dsnu_e=3.0).fixed_pattern.photo_response
-    np.testing.assert_array_equal(alone, beside)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.chain.isp import ToneCurve
-from labcdp.errors import InputError
+from labcdp.core.errors import InputError
 
 
 def test_codes_of_the_thesis_curve() -> None:
@@ -19,7 +19,7 @@ def test_values_outside_the_range_have_the_end_codes() -> None:
 
 
 @given(st.integers(1, 30), st.integers(1, 12))
-def test_every_code_survives_decoding(isp_bits: int, bits: int) -> None:
+def test_every_code_is_decoded(isp_bits: int, bits: int) -> None:
     curve = ToneCurve(isp_bits, bits)
     codes = np.arange(2**bits)
     np.testing.assert_array_equal(curve.encode(curve.decode(codes)), codes)

@@ -55,12 +55,3 @@ def test_pattern_returns_in_the_next_exposure_of_a_device(
     again = correlation(expose(device, electron_rate, 0), expose(replace(device), electron_rate, 1))
     # Half of the variance is the pattern's.
     assert again == pytest.approx(0.5, abs=5 * (1 - 0.5**2) / sqrt(N))
-
-
-@PATTERNS
-def test_pattern_of_another_device_is_another(sensor: Sensor, electron_rate: float, change: dict[str, float]) -> None:
-    one, other = (
-        expose(replace(sensor, device_seed=device_seed, **change), electron_rate, index)
-        for index, device_seed in enumerate((1, 2))
-    )
-    assert correlation(one, other) == pytest.approx(0, abs=5 / sqrt(N))

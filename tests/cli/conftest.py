@@ -1,14 +1,13 @@
 import json
-import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
-_PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|exists: going on with it|^labcdp: simulated")
+_PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|^Resuming |^labcdp: simulated")
 _LABCDP = Path(sys.executable).with_name("labcdp")
 
 
@@ -16,36 +15,6 @@ _LABCDP = Path(sys.executable).with_name("labcdp")
 def labcdp_path():
     """The command's file."""
     return _LABCDP
-
-
-@pytest.fixture(scope="session")
-def forking():
-    """Process that forks for each command; see its file."""
-    program = [sys.executable, Path(__file__).with_name("forking.py")]
-    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield process
-        process.stdin.close()
-
-
-@pytest.fixture
-def labcdp(tmp_path, tmp_path_factory, forking):
-    """Run the command in an empty folder; returns the finished process."""
-
-    def run(*arguments, stdin=None, timeout_s=120):
-        words, streams = [str(_LABCDP), *map(str, arguments)], tmp_path_factory.mktemp("streams")
-        if stdin is not None:
-            (streams / "stdin").write_text(stdin)
-        request = {name: str(streams / name) for name in ("stdin", "stdout", "stderr")}
-        request |= {"stdin": os.devnull} if stdin is None else {}
-        request |= {"arguments": words, "cwd": str(tmp_path), "timeout_s": timeout_s}
-        print(json.dumps(request), file=forking.stdin, flush=True)
-        status = json.loads(forking.stdout.readline())
-        out, err = ((streams / name).read_text() for name in ("stdout", "stderr"))
-        if status is None:
-            raise subprocess.TimeoutExpired(words, timeout_s, out, err)
-        return subprocess.CompletedProcess(words, status, out, err)
-
-    return run
 
 
 @pytest.fixture
@@ -68,6 +37,7 @@ def fails(labcdp):
 @pytest.fixture
 def running_bench(aravis):
     """`labcdp simulate-bench` with a small target; yields its process and what it printed."""
+    from labcdp.report.envelope import schema
     from labcdp.session import example_session
 
     started = []
@@ -86,18 +56,13 @@ def running_bench(aravis):
             line = process.stdout.readline()
             assert line, process.stderr.read()
             text += line
-        return process, json.loads(text)
+        values = json.loads(text)
+        Draft202012Validator(schema()).validate(values)
+        camera, meter = values["tables"]["devices"]["rows"]
+        return process, {"camera": camera, "meter": {"port": meter["address"]}}
 
     yield start
     for process in started:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def hangup_ends():
-    """Commands inherit whether a hangup is ignored, as it is where the tests are started by nohup."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    yield
-    signal.signal(signal.SIGHUP, before)

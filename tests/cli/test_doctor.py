@@ -7,8 +7,10 @@ import subprocess
 import sys
 
 import pytest
+from jsonschema import Draft202012Validator
 
-from labcdp.drivers.minolta_ls import MinoltaLS110
+from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.report.envelope import schema
 
 STATES = {"good", "notice", "fault", "unknown"}
 
@@ -21,21 +23,17 @@ def checked(labcdp):
         done = labcdp("doctor", "--json", *arguments)
         assert "Traceback" not in done.stderr
         result = json.loads(done.stdout)
-        groups = {}
-        for row in result["findings"]:
+        Draft202012Validator(schema()).validate(result)
+        groups, rows = {}, result["tables"]["checks"]["rows"]
+        for row in rows:
             groups.setdefault(row["group"], {})[row["topic"]] = row
-        states = [row["state"] for row in result["findings"]]
-        assert result["counts"] == {state: states.count(state) for state in STATES}
+        states = [row["state"] for row in rows]
+        counts = {row["state"]: row["count"] for row in result["tables"]["counts"]["rows"]}
+        assert counts == {state: states.count(state) for state in STATES}
         assert done.returncode == (1 if "fault" in states else 0)
         return done.returncode, groups
 
     return run
-
-
-def test_the_help_is_enough(labcdp):
-    text = labcdp("doctor", "--help").stdout
-    for word in ("--camera", "--meter", "--meter-model", "--json", "exit status"):
-        assert word in text
 
 
 def test_without_devices_the_computer_is_checked(checked, aravis):
@@ -76,24 +74,16 @@ def test_devices_that_are_not_there_are_faults_with_remedies(checked, aravis):
     assert row["remedy"].startswith("plug the adapter in")
 
 
-def test_another_camera_than_the_one_asked_for_answers(checked, running_bench):
-    _, told = running_bench()
-    status, groups = checked("--camera", "NONE-1")
-    assert status == 1
-    assert "NONE-1" in groups["Cameras"]["discovery"]["cause"]
-    assert told["camera"]["serial"] in groups["Cameras"]["discovery"]["cause"]
-
-
 def test_a_machine_without_aravis(tmp_path):
     """PyGObject hidden from the command, as in a virtual environment that does not see Debian's."""
     code = (
         "import sys; sys.modules['gi'] = None; sys.argv = ['labcdp', 'doctor', '--json'];"
         "from labcdp.cli import main; main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 1
     assert done.stderr == ""
-    rows = {row["topic"]: row for row in json.loads(done.stdout)["findings"]}
+    rows = {row["topic"]: row for row in json.loads(done.stdout)["tables"]["checks"]["rows"]}
     assert rows["Aravis"]["state"] == "fault"
     assert rows["discovery"]["state"] == "unknown"
     assert rows["receive buffer"]
@@ -106,7 +96,7 @@ def test_a_person_reads_marks_causes_remedies_and_counts(labcdp_path, tmp_path, 
         cwd=tmp_path,
         env=os.environ | {"PYTHONIOENCODING": encoding},
         capture_output=True,
-        timeout=120,
+        timeout=600,
     )
     lines = done.stdout.decode(encoding).splitlines()
     assert done.returncode == 1
@@ -117,9 +107,3 @@ def test_a_person_reads_marks_causes_remedies_and_counts(labcdp_path, tmp_path, 
     counted = sum(line.startswith("  ") and not line.startswith("     ") for line in lines)
     assert sum(int(part.split()[0]) for part in lines[-1].split(", ")) == counted
     assert re.match(r"(1 fault|[2-9] faults), (1 notice|\d+ notices), \d+ unknown, \d+ good$", lines[-1])
-
-
-def test_a_mistyped_model_is_refused(labcdp):
-    done = labcdp("doctor", "--meter-model", "LS-120")
-    assert done.returncode == 2
-    assert "LS-110" in done.stderr

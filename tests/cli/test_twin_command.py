@@ -3,7 +3,9 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from jsonschema import validate
 
+from labcdp.report.envelope import schema
 from labcdp.session import Session, example_session
 
 #: Fewer patches than the session has, which are quicker.
@@ -14,31 +16,35 @@ def test_the_twin_is_written_and_its_chain_simulated(labcdp, tmp_path):
     done = labcdp("twin", example_session(), "-o", "out", "--json", *FEW)
     assert done.returncode == 0, done.stderr
     values = json.loads(done.stdout)
-    assert values["pairs_agreeing"] >= 0.93 * values["pairs_compared"]
-    counted = [values[f"pairs_{one}"] for one in ("agreeing", "differing", "undecided")]
-    assert sum(counted) == values["pairs_compared"]
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+    validate(values, schema())
+    (counts,) = values["tables"]["summary"]["rows"]
+    assert counts["agreeing"] >= 0.93 * counts["pairs"]
+    assert values == json.loads((tmp_path / "out" / "results.json").read_text())
+    names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert names - {"labcdp-files.json"} == {
         "chain.toml",
         "report.html",
         "results.xlsx",
         "results.json",
-        "twin.png",
+        "figures/twin.png",
     }
     simulated = labcdp("simulate", "out/chain.toml", "-o", "simulated", "--json")
     assert simulated.returncode == 0, simulated.stderr
-    assert {stage["name"] for stage in json.loads(simulated.stdout)["stages"]} >= {"scene", "optics", "sensor"}
+    rows = json.loads(simulated.stdout)["tables"]["signal"]["rows"]
+    assert {row["stage"] for row in rows} >= {"scene", "optics", "sensor"}
 
 
-def test_a_person_is_told_the_result_and_a_calibration_from_a_file_is_used(labcdp, tmp_path):
+def test_a_person_is_reported_the_result_and_a_calibration_from_a_file_is_used(labcdp, tmp_path):
     assert labcdp("calibrate", example_session(), "-o", "results").returncode == 0
     asked = ("--contrast", "200%", "--epsilon", "30%", "--calibration", "results/calibration.json")
     done = labcdp("twin", example_session(), "-o", "out", *asked, *FEW)
     assert done.returncode == 0, done.stderr
-    text = " ".join(done.stderr.split())
-    assert "agree with the measurement within the joint 95 % interval" in text
-    assert "Next: labcdp simulate out/chain.toml" in text
+    assert "pairs" in done.stdout
+    assert "Next: labcdp simulate out/chain.toml" in done.stderr
     values = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert values["calibration_input_sha256"] == values["input_sha256"]
+    assert [one["role"] for one in values["inputs"]] == ["session", "calibration"]
+    facts = {row["item"]: row["value"] for row in values["tables"]["provenance"]["rows"]}
+    assert facts["SHA-256 of those of the calibration"] == facts["SHA-256 of frames and readings"]
 
 
 @pytest.fixture
@@ -83,5 +89,5 @@ def test_what_cannot_be_read_is_named(fails, tmp_path):
     assert "nowhere" in fails("twin", "nowhere")
     assert "--contrast" in fails("twin", example_session(), "--contrast", "much")
     (tmp_path / "file").write_text("")
-    assert "file is not valid JSON" in fails("twin", example_session(), "--calibration", "file")
-    assert "file cannot be made" in fails("twin", example_session(), "-o", "file")
+    assert "file: not valid JSON" in fails("twin", example_session(), "--calibration", "file")
+    assert "file is not a folder" in fails("twin", example_session(), "-o", "file")

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from labcdp.drivers.simulated.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 
 
 class Ramp:

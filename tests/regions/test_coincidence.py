@@ -1,6 +1,6 @@
 import pytest
 
-from labcdp.regions import EllipseShape, GridShape, RectangleShape, new_shapes
+from labcdp.regions import GridShape, RectangleShape, new_shapes
 
 KNOWN = (RectangleShape("a", 10, 10, 40, 40), RectangleShape("b", 60, 10, 40, 40))
 
@@ -18,10 +18,3 @@ def test_a_shape_is_there_if_all_its_regions_are():
     assert new_shapes((grid,), KNOWN) == ()
     assert new_shapes((grid,), KNOWN[:1]) == (grid,)
     assert new_shapes(KNOWN, (grid,)) == ()
-
-
-def test_a_region_inside_another_is_new():
-    inside = EllipseShape("c", 10, 10, 40, 40)
-    assert new_shapes((inside,), KNOWN) == (inside,)
-    assert new_shapes((inside,), ()) == (inside,)
-    assert new_shapes((), KNOWN) == ()

@@ -2,15 +2,14 @@
 
 import struct
 import zipfile
-from io import BytesIO
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.errors import InputError
-from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, load_regions, rois_of, save_regions
+from labcdp.core.errors import InputError
+from labcdp.regions import EllipseShape, PolygonShape, RectangleShape, load_regions, rois_of, save_regions
 from labcdp.regions.imagej import imagej_file, parse_imagej
 
 SHAPE = (120, 120)
@@ -71,16 +70,46 @@ def test_polygon_freehand_and_traced_regions_are_corners_of_pixels(kind):
     assert np.array_equal(pixels(shape), pixels(RectangleShape("r", 10, 20, 5, 4)))
 
 
-def test_coordinates_between_pixels_are_taken_where_there_are_some():
-    corners = [(10.25, 20), (15, 20.5), (12, 24.75)]
-    data = imagej(0, (20, 10, 25, 15), corners=[(0, 0), (5, 1), (2, 5)], subpixel=corners, options=128)
-    assert parse_imagej(data, "p") == (PolygonShape("p", tuple(corners)),)
+def composite(*rings):
+    """Bytes of a region of several rings, as a path: 0 moves, 1 draws, 4 closes (ShapeRoi.java of ImageJ)."""
+    path = [value for ring in rings for value in (0.0, *ring[0], *(v for one in ring[1:] for v in (1.0, *one)), 4.0)]
+    head = struct.pack(">4shBx4hH", b"Iout", 227, 1, 0, 0, 100, 100, 0)
+    head += struct.pack(">4f", 0, 0, 0, 0) + struct.pack(">hi8xhh", 0, len(path), 0, 0) + b"\0" * 4
+    data = struct.pack(f">{len(path)}f", *path)
+    return head + struct.pack(">ii", 0, 0) + data
 
 
-def test_a_rectangle_between_pixels():
-    assert parse_imagej(imagej(1, (20, 10, 24, 15), floats=(10.25, 20.5, 5.5, 4.25), options=128), "r") == (
-        RectangleShape("r", 10.25, 20.5, 5.5, 4.25),
-    )
+def box(x, y, width, height):
+    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+
+
+def test_holes_and_parts_hold_the_pixels_of_the_even_odd_rule(tmp_path):
+    rings = box(10, 10, 40, 30), box(20, 15, 10, 10), box(22, 17, 3, 3), box(70, 70, 8, 8)
+    (tmp_path / "a.roi").write_bytes(composite(*rings))
+    (shape,) = load_regions(tmp_path / "a.roi")
+    expected = np.zeros(SHAPE, bool)
+    for (x, y), _, (x1, y1), _ in rings:
+        expected[y:y1, x:x1] ^= True
+    assert np.array_equal(pixels(shape), expected)
+    assert shape.rois()[0].area == expected.sum()
+    save_regions(tmp_path / "a.json", [shape])
+    assert load_regions(tmp_path / "a.json") == (shape,)
+
+
+def test_a_region_of_the_wand_may_touch_itself(tmp_path):
+    """Two pixels that touch at a corner, traced by one line."""
+    corners = [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2), (1, 2), (1, 1), (0, 1)]
+    (tmp_path / "a.roi").write_bytes(imagej(8, (30, 20, 32, 22), corners=corners))
+    (shape,) = load_regions(tmp_path / "a.roi")
+    assert np.argwhere(pixels(shape)).tolist() == [[30, 20], [31, 21]]
+
+
+def test_a_region_that_cannot_be_read_is_left_out(tmp_path, caplog):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("line.roi", imagej(3, (0, 0, 9, 9)))
+        archive.writestr("grey.roi", imagej(1, (20, 10, 24, 15)))
+    assert [shape.name for shape in load_regions(tmp_path / "a.zip")] == ["grey"]
+    assert "'line' is of the kind line, which has no area" in caplog.text
 
 
 def test_a_rotated_rectangle_lies_along_its_line():
@@ -102,12 +131,6 @@ def test_a_rotated_ellipse_lies_along_its_long_axis():
     assert (shape.x + shape.width / 2, shape.y + shape.height / 2) == pytest.approx((40, 45))
 
 
-def test_ways_there_and_back_of_a_shaky_hand_are_taken_off():
-    drawn = [(0, 0), (10, 0), (14, 0), (10, 0), (10, 10), (0, 10)]
-    (shape,) = parse_imagej(imagej(7, (20, 10, 30, 24), corners=drawn), "hand")
-    assert np.array_equal(pixels(shape), pixels(RectangleShape("r", 10, 20, 10, 10)))
-
-
 @pytest.mark.parametrize(
     ("data", "message"),
     [
@@ -120,7 +143,6 @@ def test_ways_there_and_back_of_a_shaky_hand_are_taken_off():
         (imagej(1, (0, 0, 9, 9), subtype=1), r"kind text"),
         (imagej(1, (0, 0, 9, 9), subtype=4), r"kind image"),
         (imagej(77, (0, 0, 9, 9)), r"'x' is of the unknown kind 77, 0: draw it as a polygon"),
-        (imagej(1, (0, 0, 9, 9), size=20), r"'x' is made of several: split it in ImageJ's ROI Manager"),
         (imagej(1, (0, 0, 9, 9), parameter=b"\0\0\0\5"), r"'x' is a rectangle with rounded corners"),
         (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)], options=1), r"'x' is a fitted spline"),
         (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0)]), r"'x' has 2 corners: draw it again"),
@@ -133,20 +155,6 @@ def test_ways_there_and_back_of_a_shaky_hand_are_taken_off():
 def test_a_region_that_is_none_is_refused_by_kind_and_name(data, message):
     with pytest.raises(InputError, match=message):
         parse_imagej(data, "x")
-
-
-def test_a_name_beyond_the_end_of_the_file_is_refused_in_our_words(caplog):
-    data = imagej(1, (0, 0, 9, 9), name="a long name")
-    message = rf"'x' is damaged: its name reaches to byte {len(data)}, it has {len(data) - 4}: save it again in ImageJ"
-    with pytest.raises(InputError, match=message):
-        parse_imagej(data[:-4], "x")
-    assert caplog.records == []
-
-
-def test_a_crossing_freehand_region_is_refused(tmp_path):
-    (tmp_path / "eight.roi").write_bytes(imagej(7, (0, 0, 9, 9), corners=[(0, 0), (9, 9), (9, 0), (0, 9)]))
-    with pytest.raises(InputError, match=r"eight\.roi: region 'eight' crosses itself at x 4.5, y 4.5"):
-        load_regions(tmp_path / "eight.roi")
 
 
 SHAPES = (
@@ -176,33 +184,6 @@ def test_several_in_a_zip_keep_names_kinds_pixels_and_order(tmp_path):
     assert all(np.array_equal(pixels(a), pixels(b)) for a, b in zip(read, SHAPES, strict=True))
 
 
-def test_a_grid_becomes_rectangles(tmp_path):
-    grid = GridShape("g", 10, 20, 32, 20, 2, 3, 4)
-    save_regions(tmp_path / "a.zip", [grid])
-    assert rois_of(load_regions(tmp_path / "a.zip")) == grid.rois()
-
-
-def test_several_regions_do_not_fit_into_a_roi_file(tmp_path):
-    with pytest.raises(InputError, match=r"a \.roi file holds one region, these are 8: give a name in \.zip or \.json"):
-        save_regions(tmp_path / "a.roi", SHAPES)
-
-
-def test_a_region_beyond_imagejs_range_is_refused(tmp_path):
-    with pytest.raises(
-        InputError, match=r"region 'far' spans x 70000 to 70005.*ImageJ holds coordinates from -5000 to 60535"
-    ):
-        save_regions(tmp_path / "a.roi", [RectangleShape("far", 70000, 0, 5, 5)])
-
-
-def test_names_that_are_alike_within_a_zip_become_those_of_the_entries(tmp_path):
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        for entry in ("a.roi", "a-1.roi", "b.roi"):
-            archive.writestr(entry, imagej(1, (0, 0, 9, 9), name="b" if entry == "b.roi" else "a"))
-        archive.writestr("__MACOSX/._a.roi", b"no region")
-        archive.writestr("readme.txt", b"no region")
-    assert [shape.name for shape in load_regions(tmp_path / "a.zip")] == ["a", "a-1", "b"]
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -216,12 +197,6 @@ def test_a_zip_that_holds_no_regions_is_refused(tmp_path, make, message):
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         make(archive)
     with pytest.raises(InputError, match=message):
-        load_regions(tmp_path / "a.zip")
-
-
-def test_an_empty_zip_is_refused(tmp_path):
-    zipfile.ZipFile(tmp_path / "a.zip", "w").close()
-    with pytest.raises(InputError, match=r"it holds no \.roi file"):
         load_regions(tmp_path / "a.zip")
 
 
@@ -269,8 +244,3 @@ def test_a_damaged_region_is_read_or_refused(changes, end):
         parse_imagej(b"Iout" + data[4:], "x")
     except InputError as error:
         assert "\n" not in str(error)  # noqa: PT017 - what is accepted is fine too
-
-
-def test_the_same_regions_make_the_same_file():
-    assert imagej_file(SHAPES, True) == imagej_file(SHAPES, True)
-    assert zipfile.ZipFile(BytesIO(GOOD)).namelist()[6] == "Öl _ Lampe.roi"

@@ -6,15 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.errors import InputError
-from labcdp.regions import (
-    EllipseShape,
-    GridShape,
-    PolygonShape,
-    RectangleShape,
-    load_regions,
-    save_regions,
-)
+from labcdp.core.errors import InputError
+from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, load_regions, save_regions
 from labcdp.regions.region_json import parse_regions, regions_json
 
 SHAPES = (
@@ -40,11 +33,6 @@ def document(*regions, **keys):
     return json.dumps({"format": "labcdp regions", "version": 1, "regions": list(regions), **keys})
 
 
-def test_what_is_saved_is_loaded(tmp_path):
-    save_regions(tmp_path / "rois.json", SHAPES, image_size=(100, 95))
-    assert load_regions(tmp_path / "rois.json", image_size=(100, 95)) == SHAPES
-
-
 def test_the_file_is_as_described(tmp_path):
     save_regions(tmp_path / "rois.json", SHAPES[:2], image_size=(100, 95))
     assert json.loads((tmp_path / "rois.json").read_text(encoding="utf-8")) == {
@@ -58,50 +46,31 @@ def test_the_file_is_as_described(tmp_path):
     }
 
 
-def test_a_byte_order_mark_is_no_fault(tmp_path):
-    (tmp_path / "a.json").write_bytes(b"\xef\xbb\xbf" + document({**BOX, "name": "r"}).encode())
-    assert load_regions(tmp_path / "a.json") == (RectangleShape("r", 1, 2, 3, 4),)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", r"rois\.json is empty: give a file with regions"),
-        ("{", r"it is no JSON: Expecting property name enclosed in double quotes in line 1, column 2"),
-        ("[]", r'it is no region file: give a table with "format": "labcdp regions"'),
+        ("{", r"not valid JSON: Expecting property name enclosed in double quotes in line 1, column 2"),
         ("{}", r"format is missing: give it"),
-        ('{"format": "x", "version": 1, "regions": []}', r"format is 'x': give 'labcdp regions'"),
         (document(version=2), r"version is 2, this labcdp reads 1: use a newer labcdp"),
-        (document(version="1"), r"version is '1': give 1"),
-        (document(version=True), r"version is true: give 1"),
         (document(), r"there is no region: give at least one"),
         (document(image={"width": 0, "height": 5}), r"image: width is 0: give a whole number of pixels of at least 1"),
         (document(image={"width": 5}), r"image: height is missing"),
-        (document(image=[5, 5]), r"image is no table"),
-        (document(region=[]), r"region is not a known key: did you mean regions\?"),
-        ('{"format": "labcdp regions", "version": 1, "regions": {}}', r"regions is no list"),
-        (document(5), r"regions\[0\] is no table"),
-        (document({"name": "a"}), r"region 'a': kind is missing: give one of polygon, rectangle, ellipse, grid"),
+        (document({"name": "a"}), r"region 'a': kind is missing: give one of polygon, composite, rectangle"),
         (document({**POLYGON, "kind": "blob"}), r"region 'a': kind is 'blob': give one of polygon"),
-        (document({**POLYGON, "kind": []}), r"region 'a': kind is \[\]: give one of polygon"),
         (document(POLYGON, {"kind": "polygon", "corners": []}), r"regions\[1\]: name is missing"),
-        (document({**POLYGON, "name": 7}), r"the name of a region is 7: give printable text"),
-        (document({**POLYGON, "corner": []}), r"region 'a': corner is not a known key: did you mean corners\?"),
+        (document({**POLYGON, "name": 7}), r"the name of a region is 7: give 1 to 100 printable characters"),
         (document({**BOX, "angle_deg": "5"}), r"region 'a': angle_deg is '5': give a finite number"),
-        (document({**BOX, "width": None}), r"region 'a': width is null: give a finite number"),
         (document({**BOX, "height": -4}), r"region 'a': height is -4: give a number of pixels above 0"),
-        (document({**BOX, "x": 10**400}), r"region 'a': x is 1000.*: give a finite number"),
+        (document({**BOX, "x": 10**400}), r"a number has 401 digits: give at most 40"),
         (document({**POLYGON, "corners": [[0, 0], [9, 0]]}), r"corners is \[\[0, 0\], \[9, 0\]\]: give a list of 3"),
-        (document({**POLYGON, "corners": "abc"}), r"region 'a': corners\[0\] is 'a': give the two numbers \[x, y\]"),
-        (document({**POLYGON, "corners": {"a": 1}}), r"region 'a': corners is a table: give a list"),
         (document({**POLYGON, "corners": [[0, 0], [9, 9], [9, 0], [0, 9]]}), r"'a' crosses itself at x 4.5, y 4.5"),
         (document({**POLYGON, "corners": [[0, 0], [9, 9], [3, 3]]}), r"region 'a' has no area"),
         (document(POLYGON, BOX), r"2 regions have the name 'a': give each its own"),
         (document(BOX).replace("3", "NaN"), r"NaN stands where a number should: give a finite number"),
-        (document(BOX).replace("3", "1e999"), r"region 'a': width is inf: give a finite number"),
         (document(BOX).replace('"x"', '"width"'), r"the key 'width' is given twice in one table: leave one out"),
         (document({**GRID, "rows": 1e9}), r"region 'g': rows is 1000000000.0: give a whole number"),
-        ("[" * 100_000, r"it is no region file: lists or tables are nested too deep"),
+        ("[" * 100_000, r"its lists and tables are nested more than 64 levels deep"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_used_is_refused_with_key_and_region(tmp_path, text, message):
@@ -124,40 +93,6 @@ def test_a_region_outside_the_image_is_named(tmp_path):
         InputError, match=r"region 'dark' spans x 50 to 70, y 10 to 40, but the image is 60 x 95 pixels"
     ):
         load_regions(tmp_path / "a.json", image_size=(60, 95))
-
-
-def test_a_file_of_another_kind_is_refused(tmp_path):
-    (tmp_path / "a.json").write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
-    with pytest.raises(InputError, match=r"it is neither JSON nor an ImageJ file of regions"):
-        load_regions(tmp_path / "a.json")
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"none\.json cannot be read \(No such file or directory\): check the path"):
-        load_regions(tmp_path / "none.json")
-
-
-def test_a_giant_file_is_refused_unread(tmp_path):
-    with (tmp_path / "giant.json").open("wb") as file:
-        file.truncate(10**10)
-    with pytest.raises(InputError, match=r"giant\.json has more than 64 MiB: it is no region file"):
-        load_regions(tmp_path / "giant.json")
-
-
-def test_a_suffix_that_is_none_of_ours_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"rois\.txt ends in '\.txt': give a name in \.json, \.roi, \.zip"):
-        save_regions(tmp_path / "rois.txt", SHAPES)
-
-
-def test_nothing_is_written_of_regions_that_cannot_be_used(tmp_path):
-    with pytest.raises(InputError, match=r"2 regions have the name 'bright'"):
-        save_regions(tmp_path / "rois.json", SHAPES[:1] * 2)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"rois\.json cannot be written \(No such file or directory\)"):
-        save_regions(tmp_path / "none" / "rois.json", SHAPES)
 
 
 names = st.text(min_size=1, max_size=12).filter(lambda name: name == name.strip() and name.isprintable())
@@ -200,3 +135,9 @@ def test_any_table_is_a_region_or_refused_in_one_line(table):
         parse_regions(text)
     except InputError as error:
         assert "\n" not in str(error)  # noqa: PT017 - any region that is accepted is fine too
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path):
+    (tmp_path / "a.json").write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
+    with pytest.raises(InputError, match=r"it is neither JSON nor an ImageJ file of regions"):
+        load_regions(tmp_path / "a.json")

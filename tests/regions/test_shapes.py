@@ -5,17 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.errors import InputError
-from labcdp.regions import (
-    EllipseShape,
-    GridShape,
-    PolygonShape,
-    RectangleShape,
-    inset,
-    require_simple,
-    rois_of,
-)
-from labcdp.roi import Roi
+from labcdp.core.errors import InputError
+from labcdp.core.roi import Roi
+from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, inset, require_simple, rois_of
 
 SHAPE = (100, 100)
 
@@ -32,11 +24,6 @@ def test_a_rectangle_holds_the_pixels_it_covers():
     assert held.min(axis=0).tolist() == [20, 10]
     assert held.max(axis=0).tolist() == [23, 14]
     assert len(held) == 20
-
-
-def test_a_rectangle_turned_by_90_degrees_swaps_width_and_height():
-    (turned,) = RectangleShape("r", 10, 20, 6, 4, 90).rois()
-    assert np.array_equal(pixels(turned), pixels(Roi.rectangle("r", 11, 19, 4, 6)))
 
 
 def test_a_positive_angle_turns_clockwise_as_the_image_is_seen():
@@ -83,18 +70,15 @@ def test_a_grid_has_its_rectangles_row_by_row_with_gaps_between():
     [
         (lambda: RectangleShape("r", 0, 0, 0, 4), r"region 'r': width is 0: give a number of pixels above 0"),
         (lambda: EllipseShape("e", 0, float("nan"), 3, 4), r"region 'e': y is nan: give a finite number"),
-        (lambda: RectangleShape("r", 0, 0, "3", 4), r"region 'r': width is '3': give a finite number"),
-        (lambda: RectangleShape("r", 0, 0, 10**400, 4), r"region 'r': width is 1000.*: give a finite number"),
         (
             lambda: PolygonShape("p", ((0, 0), (1, 1))),
             r"region 'p': corners is \(\(0, 0\), \(1, 1\)\): give a list of 3",
         ),
-        (lambda: PolygonShape("p", ((0, 0), (1, 1), (1,))), r"corners\[2\] is \(1,\): give the two numbers"),
-        (lambda: PolygonShape("p", ((0, 0), (1, 1), (1, True))), r"corners\[2\]\[1\] is true: give a finite"),
-        (lambda: PolygonShape(" p", ((0, 0), (1, 1), (1, 0))), r"the name of a region is ' p': give printable text"),
-        (lambda: PolygonShape("a\nb", ((0, 0), (1, 1), (1, 0))), r"the name of a region is 'a\\nb'"),
+        (
+            lambda: PolygonShape(" p", ((0, 0), (1, 1), (1, 0))),
+            r"the name of a region is ' p': give 1 to 100 printable characters",
+        ),
         (lambda: GridShape("g", 0, 0, 10, 10, 0, 2), r"region 'g': rows is 0: give a whole number of at least 1"),
-        (lambda: GridShape("g", 0, 0, 10, 10, 2, 2.5), r"region 'g': columns is 2.5: give a whole number"),
         (lambda: GridShape("g", 0, 0, 10, 10, 200, 200), r"200 rows of 200 columns are 40000 regions: give at most"),
         (lambda: GridShape("g", 0, 0, 10, 10, 2, 3, 5), r"gaps of 5 pixels leave nothing of 2 x 3 rectangles"),
         (lambda: GridShape("g", 0, 0, 10, 10, 2, 3, -1), r"region 'g': gap is -1: give at least 0"),
@@ -110,30 +94,9 @@ def test_regions_need_names_of_their_own():
         rois_of([RectangleShape("a", 0, 0, 2, 2), EllipseShape("a", 5, 5, 2, 2)])
 
 
-def test_a_grid_and_a_rectangle_may_not_share_a_name():
-    with pytest.raises(InputError, match=r"2 regions have the name 'g-r1c1'"):
-        rois_of([GridShape("g", 0, 0, 2, 2, 1, 1), RectangleShape("g-r1c1", 5, 5, 2, 2)])
-
-
-def test_no_region_is_refused():
-    with pytest.raises(InputError, match=r"there is no region: give at least one"):
-        rois_of([])
-
-
-def test_crossing_edges_are_told_with_their_place():
+def test_crossing_edges_are_reported_with_their_place():
     with pytest.raises(InputError, match=r"region 'x' crosses itself at x 5, y 5: give its corners in order"):
         require_simple(Roi("x", ((0, 0), (10, 10), (10, 0), (0, 10))))
-
-
-def test_a_region_without_area_is_refused():
-    with pytest.raises(InputError, match=r"region 'x' has no area: its corners lie on one line"):
-        require_simple(Roi("x", ((0, 0), (5, 5), (10, 10))))
-
-
-def test_an_inset_rectangle_is_a_rectangle():
-    assert sorted(inset(Roi.rectangle("r", 10, 20, 30, 40), 2.5).corners) == sorted(
-        [(12.5, 22.5), (37.5, 22.5), (37.5, 57.5), (12.5, 57.5)]
-    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -154,22 +117,3 @@ def test_what_is_left_keeps_the_margin_from_all_edges(radii, margin):
     for corner in left.corners:
         along = np.clip(((corner - a) * (b - a)).sum(1) / ((b - a) ** 2).sum(1), 0, 1)[:, None]
         assert np.hypot(*(a + along * (b - a) - corner).T).min() >= margin - 1e-6
-
-
-@pytest.mark.parametrize(
-    ("margin", "message"),
-    [
-        (6, r"nothing of region 'h' is left 6 pixels from its edges: give a smaller margin or a larger region"),
-        (2, r"region 'h' falls into 2 pieces 2 pixels from its edges: give a smaller margin, or draw the pieces"),
-        (-1, r"margin at the edges of region 'h' is -1 pixels: give at least 0"),
-        (float("nan"), r"margin at the edges of region 'h' is nan pixels"),
-    ],
-)
-def test_a_margin_that_leaves_no_region_is_refused(margin, message):
-    # Two squares of 10 pixels with a bridge of 2.
-    dumbbell = Roi(
-        "h",
-        ((0, 0), (10, 0), (10, 4), (20, 4), (20, 0), (30, 0), (30, 10), (20, 10), (20, 6), (10, 6), (10, 10), (0, 10)),
-    )
-    with pytest.raises(InputError, match=message):
-        inset(dumbbell, margin)

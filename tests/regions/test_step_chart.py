@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labcdp.chain import Checkerboard, StepChart
-from labcdp.errors import InputError
+from labcdp.core.errors import InputError
 from labcdp.regions import detect_step_chart, rois_of
 from labcdp.session import Session, example_session
 
@@ -53,13 +53,6 @@ def test_steps_of_10_percent_in_noise_of_5_percent(gap):
     check_patches(detect_step_chart(image), 1, 7, matrix, gap)
 
 
-def test_a_column_in_uneven_light():
-    rng = np.random.default_rng(3)
-    levels = 200 * 1.4 ** -np.arange(5.0)[:, None]
-    matrix, image = chart(rng, levels, 30, uneven=0.5)
-    check_patches(detect_step_chart(image), 5, 1, matrix)
-
-
 def test_a_patch_as_light_as_its_surroundings_is_found_by_its_place():
     rng = np.random.default_rng(4)
     levels = 200 * 1.35 ** -np.arange(8.0).reshape(2, 4)
@@ -84,15 +77,6 @@ def test_a_chart_that_fills_the_image():
     rois = rois_of(detect_step_chart(scene.luminance_map()))
     for roi, mask in zip(rois, scene.regions().values(), strict=True):
         assert mask[roi.window((120, 400))][roi.mask((120, 400))].all()
-
-
-def test_a_larger_image():
-    rng = np.random.default_rng(5)
-    levels = 200 * 1.3 ** -np.arange(6.0).reshape(2, 3)
-    size = 2.25, 3.5
-    matrix = seen_from(rng, *size, 400, shape=(1400, 2000))
-    image = picture(matrix, steps(levels, 260), rng, shape=(1400, 2000), finer=1)
-    check_patches(detect_step_chart(image), 2, 3, matrix)
 
 
 def scattered(rng):

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import gaussian_filter, label, maximum_filter, minimum_filter
+from scipy.ndimage import gaussian_filter, label
 
-from labcdp.errors import InputError
-from labcdp.regions.superpixels import inner, neighbours, seen_half, superpixel_labels
+from labcdp.regions.superpixels.segment import inner, neighbours, superpixel_labels
 
 
 def _neighbours_one_by_one(labels):
@@ -83,32 +82,6 @@ def test_steps_of_one_contrast_are_found_at_any_level(level):
     assert _crossed(superpixel_labels(image, 30), 71) < 0.1
 
 
-def test_noise_in_darkness_makes_squares():
-    rng = np.random.default_rng(1)
-    for half in (False, True):
-        sizes = np.bincount(superpixel_labels(rng.normal(0, 1, (400, 400)), 40, half=half).ravel())
-        assert sizes.min() > 0.8 * 1600
-        assert sizes.max() < 1.2 * 1600
-
-
-def test_half_of_the_pixels_changes_nothing():
-    rng = np.random.default_rng(2)
-    image = rng.normal(100, 10, (200, 260))
-    other = np.where(seen_half(image.shape), image, rng.normal(300, 90, image.shape))
-    assert np.array_equal(superpixel_labels(image, 20, half=True), superpixel_labels(other, 20, half=True))
-    assert not np.array_equal(superpixel_labels(image, 20), superpixel_labels(other, 20))
-
-
-def test_pixels_that_are_not_finite_count_as_the_extremes():
-    image = np.random.default_rng(2).uniform(1, 2, (60, 80))
-    image[3, 3], image[5, 5] = 1, 2
-    spoilt = image.copy()
-    spoilt[3, 3], spoilt[5, 5] = np.nan, np.inf
-    image[3, 3], image[5, 5] = np.delete(image.ravel(), [3 * 80 + 3, 5 * 80 + 5]).min(), image.max()
-    image[5, 5] = np.delete(image.ravel(), [3 * 80 + 3, 5 * 80 + 5]).max()
-    assert np.array_equal(superpixel_labels(spoilt, 10), superpixel_labels(image, 10))
-
-
 @given(seed=st.integers(0, 1000), n=st.integers(1, 6))
 def test_neighbours_are_those_of_a_walk_over_all_pixels(seed, n):
     labels = np.random.default_rng(seed).integers(0, n, (7, 9)).astype(np.int32)
@@ -120,21 +93,6 @@ def test_neighbours_are_those_of_a_walk_over_all_pixels(seed, n):
         distances = np.linalg.norm(own - own.mean(axis=0), axis=1)
         assert tuple(middle) in places[tuple(pair)]
         assert np.linalg.norm(middle - own.mean(axis=0)) == pytest.approx(distances.min(), abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("image", "size", "message"),
-    [
-        (np.zeros(9), 6, r"2 dimensions and numbers, got float64 of shape \(9,\)"),
-        (np.zeros((9, 9), dtype=complex), 6, "2 dimensions and numbers, got complex128"),
-        (np.zeros((90, 90)), 5, "5 pixels are too small to measure: give 6 or more"),
-        (np.zeros((90, 20)), 21, r"21 pixels are larger than the image \(20 x 90\)"),
-        (np.full((9, 9), np.nan), 6, "no pixel of the image is finite"),
-    ],
-)
-def test_what_cannot_be_cut(image, size, message):
-    with pytest.raises(InputError, match=message):
-        superpixel_labels(image, size)
 
 
 @pytest.mark.parametrize(("contrast", "crossed"), [(10, 1.5), (100, 2.5)])
@@ -151,11 +109,3 @@ def test_a_strong_edge_that_the_lens_has_blurred_makes_no_strips(contrast, cross
     wrong = np.minimum(of_object, np.bincount(labels.ravel()) - of_object).sum()
     # The outline is 600 pixels long; half the logarithm is reached outside of it.
     assert wrong / 600 < crossed
-
-
-def test_inner_pixels_are_those_with_one_label_around():
-    labels = np.random.default_rng(0).integers(0, 2, (4, 5)).repeat(6, axis=0).repeat(6, axis=1).astype(np.int32)
-    for margin in (1, 2):
-        size = 2 * margin + 1
-        expected = minimum_filter(labels, size) == maximum_filter(labels, size)
-        assert np.array_equal(inner(labels, margin), expected)

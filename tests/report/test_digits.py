@@ -39,17 +39,6 @@ def test_value_matches_two_digits_of_the_half_width(value: float, half_width: fl
     assert digits.with_half_width(value, half_width) == text
 
 
-@given(st.floats(-1e6, 1e6), st.integers(0, 6))
-def test_zero_has_no_sign(value: float, n: int) -> None:
-    text = digits.fixed(value, n, sign=True)
-    assert (float(text) == 0) == (text[0] not in "+-")
-
-
-@pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
-def test_what_is_not_known_is_called_so(value: float | None) -> None:
-    assert digits.fixed(value, 2) == "unknown"
-
-
 @pytest.mark.parametrize(
     ("share", "text"),
     [

@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
-from labcdp.frame import CameraIdentity, Frame
-from labcdp.reading import MeterIdentity, Reading
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import SessionConfiguration
 
 BENCH = """\

@@ -16,8 +16,8 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from labcdp.frame import CameraIdentity, Frame
-from labcdp.reading import MeterIdentity, Reading
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import Session, SessionConfiguration
 from labcdp.session.frame_file import frame_to_tiff
 
@@ -172,7 +172,7 @@ def test_a_kill_at_any_time_loses_nothing(tmp_path, configuration, nursery):
     with Session.open(path, writable=True) as session:
         session.add_frame(frame(1))
         session.verify()
-    assert not list(path.rglob(".*.part"))
+    assert not list(path.rglob(".labcdp-*"))
 
 
 @pytest.mark.parametrize("after_a_crash", [False, True])
@@ -182,7 +182,7 @@ def test_a_kill_at_every_call_of_the_system_loses_nothing(tmp_path, configuratio
     with Session.create(sound, configuration) as session:
         session.add_frame(frame(0))
     if after_a_crash:
-        (sound / "frames" / ".0002_light_5ms.tif.part").write_bytes(b"half")
+        (sound / "frames" / ".labcdp-0123456789abcdef.part.tif").write_bytes(b"half")
         with (sound / "journal.jsonl").open("ab") as file:
             file.write(b'{"sequence": 4, "ti')
     torn = 0

@@ -2,9 +2,9 @@
 
 import pytest
 
-from labcdp.errors import ConfigurationError
+from labcdp.core.errors import ConfigurationError
+from labcdp.core.spectral.table import SpectralTable
 from labcdp.session import Session, SessionConfiguration
-from labcdp.spectral_table import SpectralTable
 
 RGB = "wavelength_nm,R,G,B\n380,0,0,0\n500,0.1,1,0.5\n600,1,0.2,0\n780,0,0,0\n"
 LAMP = "wavelength_nm,lamp\n380,0\n560,1\n780,0\n"
@@ -20,7 +20,7 @@ def folder(tmp_path, bench):
     return tmp_path
 
 
-def test_files_are_sought_beside_the_configuration(folder, monkeypatch):
+def test_files_are_sought_next_to_the_configuration(folder, monkeypatch):
     monkeypatch.chdir("/")
     configuration = SessionConfiguration.load(folder / "bench.toml")
     sensitivity = configuration.camera.spectral_sensitivity
@@ -37,32 +37,8 @@ def test_a_session_keeps_the_spectra_without_their_files(folder):
     assert Session.open(folder / "session").configuration == configuration
 
 
-def test_without_a_file_the_light_is_its_name(configuration):
-    assert configuration.source.light == "LED-B4"
-    assert configuration.camera.spectral_sensitivity is None
-
-
 def test_a_missing_file_is_named_with_its_key(folder):
     (folder / "rgb.csv").unlink()
     match = r"bench\.toml: camera\.spectral_sensitivity: .*rgb\.csv cannot be read \(No such file or directory\)"
     with pytest.raises(ConfigurationError, match=match):
         SessionConfiguration.load(folder / "bench.toml")
-
-
-def test_a_wrong_file_is_named_with_its_key(folder):
-    (folder / "lamp.csv").write_text("wavelength_nm,lamp\n380,0\n", encoding="utf-8")
-    match = r"bench\.toml: source\.spectrum_file: .*a spectrum has 1 wavelengths and 1 values"
-    with pytest.raises(ConfigurationError, match=match):
-        SessionConfiguration.load(folder / "bench.toml")
-
-
-def test_a_light_has_one_column(folder):
-    (folder / "lamp.csv").write_text(RGB, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r"source has spectrum_file with the columns R, G, B: give a file"):
-        SessionConfiguration.load(folder / "bench.toml")
-
-
-def test_a_number_is_no_file(bench):
-    text = bench.replace("[camera]\n", "[camera]\nspectral_sensitivity = 3\n")
-    with pytest.raises(ConfigurationError, match=r"camera\.spectral_sensitivity is 3: give the name of a CSV file"):
-        SessionConfiguration.from_toml(text, "bench.toml")

@@ -5,10 +5,10 @@ from math import sin
 import numpy as np
 import pytest
 
-from labcdp.contrast import cdp
+from labcdp.metrics import cdp
 from labcdp.tracking import make_tracker
-from labcdp.tracking.geometry import shift
-from labcdp.tracking.simulated import Cover, Moment, SimulatedVideo, pose
+
+from .simulated import Cover, Moment, SimulatedVideo, pose, shift
 
 SIZE = (240, 160)
 
@@ -31,14 +31,14 @@ def test_place_and_cdp_are_right(disturbance):
     tracker = None
     for frame in SimulatedVideo(FOLLOWED[disturbance], n_frames=21, size=SIZE, full_scale_e=1000.0).frames():
         if tracker is None:
-            tracker = make_tracker("kcf", frame.grey, frame.rois)
+            tracker = make_tracker("follow", frame.grey, frame.rois)
             continue
         found = tracker.update(frame.grey)
         near = [np.hypot(*np.subtract(a.roi.centre, b.centre)) < 2 for a, b in zip(found, frame.rois, strict=True)]
         close += all(near) and not any(one.lost for one in found)
         true = cdp(*(roi.select(frame.grey) for roi in frame.rois), 1.0)
         here = cdp(*(one.roi.select(frame.grey) for one in found), 1.0)
-        low, high = here.confidence_interval
+        low, high = here.interval
         right += low <= true.cdp <= high
         n += 1
 
@@ -66,7 +66,7 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize("method", ["kcf", "homography"])
+@pytest.mark.parametrize("method", ["follow", "homography"])
 @pytest.mark.parametrize("event", LOST)
 def test_a_loss_is_noticed_and_the_target_found_again(event, method):
     path, start = LOST[event]
@@ -76,7 +76,7 @@ def test_a_loss_is_noticed_and_the_target_found_again(event, method):
 
     for one in results[start + 3]:
         assert one.lost
-        assert one.reason
+        assert one.reasons
     for one, true in zip(results[-1], frames[-1].rois, strict=True):
         assert not one.lost
         assert one.roi.centre == pytest.approx(true.centre, abs=0.5)
@@ -84,7 +84,7 @@ def test_a_loss_is_noticed_and_the_target_found_again(event, method):
 
 def test_a_region_that_leaves_the_image_is_lost_and_stays_where_it_was():
     frames = list(SimulatedVideo(lambda t: Moment(pose(130 + 12 * t, 80)), n_frames=12, size=SIZE).frames())
-    tracker = make_tracker("kcf", frames[0].grey, frames[0].rois)
+    tracker = make_tracker("follow", frames[0].grey, frames[0].rois)
     for frame in frames[1:]:
         found = tracker.update(frame.grey)
         for one, true in zip(found, frame.rois, strict=True):
@@ -97,7 +97,7 @@ def test_a_region_that_is_covered_in_itself_is_not_measured():
     # A narrow bar lies over the region, and leaves the edges around it to be seen.
     path = lambda t: Moment(pose(120, 80), covers=(Cover(85, 60, 18, 40, 0.1),) if t >= 5 else ())  # noqa: E731
     frames = list(SimulatedVideo(path, n_frames=8, size=SIZE).frames())
-    tracker = make_tracker("flow", frames[0].grey, frames[0].rois)
+    tracker = make_tracker("follow", frames[0].grey, frames[0].rois)
     results = [tracker.update(frame.grey) for frame in frames[1:]]
 
     assert [one.lost for one in results[3]] == [False, False]

@@ -1,0 +1,1 @@
+"""Outside-world test bench for the statistics of the calibration; see docs/validation.md."""

@@ -1,0 +1,167 @@
+"""Sessions of a world, written by labcdp's session writer: the only way from this bench into labcdp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime, timedelta
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+import labcdp
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.reading import MeterIdentity, Reading
+from labcdp.session import SessionConfiguration
+
+from .camera import Device, expose
+from .meter import SESSION_S, Shown, lamp
+from .target import Target
+from .world import FOCAL_LENGTH_M, FULL_SCALE_DN, PITCH_M, World
+
+START = datetime(2026, 3, 1, 12, tzinfo=UTC)
+#: The lights are taken in the first sixth of a session, the readings until five sixths, the dark frames last.
+LIGHT_S, READ_S = SESSION_S / 6, SESSION_S * 5 / 6
+
+
+class Recorder:
+    """Writes the frames of one camera and the readings of one meter.
+
+    Parameters
+    ----------
+    device : Device
+        The camera.
+    rng : numpy.random.Generator
+        Of all noise.
+    folder : Path
+        Where sessions are made.
+    """
+
+    def __init__(self, device: Device, rng: np.random.Generator, folder: Path) -> None:
+        self.device, self._rng, self._folder = device, rng, folder
+        self._frames = count(1)
+
+    def record(
+        self,
+        name: str,
+        target: Target,
+        shown: Sequence[Shown],
+        *,
+        frames: tuple[int, int],
+        exposures_s: Sequence[float] | None = None,
+        contrast: dict[str, object] | None = None,
+        breathing: float = 1.0,
+        steady: bool = False,
+    ) -> labcdp.Session:
+        """Record a target: light frames, readings, dark frames.
+
+        Parameters
+        ----------
+        name : str
+            Of the folder.
+        target : Target
+            The patches and their light.
+        shown : sequence of Shown
+            The meter's readings.
+        frames : (int, int)
+            Light and dark frames of each exposure.
+        exposures_s : sequence of float or None
+            Exposure times; None for those of the world.
+        contrast : dict or None
+            Contrast to evaluate.
+        breathing : float
+            Factor on the responsivity by focusing anew.
+        steady : bool
+            Whether the lamp is as at the first frame throughout.
+        """
+        world = self.device.world
+        exposures_s = exposures_s or world.exposures_s
+        configuration = _configuration(world, name, target, contrast, exposures_s)
+        session = labcdp.Session.create(self._folder / name, configuration)
+        n_light, n_dark = frames
+        times = np.linspace(0, LIGHT_S, len(exposures_s) * n_light)
+        taken = []
+        for exposure_s, second in zip(np.repeat(exposures_s, n_light), times, strict=True):
+            light = target.scene if steady else target.scene * lamp(world, float(second))
+            dn = expose(self.device, light, float(exposure_s), self._rng, breathing)
+            taken.append((self._frame(dn, float(exposure_s), second), "light", None))
+        for exposure_s in np.repeat(exposures_s, n_dark):
+            dn = expose(self.device, 0.0, float(exposure_s), self._rng)
+            taken.append((self._frame(dn, float(exposure_s), READ_S), "dark", None))
+        session.add_frames(taken)
+        for reading in _readings(world, shown):
+            session.add_reading(*reading)
+        return session
+
+    def _frame(self, dn: np.ndarray, exposure_s: float, second: float) -> Frame:
+        number = next(self._frames)
+        return Frame(
+            dn=dn,
+            exposure_s=exposure_s,
+            gain_db=0.0,
+            bit_depth=12,
+            saturation_dn=float(FULL_SCALE_DN),
+            black_level_dn=round(self.device.world.black_dn),
+            pixel_format="BayerRG12" if self.device.world.bayer else "Mono12",
+            colour_filter="RG" if self.device.world.bayer else None,
+            temperature_c=30.0,
+            timestamp=START + timedelta(seconds=float(second)),
+            camera_timestamp_ns=number,
+            frame_id=number,
+            camera=CameraIdentity("worlds", "camera", "1"),
+        )
+
+
+def _readings(world: World, shown: Sequence[Shown]) -> Iterator[tuple[Reading, str]]:
+    for one in shown:
+        yield (
+            Reading(
+                value=one.value_cd_m2,
+                unit="cd/m2",
+                resolution=world.resolution_cd_m2,
+                scale_half_width_rel=world.scale_half_width_rel,
+                digits_half_width=world.digits * world.resolution_cd_m2,
+                repeatability_rel=world.repeatability_rel,
+                peak=False,
+                correction="preset",
+                held=False,
+                meter=MeterIdentity("meter", "1", one.calibrated),
+                timestamp=START + timedelta(seconds=one.second),
+                raw=f"{one.value_cd_m2:.6g}",
+            ),
+            one.patch,
+        )
+
+
+def _configuration(
+    world: World,
+    name: str,
+    target: Target,
+    contrast: dict[str, object] | None,
+    exposures_s: Sequence[float],
+) -> SessionConfiguration:
+    # Without a correction: a lens so long that cos^4 is 1.
+    focal_length_m = 1.0 if world.correction == "none" else FOCAL_LENGTH_M
+    return SessionConfiguration.model_validate(
+        {
+            "name": name,
+            "operator": "worlds",
+            "camera": {"pixel_pitch_m": PITCH_M},
+            "lens": {"model": "lens", "serial": "1", "focal_length_m": focal_length_m, "f_number": 2.8},
+            "meter": {
+                "model": "meter",
+                "entry": "by hand",
+                "serial": "1",
+                "scale_half_width_rel": world.scale_half_width_rel,
+                "repeatability_rel": world.repeatability_rel,
+                "digits": world.digits,
+            },
+            "source": {"spectrum": "LED-B4"},
+            "target": {
+                "name": "target",
+                "patch": [{"name": n, "roi": [float(v) for v in box]} for n, box in target.regions.items()],
+            },
+            "contrast": [] if contrast is None else [contrast],
+            "plan": {"exposures_s": list(exposures_s), "readings_per_patch": world.readings},
+        }
+    )

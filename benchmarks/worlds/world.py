@@ -1,0 +1,168 @@
+"""Worlds: what a camera, its lens, the light and the meter may do, one effect at a time and several together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+#: Pixels of the sensor, and full scale of its 12 bits.
+HEIGHT, WIDTH = 96, 128
+FULL_SCALE_DN = 4095
+PITCH_M, FOCAL_LENGTH_M = 5e-6, 1.5e-3
+BRIGHTEST_CD_M2 = 500.0
+#: Signal of the brightest patch at the shortest exposure, as a share of the range above black.
+BRIGHTEST_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class World:
+    """Parameters of a world; the defaults are the ideal one, which the fitted model describes exactly.
+
+    Parameters
+    ----------
+    name : str
+        Name in the table; with a number, the seed of a calibration.
+    names : tuple of str
+        Codes of labcdp's findings that name the effect; a code also stands for those that begin with it.
+    full_well_e, k_dn_per_e, black_dn, read_noise_e, dark_current_e_s : float
+        Camera, EMVA 1288; `k_dn_per_e` is the overall system gain.
+    prnu_rel, dsnu_e : float
+        Standard deviations of the fixed pattern of sensitivity and of dark signal.
+    column_dn, row_dn : float
+        Standard deviations of a fixed offset for each column, and of one for each row and frame.
+    black_drift_dn : float
+        Standard deviation of the black level from frame to frame.
+    cubic : float
+        Share by which the response falls below a straight line at full scale, as the cube of the signal.
+    gamma : float
+        Exponent of the tone curve, black level included.
+    bayer : bool
+        Whether the sensor has colour filters (RGGB).
+    coloured : float
+        Share of the patches that are coloured, in the calibration and after; no weights of the filters equal V(lambda).
+    vignetting : {'cos4', 'lens'}
+        Of the lens: cos^4, or falling faster, off centre, by mechanical vignetting too.
+    correction : {'none', 'cos4', 'flat'}
+        What the user takes: nothing, the lens' cos^4, or a flat field with a source uniform to `unevenness_rel`.
+    unevenness_rel : float
+        Standard deviation of the flat field's source, as the user states it.
+    bracket : bool
+        Whether the user takes the response from the exposures as a bracket.
+    glare_rel : float
+        Share of the mean light of the image that is spread evenly over it.
+    scatter_rel : float
+        Standard deviation between the light that camera and meter receive from a patch.
+    flicker_rel : float
+        Standard deviation of the lamp from frame to frame.
+    drift_rel : float
+        Loss of the lamp from the first frame to the end of the calibration.
+    breathing_rel : float
+        Standard deviation of the responsivity after focusing anew between calibration and use.
+    scale_half_width_rel : float
+        Bound of the meter's scale error, stated and true (rectangular).
+    resolution_cd_m2, digits, repeatability_rel : float
+        Last digit of the meter, bound of its error in digits, and repeatability.
+    readings : int
+        Readings of each patch.
+    wrong_reading_rel : float
+        Error of one of all readings.
+    recalibrated : {'', 'stated', 'not stated'}
+        Whether the meter is readjusted after half the patches, and whether the readings say so.
+    patches : int
+        Patches of the calibration, up to 16.
+    exposures_s : tuple of float
+        Exposure times.
+    darkest_cd_m2 : float
+        Luminance of the darkest patch.
+    """
+
+    name: str = "ideal"
+    names: tuple[str, ...] = ()
+    full_well_e: float = 12_000.0
+    k_dn_per_e: float = 0.4
+    black_dn: float = 64.0
+    read_noise_e: float = 4.0
+    dark_current_e_s: float = 5.0
+    prnu_rel: float = 0.0
+    dsnu_e: float = 0.0
+    column_dn: float = 0.0
+    row_dn: float = 0.0
+    black_drift_dn: float = 0.0
+    cubic: float = 0.0
+    gamma: float = 1.0
+    bayer: bool = False
+    coloured: float = 0.0
+    vignetting: Literal["cos4", "lens"] = "cos4"
+    correction: Literal["none", "cos4", "flat"] = "cos4"
+    unevenness_rel: float = 0.005
+    bracket: bool = False
+    glare_rel: float = 0.0
+    scatter_rel: float = 0.0
+    flicker_rel: float = 0.0
+    drift_rel: float = 0.0
+    breathing_rel: float = 0.0
+    scale_half_width_rel: float = 0.002
+    resolution_cd_m2: float = 1e-5
+    digits: int = 1
+    repeatability_rel: float = 0.002
+    readings: int = 3
+    wrong_reading_rel: float = 0.0
+    recalibrated: Literal["", "stated", "not stated"] = ""
+    patches: int = 10
+    exposures_s: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
+    darkest_cd_m2: float = 0.5
+
+
+_FIVE_EXPOSURES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+_BRACKET = tuple(1e-3 * 2**i for i in range(8))
+_VIGNETTING = ("vignetting-",)
+_EXPOSURES = ("exposures-scatter", "exposure-deviates")
+_READINGS = ("reading-contradicts", "patch-contradicts", "readings-scatter")
+
+WORLDS = (
+    World(),
+    World("patch scatter 0.3 %", ("patches-scatter",), scatter_rel=0.003),
+    World("patch scatter 1 %", ("patches-scatter",), scatter_rel=0.01),
+    World("patch scatter 1 %, 8 patches, 4 exposures", ("patches-scatter",), scatter_rel=0.01, patches=8,
+          exposures_s=(1e-3, 5e-3, 2e-2, 1e-1)),
+    World("lamp flicker 1 %", _EXPOSURES, flicker_rel=0.01),
+    World("lamp drift 1 %", ("drift",), drift_rel=0.01),
+    World("lamp drift 3 %", ("drift",), drift_rel=0.03),
+    World("dark current 100 e-/s, 1 ms to 1 s", dark_current_e_s=100, exposures_s=(1e-3, 1e-2, 1e-1, 1.0),
+          darkest_cd_m2=0.1),
+    World("dark current 2000 e-/s, 1 ms to 1 s", dark_current_e_s=2000, exposures_s=(1e-3, 1e-2, 1e-1, 1.0),
+          darkest_cd_m2=0.1),
+    World("black-level drift 0.1 DN", ("exposures-scatter-dn",), black_drift_dn=0.1),
+    World("PRNU 1 %", prnu_rel=0.01),
+    World("PRNU 1 %, flat field", prnu_rel=0.01, correction="flat"),
+    World("DSNU 5 e-", dsnu_e=5.0),
+    World("column and row noise 0.5 DN", column_dn=0.5, row_dn=0.5),
+    World("glare 0.5 %", ("intercept",), glare_rel=0.005),
+    World("vignetting, no correction", _VIGNETTING, vignetting="lens", correction="none"),
+    World("vignetting, cos4", _VIGNETTING, vignetting="lens"),
+    World("vignetting, flat field", _VIGNETTING, vignetting="lens", correction="flat"),
+    World("vignetting, flat field, gamma 2.2", _VIGNETTING, vignetting="lens", correction="flat", gamma=2.2),
+    World("refocusing 0.5 %", breathing_rel=0.005),
+    World("cubic response 1 %", cubic=0.01),
+    World("gamma 2.2", gamma=2.2),
+    World("gamma 2.2, bracket", gamma=2.2, bracket=True, exposures_s=_BRACKET),
+    World("meter scale 2 %", scale_half_width_rel=0.02),
+    World("meter digits", resolution_cd_m2=0.01, digits=2),
+    World("one wrong reading of three, 20 %", _READINGS, wrong_reading_rel=0.2),
+    World("one wrong reading of one, 20 %", _READINGS, wrong_reading_rel=0.2, readings=1),
+    World("recalibrated meter", ("meter-recalibrated",), scale_half_width_rel=0.02, recalibrated="stated"),
+    World("recalibrated meter, not stated", ("meter-recalibrated", "patches-scatter", "drift"),
+          scale_half_width_rel=0.02, recalibrated="not stated"),
+    World("4 patches", patches=4),
+    World("8 patches", patches=8),
+    World("16 patches", patches=16),
+    World("1 exposure", exposures_s=(1e-3,), darkest_cd_m2=10.0),
+    World("5 exposures", exposures_s=_FIVE_EXPOSURES),
+    World("Bayer", bayer=True),
+    World("Bayer, 4 patches", bayer=True, patches=4),
+    World("Bayer, coloured patches", ("colours-do-not-fit",), bayer=True, coloured=0.5, patches=16),
+    World("together", ("patches-scatter", *_EXPOSURES, *_VIGNETTING, "intercept"), scatter_rel=0.003,
+          flicker_rel=0.002, drift_rel=0.002, dark_current_e_s=100.0, black_drift_dn=0.1, prnu_rel=0.005, dsnu_e=2.0,
+          column_dn=0.2, row_dn=0.2, vignetting="lens", correction="flat", glare_rel=0.0002, breathing_rel=0.002,
+          cubic=0.01, scale_half_width_rel=0.02, resolution_cd_m2=0.01, digits=2, exposures_s=_FIVE_EXPOSURES),
+)  # fmt: skip

@@ -1,0 +1,1 @@
+"""Cameras with colour filters."""

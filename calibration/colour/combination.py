@@ -1,0 +1,180 @@
+"""Weights of the colours of a Bayer sensor in the luminance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 30
+#: Colourfulness below which colour does not explain scatter.
+_COLOURED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class ColourData:
+    """Patches measured by each colour, relative to the meter's reading.
+
+    Parameters
+    ----------
+    relative : ndarray of float, shape (n patches, k colours)
+        Luminance by one colour, over the reading.
+    own_rel : ndarray of float, shape (n, k)
+        Relative standard uncertainty independent from colour to colour: noise, pixels, dark signal.
+    shared_rel : ndarray of float, shape (n,)
+        Relative standard uncertainty common to all colours: meter, non-uniformity, scatter.
+    colourfulness : ndarray of float, shape (n,)
+        Standard deviation of the luminances by R, G and B over their mean; 0 in the calibration's light.
+    """
+
+    relative: Array
+    own_rel: Array
+    shared_rel: Array
+    colourfulness: Array
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the scatter by colour: coloured patches less weights."""
+        return max(int(np.count_nonzero(self.colourfulness >= _COLOURED)) - int(self.relative.shape[1]), 1)
+
+    def without(self, patch: int) -> ColourData:
+        """Return all patches but one."""
+        rest = np.arange(len(self.relative)) != patch
+        return ColourData(self.relative[rest], self.own_rel[rest], self.shared_rel[rest], self.colourfulness[rest])
+
+    def only(self, colour: int) -> ColourData:
+        """Return a single colour of all patches."""
+        return replace(self, relative=self.relative[:, [colour]], own_rel=self.own_rel[:, [colour]])
+
+    def variance(self, weights: Array, spectral: float) -> Array:
+        """Variance of the combination over the reading, shape (n,)."""
+        own = (self.relative * self.own_rel) ** 2 @ weights**2
+        variance: Array = own + self.shared_rel**2 + (spectral * self.colourfulness) ** 2
+        return variance
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Prior of the weights.
+
+    Parameters
+    ----------
+    weights : ndarray of float, shape (k,)
+        They sum to 1.
+    width : float
+        Standard deviation of the true weights around these.
+    """
+
+    weights: Array
+    width: float
+
+    @property
+    def root(self) -> Array:
+        """Square root of the prior's information, shape (k, k); it is uninformative about the sum of the weights."""
+        k = self.weights.size
+        return (np.eye(k) - np.ones((k, k)) / k) / self.width
+
+
+#: Of a single colour: none, as only its scale is fitted.
+NO_PRIOR = Prior(np.ones(1), 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """Fitted weights with their uncertainty.
+
+    Parameters
+    ----------
+    weights : ndarray of float, shape (k,)
+        Weights of the colours' luminances; their sum is about 1.
+    covariance : ndarray of float, shape (k, k)
+        Of the weights.
+    spectral : float
+        Relative standard deviation, per unit of colourfulness, of deviations that no weights explain, since V(lambda)
+        is not a combination of the colours.
+    dof : int
+        Degrees of freedom of `spectral`.
+    deviation, uncertainty : ndarray of float, shape (n,)
+        Of the combination over the reading, minus 1, and its standard uncertainty.
+    """
+
+    weights: Array
+    covariance: Array
+    spectral: float
+    dof: int
+    deviation: Array
+    uncertainty: Array
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of the squared standardised deviations."""
+        return float(np.sum((self.deviation / self.uncertainty) ** 2))
+
+    @property
+    def spectral_rel(self) -> float:
+        """Standard uncertainty of another patch by its colour, per unit of colourfulness.
+
+        That of Student's distribution with the `dof` of `spectral` (JCGM 101:2008, 6.4.9.7), 3 at least.
+        """
+        dof = max(self.dof, 3)
+        return self.spectral * sqrt(dof / (dof - 2))
+
+    @property
+    def undetermined(self) -> float:
+        """Largest standard uncertainty of a change of the weights at constant sum."""
+        k = self.weights.size
+        projection = np.eye(k) - np.ones((k, k)) / k
+        return float(np.sqrt(max(np.linalg.eigvalsh(projection @ self.covariance @ projection)[-1], 0.0)))
+
+
+def combine(data: ColourData, prior: Prior) -> Combination:
+    """Fit the weights and the scatter of the patches by colour.
+
+    The scatter is the smallest for which chi^2 of the coloured patches is at most their degrees of freedom (R. C. Paule
+    and J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). Grey patches have no such scatter.
+    """
+    coloured = data.colourfulness >= _COLOURED
+    dof = data.dof
+
+    def chi_squared(found: Combination) -> float:
+        return float(np.sum((found.deviation / found.uncertainty)[coloured] ** 2))
+
+    found = _solve(data, prior, 0.0)
+    if chi_squared(found) <= dof:
+        return found
+    low, high = 0.0, 1.0
+    for _ in range(_ROUNDS):
+        middle = (low + high) / 2
+        found = _solve(data, prior, middle)
+        low, high = (middle, high) if chi_squared(found) > dof else (low, middle)
+    return found
+
+
+def leave_one_out(data: ColourData, prior: Prior, spectral: float) -> Array:
+    """Deviation of each patch from weights that were fitted without it, shape (n,)."""
+    return np.array(
+        [data.relative[i] @ _solve(data.without(i), prior, spectral).weights - 1 for i in range(len(data.relative))]
+    )
+
+
+def _solve(data: ColourData, prior: Prior, spectral: float) -> Combination:
+    """Minimise chi^2 with the variances of the combination itself: errors in both, and the prior."""
+    from scipy.optimize import least_squares
+
+    root = prior.root
+
+    def residuals(weights: Array) -> Array:
+        deviation = data.relative @ weights - 1
+        standardised = deviation / np.sqrt(data.variance(weights, spectral))
+        return np.concatenate([standardised, root @ (weights - prior.weights)])
+
+    found = least_squares(residuals, prior.weights, method="lm", xtol=1e-12, ftol=1e-12)
+    weights: Array = found.x
+    uncertainty = np.sqrt(data.variance(weights, spectral))
+    design = np.vstack([data.relative / uncertainty[:, None], root])
+    covariance = np.linalg.pinv(design.T @ design)
+    return Combination(weights, covariance, spectral, data.dof, data.relative @ weights - 1, uncertainty)

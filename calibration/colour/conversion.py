@@ -1,0 +1,273 @@
+"""Conversion of Bayer frames and their patches to luminance, by the combination of planes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError, InputError
+from ...core.frame import Frame
+from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
+from ..convert.patch import PatchLuminance, outside_range, patch_luminance
+from ..frames.observations import PatchObservation
+from ..frames.place import slow_rel
+from ..frames.planes import split
+from ..meter import METER_SOURCES
+from ..model import Calibration
+from .mismatch import mismatch_errors
+from .planes import colours_of_planes
+
+#: Common errors of all planes of a frame, which add with their signs.
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time")
+
+
+@dataclass(frozen=True)
+class ColourConverter:
+    """DN to cd/m^2 for a camera with colour filters: L = sum of w_p L_p over the planes p.
+
+    L_p is the luminance by the plane's own calibration, so with its rate S_p = h_p(DN - d_p) / (t V) and responsivity
+    R_p it is L = sum of (w_p / R_p) S_p at each group of 2 x 2 pixels.
+
+    Parameters
+    ----------
+    planes : tuple of Calibration
+        In the order R, Gr, Gb, B; fitted to the patches of one spectrum.
+    weights : tuple of float
+        w, one per plane, equal for both greens; their sum is about 1.
+    weight_covariance : tuple of tuple of float
+        Covariance of the weights, without the meter's scale.
+    spectral_rel : float
+        Relative standard uncertainty of a luminance by its colour, per unit of colourfulness, that no weights explain;
+        see `labcdp.calibration.colour.mismatch`.
+    scatter_rel : float
+        Unexplained relative standard deviation between patches in the planes' fits.
+    range_cd_m2 : (float, float)
+        Lowest and highest luminance of the patches.
+
+    Raises
+    ------
+    InputError
+        If the numbers of planes, weights and covariances differ, or the range is not ascending.
+    """
+
+    planes: tuple[Calibration, ...]
+    weights: tuple[float, ...]
+    weight_covariance: tuple[tuple[float, ...], ...]
+    spectral_rel: float
+    scatter_rel: float
+    range_cd_m2: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        n = len(self.planes)
+        if n == 0 or len(self.weights) != n or np.shape(self.weight_covariance) != (n, n):
+            raise InputError(
+                f"a colour calibration of {n} planes has {len(self.weights)} weights and a covariance of shape "
+                f"{np.shape(self.weight_covariance)}: give one weight a plane"
+            )
+        low, high = self.range_cd_m2
+        if not 0 < low <= high < float("inf"):
+            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
+
+    @property
+    def weight_errors(self) -> NDArray[np.float64]:
+        """Independent errors of the weights for one standard uncertainty, one a row, shape (n, planes)."""
+        values, vectors = np.linalg.eigh(np.array(self.weight_covariance))
+        kept = values > 1e-12 * max(values.max(), 1e-30)
+        rows: NDArray[np.float64] = (vectors[:, kept] * np.sqrt(values[kept])).T
+        return rows
+
+    def by_colour(self, by_plane: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Luminances by R, G and B, shape (..., 3), from those by the planes, shape (..., planes)."""
+        by_colour: NDArray[np.floating[Any]] = by_plane @ colours_of_planes(self.planes)
+        return by_colour
+
+
+def to_luminance(converter: ColourConverter, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
+    """Convert a Bayer frame to luminance, one value for each group of 2 x 2 pixels.
+
+    Parameters
+    ----------
+    converter : ColourConverter
+        Of the camera.
+    frame : Frame
+        Frame with the colour filter of the calibration, shape (height, width).
+    window : Window
+        Rows and columns of the map to be computed.
+
+    Returns
+    -------
+    LuminanceMap
+        Of shape (height // 2, width // 2), with ``step`` 2. A pixel is saturated, or a defect, if one of its planes is.
+
+    Raises
+    ------
+    CalibrationError
+        If the frame has no colour filter, or is of another camera or setting.
+    """
+    frames = split(frame)
+    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], window) for plane in converter.planes]
+    return _Combined(converter, maps).map()
+
+
+def colour_patch_luminance(
+    converter: ColourConverter, observations: Mapping[str, Sequence[PatchObservation]]
+) -> PatchLuminance:
+    """Luminance of one patch by the combination of planes.
+
+    Parameters
+    ----------
+    converter : ColourConverter
+        Of the same camera and settings.
+    observations : mapping of str to sequence of PatchObservation
+        Of one patch, by the name of the plane.
+
+    Raises
+    ------
+    CalibrationError
+        As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
+    """
+    seen = []
+    for plane in converter.planes:
+        name = f"{plane.state.plane}"
+        if name not in observations:
+            raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")
+        try:
+            seen.append(patch_luminance(plane, observations[name]))
+        except CalibrationError as error:
+            raise CalibrationError(f"plane {name}: {error}") from error
+    by_plane = np.array([one.luminance_cd_m2 for one in seen])
+    luminance = float(np.array(converter.weights) @ by_plane)
+    if luminance <= 0:
+        raise CalibrationError(
+            f"patch {seen[0].patch!r} has {luminance:.3g} cd/m^2 by the combination of planes: its light is not of the "
+            "kind the weights are for; calibrate with a patch of this colour"
+        )
+    shares = np.array(converter.weights) * by_plane / luminance
+    pairs = list(zip(converter.planes, seen, strict=True))
+    own = [own_rel(plane, one) for plane, one in pairs]
+    of_field = max(slow_rel(plane.vignetting) for plane in converter.planes)
+    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, of_field)
+    low, high = converter.range_cd_m2
+    margin = RANGE_MARGIN * random_rel * luminance
+    # The range of a single plane does not matter.
+    findings = [
+        finding.within(f"plane {plane.state.plane}")
+        for plane, one in pairs
+        for finding in one.findings
+        if finding.code not in ("luminance-outside-range", "signal-outside-range")
+    ]
+    if luminance < low - margin or luminance > high + margin:
+        findings.append(outside_range(seen[0].patch, luminance, (low, high)))
+    weight_errors = (CommonError("fit", float(row @ by_plane / luminance)) for row in converter.weight_errors)
+    planes = [_kept(plane, one.common) for plane, one in pairs]
+    return PatchLuminance(
+        patch=seen[0].patch,
+        luminance_cd_m2=luminance,
+        random_rel=random_rel,
+        common=(
+            *weight_errors,
+            *_joined(planes, [float(share) for share in shares]),
+            *mismatch_errors(converter.by_colour(by_plane), converter.spectral_rel),
+        ),
+        exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
+        findings=tuple(findings),
+    )
+
+
+def own_rel(plane: Calibration, seen: PatchLuminance) -> float:
+    """Relative standard uncertainty of a patch that is independent from plane to plane."""
+    # Non-uniformity of the flat field source is common to all planes.
+    shared_rel = hypot(plane.responsivity.scatter_rel, slow_rel(plane.vignetting))
+    return sqrt(max(seen.random_rel**2 - shared_rel**2, 0.0))
+
+
+def _kept(plane: Calibration, common: Sequence[CommonError]) -> list[CommonError]:
+    """Errors of a plane other than its scale, which is part of the weights."""
+    return [e for e in common if e.source != "fit" or plane.response.kind != "linear"]
+
+
+def _joined(planes: Sequence[Sequence[CommonError]], shares: Sequence[Any]) -> list[CommonError]:
+    """Errors of the planes times their shares of the luminance; common ones are summed."""
+    shared: dict[str, CommonError] = {}
+    result: list[CommonError] = []
+    for errors, share in zip(planes, shares, strict=True):
+        for error in errors:
+            relative = share * error.relative
+            if not error.source.startswith(_OF_ALL_PLANES):
+                result.append(replace(error, relative=relative))
+            elif error.source in shared:
+                sum_of_both = shared[error.source].relative + relative
+                shared[error.source] = replace(error, relative=sum_of_both)
+            else:
+                shared[error.source] = replace(error, relative=relative)
+    # The meter's errors are the same for all planes, and so for their sum.
+    of_meter = [e for e in planes[0] if e.source in METER_SOURCES]
+    return [*of_meter, *(e for e in shared.values() if e.source not in METER_SOURCES), *result]
+
+
+@dataclass(frozen=True, eq=False)
+class _Combined:
+    """Map of a frame, of the maps of its planes; all but the luminance is computed on demand."""
+
+    converter: ColourConverter
+    maps: Sequence[LuminanceMap]
+
+    def map(self) -> LuminanceMap:
+        return LuminanceMap(
+            self._luminance(),
+            self._random_rel,
+            self._common,
+            self._invalid,
+            slow_rel=max(one.slow_rel for one in self.maps),
+            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps])),
+            fixed_rel=max(one.fixed_rel for one in self.maps),
+            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps])),
+            step=2,
+        )
+
+    def _luminance(self) -> NDArray[np.floating[Any]]:
+        total = np.zeros(self.maps[0].shape, dtype=np.float32)
+        for weight, one in zip(self.converter.weights, self.maps, strict=True):
+            total += np.float32(weight) * one.luminance_cd_m2
+        return total
+
+    def _magnitude(self, window: Window = WHOLE) -> NDArray[np.floating[Any]]:
+        magnitude: NDArray[np.floating[Any]] = np.maximum(np.abs(self._luminance()[window]), np.float32(1e-30))
+        return magnitude
+
+    def _random_rel(self) -> NDArray[np.floating[Any]]:
+        variance = self._sum_of_squares([one.luminance_cd_m2 * one.random_rel for one in self.maps])
+        random_rel: NDArray[np.floating[Any]] = np.sqrt(variance) / self._magnitude()
+        return random_rel
+
+    def _sum_of_squares(self, of_planes: Sequence[NDArray[np.floating[Any]] | float]) -> NDArray[np.floating[Any]]:
+        """Variance of the weighted sum of independent errors of the planes."""
+        variance = np.zeros(self.maps[0].shape, dtype=np.float32)
+        for weight, one in zip(self.converter.weights, of_planes, strict=True):
+            variance += np.square(np.float32(weight) * one)
+        return variance
+
+    def _common(self, window: Window) -> tuple[CommonError, ...]:
+        planes = self.converter.planes
+        by_plane = np.stack([one.luminance_cd_m2[window] for one in self.maps], axis=-1)
+        magnitude = self._magnitude(window)
+        shares = [w * by_plane[..., i] / magnitude for i, w in enumerate(self.converter.weights)]
+        errors = [CommonError("fit", by_plane @ row / magnitude) for row in self.converter.weight_errors]
+        kept = [_kept(plane, one.common_in(window)) for plane, one in zip(planes, self.maps, strict=True)]
+        errors += _joined(kept, shares)
+        errors += mismatch_errors(self.converter.by_colour(by_plane), self.converter.spectral_rel)
+        return tuple(errors)
+
+    def _invalid(self) -> NDArray[np.uint8]:
+        luminance, margin = self._luminance(), RANGE_MARGIN * self._random_rel() * self._magnitude()
+        low, high = self.converter.range_cd_m2
+        invalid = np.where(luminance < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
+        invalid[(luminance + margin < low) | (luminance - margin > high)] |= np.uint8(Invalid.OUTSIDE_CALIBRATED)
+        for one in self.maps:
+            invalid |= one.invalid & np.uint8(Invalid.SATURATED | Invalid.DEFECT)
+        return invalid

@@ -1,0 +1,244 @@
+"""Fit of a camera with colour filters: each plane, and the combination of planes to luminance."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, info, log_findings, unique, warning
+from ...core.frame import PLANES
+from ...core.reading import Reading
+from ...core.spectral.mismatch import f1_prime, weighted_sum
+from ...core.spectral.table import SpectralTable
+from ..calibrate import fit
+from ..dark.library import DarkLibrary
+from ..defects import DefectMap
+from ..fit.intake import group_by_patch
+from ..fit.residuals import held_out_rows
+from ..frames.observations import DarkObservation, PatchObservation
+from ..model import Calibration
+from ..setup import Setup
+from .combination import NO_PRIOR, Array, ColourData, Combination, Prior, combine, leave_one_out
+from .conversion import colour_patch_luminance
+from .model import ColourCalibration, CombinationStep
+from .patches import ColourPatches, by_patch, centre_px, colour_patches, colour_row
+from .planes import COLOURS, colours_of_planes, one_spectrum
+from .prior import ColourPrior, choose_prior
+
+_log = logging.getLogger(__name__)
+
+#: A single colour is used only if its leave-one-out error is below this fraction of the combination's, which has less
+#: noise.
+_CLEARLY_BETTER = 0.8
+#: Name of the combination among the candidates.
+COMBINATION = "combination"
+#: Largest share of the prior's width at which the patches determine the weights.
+_DETERMINED = 0.5
+
+
+def fit_colour(
+    observations: Mapping[str, Sequence[PatchObservation]],
+    darks: Mapping[str, Sequence[DarkObservation]],
+    readings: Mapping[str, Sequence[Reading]],
+    setup: Setup,
+    *,
+    sensitivities: Mapping[str, SpectralTable] | None = None,
+    held_out: Collection[str] = (),
+    defects: Mapping[str, DefectMap | None] | None = None,
+    dark_libraries: Mapping[str, DarkLibrary | None] | None = None,
+) -> ColourCalibration:
+    """Calibrate a camera with colour filters.
+
+    Each plane is calibrated by `fit` with the patches of one spectrum, such as grey patches in the same light: for
+    other colours a plane deviates from the meter for spectral reasons. Then the weights of L = sum w_p L_p are fitted
+    to all patches, with the errors of meter and planes. Where the patches do not determine the weights, those of least
+    noise are used, or of the smallest f1' if the spectral sensitivities are known; see
+    `labcdp.calibration.colour.prior`. The combination is compared with each colour alone by leave-one-out errors.
+
+    Parameters
+    ----------
+    observations : mapping of str to sequence of PatchObservation
+        By plane (R, Gr, Gb, B): all patches at all exposures, from the frames that `planes.split` returns.
+    darks : mapping of str to sequence of DarkObservation
+        By plane.
+    readings : mapping of str to sequence of Reading
+        The meter's readings by the name of the patch.
+    setup : Setup
+        Lens, spectrum, and hash of the input.
+    sensitivities : mapping of str to SpectralTable or None
+        Relative spectral sensitivities of R, G and B to radiant power, if known; their scales are arbitrary.
+    held_out : collection of str
+        Patches held out of the fit for validation.
+    defects, dark_libraries : mapping of str or None
+        By plane, as for `fit`.
+
+    Raises
+    ------
+    CalibrationError
+        As `fit`, naming the plane; if a plane is missing, fewer than three patches have the same spectrum, or the
+        usable patches differ between planes.
+    InputError
+        If sensitivities are not those of R, G and B, or see none of the light.
+    """
+    _require_planes(observations, darks)
+    for plane in PLANES:
+        group_by_patch(observations[plane], readings, held_out)
+    grey, findings = one_spectrum(observations, darks, [name for name in readings if name not in held_out])
+    corrections = {plane: ((defects or {}).get(plane), (dark_libraries or {}).get(plane)) for plane in PLANES}
+    planes = _fit_planes(observations, darks, {name: readings[name] for name in grey}, setup, corrections)
+    groups = by_patch(observations)
+    prior = choose_prior(planes, sensitivities, setup.light)
+    scatter_rel = _scatter_rel(planes, colours_of_planes(planes) @ prior.prior.weights)
+    patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings, scatter_rel)
+    chosen, left_out, ladder = _choose(patches.data, prior.prior)
+    calibration = _assemble(planes, chosen, left_out, patches, ladder, prior)
+    rows, of_held_out = held_out_rows(
+        lambda name: colour_patch_luminance(calibration, groups[name]),
+        {name: centre_px(group) for name, group in groups.items() if name in held_out},
+        readings,
+    )
+    findings += [
+        *_plane_findings(planes),
+        *patches.findings,
+        *prior.findings,
+        *_findings(chosen, patches, prior),
+        *of_held_out,
+    ]
+    log_findings(_log, findings)
+    return replace(calibration, held_out=rows, findings=unique(findings))
+
+
+def _fit_planes(
+    observations: Mapping[str, Sequence[PatchObservation]],
+    darks: Mapping[str, Sequence[DarkObservation]],
+    readings: Mapping[str, Sequence[Reading]],
+    setup: Setup,
+    corrections: Mapping[str, tuple[DefectMap | None, DarkLibrary | None]],
+) -> list[Calibration]:
+    planes = []
+    for plane in PLANES:
+        own = [o for o in observations[plane] if o.patch in readings]
+        defects, dark_library = corrections[plane]
+        try:
+            planes.append(fit(own, darks[plane], readings, setup, defects=defects, dark_library=dark_library))
+        except CalibrationError as error:
+            raise CalibrationError(f"plane {plane}: {error}") from error
+    return planes
+
+
+def _require_planes(
+    observations: Mapping[str, Sequence[PatchObservation]], darks: Mapping[str, Sequence[DarkObservation]]
+) -> None:
+    for what, given in (("light", observations), ("dark", darks)):
+        missing = [plane for plane in PLANES if not given.get(plane)]
+        if missing:
+            raise CalibrationError(
+                f"there are no {what} frames of plane {missing[0]}: split every Bayer frame and observe all planes"
+            )
+
+
+def _scatter_rel(planes: Sequence[Calibration], weights: Array) -> float:
+    """Scatter of the patches in the combination, by non-uniform patches and readings: common to all planes."""
+    return float(np.abs(weights) @ np.array([plane.responsivity.scatter_rel for plane in planes]))
+
+
+def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
+    """Return the findings of the planes; an intercept that differs between them is due to colour, not glare."""
+    glare = [next(test for test in plane.tests if test.name == "glare") for plane in planes]
+    signs = {np.sign(test.value) if test.significant else 0 for test in glare}
+    of_colour = len(signs) > 1
+    findings = [
+        finding.within(f"plane {plane.state.plane}")
+        for plane, test in zip(planes, glare, strict=True)
+        for finding in plane.findings
+        if not (of_colour and test.significant and finding == test.finding)
+    ]
+    if of_colour:
+        names = [f"{plane.state.plane}" for plane in planes]
+        findings.append(
+            warning("planes-intercepts-differ", planes=names, intercepts_cd_m2=[test.value for test in glare])
+        )
+    return findings
+
+
+def _choose(data: ColourData, prior: Prior) -> tuple[Combination, Array, tuple[CombinationStep, ...]]:
+    """Compare the combination with each colour alone by leave-one-out errors; return those of the chosen one too."""
+    tried = {COMBINATION: (data, prior)} | {colour: (data.only(i), NO_PRIOR) for i, colour in enumerate(COLOURS)}
+    found = {name: combine(*one) for name, one in tried.items()}
+    left_out = {name: leave_one_out(*one, found[name].spectral) for name, one in tried.items()}
+    errors = {name: _rms(one) for name, one in left_out.items()}
+    name = best = min(COLOURS, key=lambda colour: errors[colour])
+    why = info("colour-alone-better", colour=best, deviation_rel=errors[best])
+    if errors[best] >= _CLEARLY_BETTER * errors[COMBINATION]:
+        name, why = COMBINATION, info("combination-best")
+    steps = tuple(
+        CombinationStep(step, error, step == name, why if step == name else info("not-chosen", chosen=name))
+        for step, error in errors.items()
+    )
+    return found[name] if name == COMBINATION else _alone(found[name], name), left_out[name], steps
+
+
+def _alone(found: Combination, colour: str) -> Combination:
+    """Weights of a single colour, with those of the others, 0."""
+    place = np.array([one == colour for one in COLOURS], dtype=float)
+    covariance = found.covariance[0, 0] * np.outer(place, place)
+    return replace(found, weights=found.weights[0] * place, covariance=covariance)
+
+
+def _rms(deviations: Array) -> float:
+    return float(np.sqrt(np.mean(deviations**2)))
+
+
+def _assemble(
+    planes: Sequence[Calibration],
+    chosen: Combination,
+    left_out: Array,
+    patches: ColourPatches,
+    ladder: tuple[CombinationStep, ...],
+    prior: ColourPrior,
+) -> ColourCalibration:
+    to_colour = colours_of_planes(planes)
+    weights = to_colour @ chosen.weights
+    dof = max(len(patches.names) - len(COLOURS), 1)
+    covariance = to_colour @ (chosen.covariance * max(1.0, chosen.chi_squared / dof)) @ to_colour.T
+    rows = [
+        colour_row(reading, seen, centre, float(deviation), float(deviation / uncertainty))
+        for reading, seen, centre, deviation, uncertainty in zip(
+            patches.readings, patches.seen, patches.centres_px, chosen.deviation, chosen.uncertainty, strict=True
+        )
+    ]
+    luminances = [value for row in rows for value in (row.reading_cd_m2, row.luminance_cd_m2)]
+    sensitivity = None
+    if prior.sensitivities is not None:
+        sensitivity = weighted_sum(prior.sensitivities, dict(zip(COLOURS, chosen.weights.tolist(), strict=True)))
+    return ColourCalibration(
+        planes=tuple(planes),
+        weights=tuple(weights.tolist()),
+        weight_covariance=tuple(tuple(row) for row in covariance.tolist()),
+        spectral_rel=chosen.spectral_rel,
+        scatter_rel=_scatter_rel(planes, weights),
+        range_cd_m2=(min(luminances), max(luminances)),
+        residuals=tuple(replace(row, leave_one_out_rel=float(v)) for row, v in zip(rows, left_out, strict=True)),
+        held_out=(),
+        left_out=patches.left_out,
+        ladder=ladder,
+        sensitivity=sensitivity,
+        f1_prime=None if sensitivity is None else f1_prime(sensitivity),
+        findings=(),
+    )
+
+
+def _findings(chosen: Combination, patches: ColourPatches, prior: ColourPrior) -> list[Finding]:
+    findings = []
+    if chosen.undetermined > _DETERMINED * prior.prior.width:
+        known = prior.sensitivities is not None
+        findings.append(warning("patches-of-one-colour-f1" if known else "patches-of-one-colour"))
+    if chosen.spectral > 0:
+        worst = int(np.argmax(np.abs(chosen.deviation)))
+        deviation_rel = float(chosen.deviation[worst])
+        findings.append(warning("colours-do-not-fit", patches.names[worst], deviation_rel=deviation_rel))
+    return findings

@@ -1,0 +1,180 @@
+"""Patches of a fit of colour planes: luminances by meter and planes, and the residual table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.frame import PLANES
+from ...core.reading import Reading
+from ..convert.patch import PatchLuminance, patch_luminance
+from ..findings import LeftOut
+from ..frames.observations import PatchObservation
+from ..frames.place import slow_rel
+from ..model import Calibration, PatchResidual
+from ..readings import PatchReading, combine_readings
+from ..signal import left_out_text, net_signal
+from .combination import ColourData
+from .conversion import own_rel
+from .mismatch import colourfulness
+from .planes import colours_of_planes
+
+
+@dataclass(frozen=True, eq=False)
+class ColourPatches:
+    """Patches the combination is fitted to.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The patches.
+    readings : tuple of PatchReading
+        By the meter.
+    seen : tuple of tuple of PatchLuminance
+        By each single plane.
+    centres_px : tuple of (float, float)
+        Middle (x, y) of each region in the Bayer frame.
+    data : ColourData
+        The same as numbers, by colour.
+    left_out : tuple of LeftOut
+        Patches that cannot be used.
+    findings : tuple of Finding
+        Findings for the user.
+    """
+
+    names: tuple[str, ...]
+    readings: tuple[PatchReading, ...]
+    seen: tuple[tuple[PatchLuminance, ...], ...]
+    centres_px: tuple[tuple[float, float], ...]
+    data: ColourData
+    left_out: tuple[LeftOut, ...]
+    findings: tuple[Finding, ...]
+
+
+def by_patch(
+    observations: Mapping[str, Sequence[PatchObservation]],
+) -> dict[str, dict[str, list[PatchObservation]]]:
+    """Sort observations by patch, then by plane."""
+    groups: dict[str, dict[str, list[PatchObservation]]] = {}
+    for plane in PLANES:
+        for o in observations[plane]:
+            groups.setdefault(o.patch, {}).setdefault(plane, []).append(o)
+    return groups
+
+
+def colour_patches(
+    planes: Sequence[Calibration],
+    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    readings: Mapping[str, Sequence[Reading]],
+    scatter_rel: float,
+) -> ColourPatches:
+    """Put readings and planes of each patch together.
+
+    Parameters
+    ----------
+    planes : sequence of Calibration
+        Fitted planes.
+    groups : mapping
+        Observations by patch, then by plane.
+    readings : mapping of str to sequence of Reading
+        The meter's readings by patch.
+    scatter_rel : float
+        Unexplained relative standard deviation between patches.
+
+    Raises
+    ------
+    CalibrationError
+        If no patch is usable in all planes.
+    """
+    kept: list[tuple[str, PatchReading, tuple[PatchLuminance, ...]]] = []
+    shared_rel: list[float] = []
+    of_field = max(slow_rel(plane.vignetting) for plane in planes)
+    left_out: list[LeftOut] = []
+    findings: list[Finding] = []
+    for name, group in groups.items():
+        reading, of_reading = combine_readings(name, readings[name])
+        findings += of_reading
+        if reading.luminance_cd_m2 == 0:
+            left_out.append(LeftOut(name, None, None, "below the meter's range"))
+            findings.append(warning("patch-reads-zero", name))
+            continue
+        try:
+            seen = [patch_luminance(plane, group.get(f"{plane.state.plane}", ())) for plane in planes]
+        except CalibrationError as error:
+            left_out.append(LeftOut(name, None, None, "not usable in all planes"))
+            findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
+            continue
+        kept.append((name, reading, tuple(seen)))
+        shared_rel.append(
+            hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), of_field, scatter_rel)
+        )
+    if not kept:
+        raise CalibrationError(f"no patch is usable in all planes ({left_out_text(left_out)}): acquire other exposures")
+    names, joined, all_seen = zip(*kept, strict=True)
+    return ColourPatches(
+        names,
+        joined,
+        all_seen,
+        tuple(centre_px(groups[name]) for name in names),
+        _data(planes, joined, all_seen, shared_rel),
+        tuple(left_out),
+        tuple(findings),
+    )
+
+
+def _uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[PatchObservation]]) -> float:
+    """Non-uniformity of a patch, which meter and camera view at slightly different positions."""
+    plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
+    used = [o for o in group[f"{plane.state.plane}"] if o.saturated_share == 0]
+    slow = [net_signal(o, plane.settings).slow_rel for o in used]
+    return float(np.mean(slow)) if slow else 0.0
+
+
+def _data(
+    planes: Sequence[Calibration],
+    readings: Sequence[PatchReading],
+    seen: Sequence[Sequence[PatchLuminance]],
+    shared_rel: Sequence[float],
+) -> ColourData:
+    to_colour = colours_of_planes(planes)
+    luminance = np.array([[one.luminance_cd_m2 for one in row] for row in seen])
+    own = np.array([[own_rel(plane, one) for plane, one in zip(planes, row, strict=True)] for row in seen])
+    reading = np.array([r.luminance_cd_m2 for r in readings])
+    by_colour = luminance @ to_colour
+    error = np.sqrt((luminance * own) ** 2 @ to_colour**2)
+    return ColourData(
+        by_colour / reading[:, None], error / np.abs(by_colour), np.array(shared_rel), colourfulness(by_colour)
+    )
+
+
+def centre_px(group: Mapping[str, Sequence[PatchObservation]]) -> tuple[float, float]:
+    """Middle (x, y) of a patch in the Bayer frame; a plane has half its pixels along each side."""
+    x, y = next(iter(group.values()))[0].centre_px
+    return 2 * x, 2 * y
+
+
+def colour_row(
+    reading: PatchReading,
+    seen: Sequence[PatchLuminance],
+    centre: tuple[float, float],
+    deviation: float,
+    standardised: float,
+) -> PatchResidual:
+    """Row of the residual table, with the deviation as for a held-out patch."""
+    return PatchResidual(
+        patch=reading.patch,
+        reading_cd_m2=reading.luminance_cd_m2,
+        reading_random_cd_m2=reading.random_cd_m2,
+        n_readings=reading.n_readings,
+        luminance_cd_m2=reading.luminance_cd_m2 * (1 + deviation),
+        residual_rel=deviation,
+        standardised_residual=standardised,
+        exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
+        centre_px=centre,
+        leave_one_out_rel=deviation,
+    )

@@ -1,0 +1,1 @@
+"""Frames and patches to luminance."""

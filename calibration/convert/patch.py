@@ -1,0 +1,221 @@
+"""Luminance of a patch by the calibrated camera, with its 95 % interval, and the contrast of two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.luminance import CommonError
+from ..errors.common import common_errors
+from ..errors.uncertainty import expanded_half_width
+from ..frames.observations import PatchObservation
+from ..frames.place import slow_rel, vignetting_errors
+from ..meter import METER_SOURCES
+from ..model import Calibration
+from ..signal import left_out_text, net_signal, temperature_findings, usable
+
+#: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
+_RANGE_MARGIN = 0.05
+
+
+@dataclass(frozen=True)
+class PatchLuminance:
+    """Calibrated luminance of a patch.
+
+    Parameters
+    ----------
+    patch : str
+        Name of the patch.
+    luminance_cd_m2 : float
+        Best value.
+    random_rel : float
+        Independent relative standard uncertainty of this patch: noise, pixels, dark signal non-uniformity, residual
+        vignetting at its position, and unexplained scatter of the calibration's patches.
+    common : tuple of CommonError
+        Common errors of the patches of one calibration, as signed numbers; see `labcdp.calibration.errors.common`.
+    exposures_s : tuple of float
+        Exposures that were used.
+    findings : tuple of Finding
+        Findings on excluded exposures, temperatures not covered by the dark frames, and luminances or signals outside
+        the calibrated range.
+    """
+
+    patch: str
+    luminance_cd_m2: float
+    random_rel: float
+    common: tuple[CommonError, ...]
+    exposures_s: tuple[float, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def fit_rel(self) -> float:
+        """Relative standard uncertainty by the common errors without the meter's: fit, dark signal, exposure."""
+        return sqrt(sum(float(e.relative) ** 2 for e in self.common if e.source not in METER_SOURCES))
+
+    @property
+    def common_rel(self) -> float:
+        """Relative standard uncertainty by all common errors."""
+        return sqrt(sum(float(e.relative) ** 2 for e in self.common))
+
+    @property
+    def standard_uncertainty_rel(self) -> float:
+        """Relative standard uncertainty by all errors."""
+        return hypot(self.random_rel, self.common_rel)
+
+    @property
+    def half_width_95_rel(self) -> float:
+        """Relative expanded uncertainty U (95 %): the largest rectangular error as such, all others normal."""
+        largest = max((abs(float(e.relative)) for e in self.common if e.rectangular), default=0.0)
+        return expanded_half_width(sqrt(3) * largest, sqrt(max(self.standard_uncertainty_rel**2 - largest**2, 0.0)))
+
+    @property
+    def interval_95_cd_m2(self) -> tuple[float, float]:
+        """Ends of the 95 % interval."""
+        half_width = self.half_width_95_rel * self.luminance_cd_m2
+        return self.luminance_cd_m2 - half_width, self.luminance_cd_m2 + half_width
+
+
+def patch_luminance(calibration: Calibration, observations: Sequence[PatchObservation]) -> PatchLuminance:
+    """Luminance of one patch from its observations at one or more exposures and gains.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the same camera and settings.
+    observations : sequence of PatchObservation
+        Of one patch, observed with the calibration's vignetting.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no observation, observations are of several patches, of another camera, setting or
+        vignetting, or the patch is clipped or black at every exposure.
+    """
+    names = sorted({o.patch for o in observations})
+    if len(names) != 1:
+        raise CalibrationError(f"observations are of patches {names}: give those of one patch at a time")
+    for o in observations:
+        name = f"patch {o.patch!r} at {o.exposure_s:g} s"
+        calibration.require(o.state, name)
+        if o.vignetting != calibration.vignetting:
+            raise CalibrationError(
+                f"{name} was observed with vignetting {o.vignetting}, the calibration has {calibration.vignetting}: "
+                "observe it with the calibration's"
+            )
+    kept, left_out, findings = usable(observations, calibration.settings)
+    if not kept:
+        raise CalibrationError(f"no exposure gives the luminance of a patch ({left_out_text(left_out)})")
+    return _combined(calibration, kept, findings)
+
+
+def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
+    """Return the standard uncertainty of the Weber contrast K = L_bright / L_dark - 1 of two patches.
+
+    u = (1 + K) sqrt(r_b^2 + r_d^2 + sum (c_b - c_d)^2) with the random parts r and the signed common parts c (JCGM
+    100:2008, 5.2.2, for fully correlated errors). The meter's scale cancels exactly.
+
+    Parameters
+    ----------
+    bright, dark : PatchLuminance
+        By one calibration.
+    """
+    a, b = _by_name(bright.common), _by_name(dark.common)
+    left = [a.get(name, 0.0) - b.get(name, 0.0) for name in sorted(a.keys() | b.keys())]
+    ratio = bright.luminance_cd_m2 / dark.luminance_cd_m2
+    return ratio * sqrt(bright.random_rel**2 + dark.random_rel**2 + sum(value**2 for value in left))
+
+
+def _combined(
+    calibration: Calibration, observations: Sequence[PatchObservation], findings: list[Finding]
+) -> PatchLuminance:
+    observations = _within_the_response(calibration, observations)
+    signals = [net_signal(o, calibration.settings) for o in observations]
+    net = np.array([s.net_dn for s in signals])
+    r = calibration.responsivity.responsivity_dn_s_cd_m2
+    scale = np.array([s.scale_per_s / (r * calibration.settings[s.gain_index].factor) for s in signals])
+    each = scale * calibration.response.linearise(net)
+    slope = scale * calibration.response.slope(net)
+    weight = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
+    weight /= weight.sum()
+    luminance = float(weight @ each)
+    of_each_dn2 = (
+        np.array([s.noise_variance_dn2 + s.frames_variance_dn2 for s in signals])
+        + calibration.responsivity.scatter_dn**2
+    )
+    noise = float((weight * slope) ** 2 @ of_each_dn2)
+    # Dark signal non-uniformity and the pixels' sensitivity do not average over the exposures.
+    uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
+    pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
+    of_place = hypot(slow_rel(calibration.vignetting), calibration.responsivity.scatter_rel)
+    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + of_place**2)
+    shared: dict[str, CommonError] = {}
+    for o, n, share in zip(observations, net, weight * each / luminance, strict=True):
+        errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
+        for number, error in enumerate(errors):
+            exposure = error.source == "exposure time"
+            source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
+            key = source if exposure else f"{number}"
+            so_far = float(shared[key].relative) if key in shared else 0.0
+            shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular)
+    patch = observations[0].patch
+    by_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
+    return PatchLuminance(
+        patch=patch,
+        luminance_cd_m2=luminance,
+        random_rel=random_rel,
+        common=(*shared.values(), *(CommonError("flat field", float(error)) for (error,) in by_place)),
+        exposures_s=tuple(sorted({o.exposure_s for o in observations})),
+        findings=(
+            *findings,
+            *temperature_findings(observations, calibration.settings),
+            *_outside(calibration, patch, luminance, random_rel, float(net.max())),
+        ),
+    )
+
+
+def _within_the_response(
+    calibration: Calibration, observations: Sequence[PatchObservation]
+) -> Sequence[PatchObservation]:
+    """Exclude signals outside the range of a non-linear response, if there are others."""
+    if calibration.response.kind == "linear":
+        return observations
+    highest = calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
+    inside = [o for o in observations if net_signal(o, calibration.settings).net_dn <= highest]
+    return inside or observations
+
+
+def _outside(
+    calibration: Calibration, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
+) -> list[Finding]:
+    low, high = calibration.range_cd_m2
+    margin = 3 * random_rel * luminance_cd_m2
+    if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
+        return [outside_range(patch, luminance_cd_m2, (low, high))]
+    highest_dn = calibration.range_net_dn[1]
+    if net_dn > highest_dn * (1 + _RANGE_MARGIN):
+        return [warning("signal-outside-range", patch, net_dn=net_dn, highest_net_dn=highest_dn)]
+    return []
+
+
+def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, float]) -> Finding:
+    """Return the finding of a patch outside the luminance range of the calibration."""
+    low, high = range_cd_m2
+    return warning(
+        "luminance-outside-range", patch, luminance_cd_m2=luminance_cd_m2, lowest_cd_m2=low, highest_cd_m2=high
+    )
+
+
+def _by_name(common: Sequence[CommonError]) -> dict[str, float]:
+    """Values by source, numbered where several have the same source."""
+    values: dict[str, float] = {}
+    for error in common:
+        number = 0
+        while f"{error.source} {number}" in values:
+            number += 1
+        values[f"{error.source} {number}"] = float(error.relative)
+    return values

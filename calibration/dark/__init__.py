@@ -1,0 +1,1 @@
+"""Dark signal over exposure and temperature."""

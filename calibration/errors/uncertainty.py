@@ -1,0 +1,84 @@
+"""Interval of an error that is the sum of a rectangular and a normal part."""
+
+from __future__ import annotations
+
+from math import erf, exp, isfinite, pi, sqrt
+
+from ...core.errors import InputError
+
+#: Coverage probability of all intervals of this package.
+COVERAGE = 0.95
+
+
+def coverage_probability(half_width: float, rectangular_half_width: float, standard_uncertainty: float) -> float:
+    """Probability that a rectangular plus a normal error lies within +-`half_width`.
+
+    With U uniform on +-a, N normal with standard deviation s, and G(z) = z Phi(z) + phi(z), the integral of the
+    normal distribution function Phi, the distribution function of U + N at w is
+    (s / 2a) (G((w + a) / s) - G((w - a) / s)): the convolution of the two distributions that JCGM 101:2008
+    (GUM Supplement 1), 6.4.2 and 6.4.7, assigns to limits and to a standard uncertainty.
+
+    Parameters
+    ----------
+    half_width : float
+        w, in the unit of the errors, at least 0.
+    rectangular_half_width : float
+        a, at least 0.
+    standard_uncertainty : float
+        s, at least 0.
+
+    Returns
+    -------
+    float
+        Probability of -w <= U + N <= w, 0 to 1.
+    """
+    w, a, s = half_width, rectangular_half_width, standard_uncertainty
+    if s <= 1e-9 * a or s == 0:  # the normal part has vanished
+        return 1.0 if w >= a else w / a
+    if a <= 1e-6 * s:  # the rectangular part has; the difference below would lose its digits
+        return erf(w / (s * sqrt(2)))
+    distribution = s / (2 * a) * (_integral_of_phi((w + a) / s) - _integral_of_phi((w - a) / s))
+    return min(max(2 * distribution - 1, 0.0), 1.0)
+
+
+def expanded_half_width(
+    rectangular_half_width: float, standard_uncertainty: float, probability: float = COVERAGE
+) -> float:
+    """Half-width w of the interval that contains U + N with `probability`; see `coverage_probability`.
+
+    Two standard uncertainties would be too wide where the rectangular part dominates: 95 % of it lies within
+    1.65 of its standard deviations.
+
+    Parameters
+    ----------
+    rectangular_half_width, standard_uncertainty : float
+        Of the rectangular part U and of the normal part N, in one unit, at least 0.
+    probability : float
+        Between 0 and 1, both excluded.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite, or the probability is not between 0 and 1.
+    """
+    for name, value in (
+        ("rectangular_half_width", rectangular_half_width),
+        ("standard_uncertainty", standard_uncertainty),
+    ):
+        if not (isfinite(value) and value >= 0):
+            raise InputError(f"{name} is {value}: give a finite number of at least 0")
+    if not 0 < probability < 1:
+        raise InputError(f"probability is {probability}: give a number between 0 and 1, such as 0.95")
+    if rectangular_half_width == 0 and standard_uncertainty == 0:
+        return 0.0
+
+    from scipy.optimize import brentq
+
+    unit = max(rectangular_half_width, standard_uncertainty)
+    a, s = rectangular_half_width / unit, standard_uncertainty / unit
+    widest = a + 10 * s  # leaves out less than 1e-22
+    return unit * float(brentq(lambda w: coverage_probability(w, a, s) - probability, 0.0, widest, xtol=1e-12))
+
+
+def _integral_of_phi(z: float) -> float:
+    return z * (1 + erf(z / sqrt(2))) / 2 + exp(-z * z / 2) / sqrt(2 * pi)

@@ -1,0 +1,1 @@
+"""The fit, its models, tests and errors."""

@@ -1,0 +1,130 @@
+"""Requirements and recommendations of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot, sqrt
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ..findings import FitTest
+from ..gains import GainSetting
+from .design import Design
+from .gls import Solution
+from .intake import ADVISED_PATCHES
+from .selection import patch_weights
+from .tests import MIN_SPAN
+
+#: Fewest exposures without a warning.
+ADVISED_EXPOSURES = 3
+#: Ratio of the highest to the lowest patch below which a fit is refused: errors common to all patches could not be
+#: separated from light.
+REFUSED_SPAN = 1.2
+#: Ratio of two contradicting patches above which a calibration is refused.
+_INVERSION = 1.1
+#: Standard uncertainties by which reading and signal must both differ.
+_INVERSION_LIMIT = 4.0
+#: Unexplained relative scatter that causes a warning: small compared with the 2 % of a meter.
+_SCATTER_TOLERANCE_REL = 0.002
+
+
+def require_span(design: Design) -> None:
+    """Refuse patches of about the same luminance; raises CalibrationError."""
+    low, high = design.reading_cd_m2.min(), design.reading_cd_m2.max()
+    if high < REFUSED_SPAN * low:
+        raise CalibrationError(
+            f"the patches all have about the same luminance ({low:.4g} to {high:.4g} cd/m^2), which cannot tell light "
+            "from glare and dark signal: add patches, log spaced over the range you need"
+        )
+
+
+def require_every_gain(design: Design, settings: Sequence[GainSetting]) -> None:
+    """Refuse a gain at which no patch can be used; raises CalibrationError."""
+    for index, setting in enumerate(settings):
+        if not (design.gain == index).any():
+            raise CalibrationError(
+                f"no patch is usable at a gain of {setting.gain_db:g} dB: take other exposures there, or leave it out"
+            )
+
+
+def require_monotone(solution: Solution) -> None:
+    """Refuse two patches of which the brighter one gives clearly less signal; raises CalibrationError, naming them."""
+    design = solution.design
+    n = len(design.patches)
+    reading, seen = design.reading_cd_m2, np.zeros(n)
+    by_meter, by_camera = np.sqrt(design.reading_variance), np.zeros(n)
+    for i in range(n):
+        own, weight = design.patch == i, patch_weights(solution, i)
+        seen[i] = weight @ solution.luminance[own]
+        noise = float((weight * solution.slope[own]) ** 2 @ design.noise_variance_dn2[own])
+        by_camera[i] = hypot(sqrt(noise), design.patch_rel[i] * seen[i])
+    for i in np.argsort(-reading):
+        for k in range(n):
+            apart = reading[i] - reading[k] > _INVERSION_LIMIT * hypot(by_meter[i], by_meter[k])
+            inverted = seen[k] - seen[i] > _INVERSION_LIMIT * hypot(by_camera[i], by_camera[k])
+            if apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
+                raise CalibrationError(
+                    f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m^2 and patch {design.patches[k]!r} "
+                    f"{reading[k]:.4g} cd/m^2, but the camera sees less light from the first (as {seen[i]:.4g} and "
+                    f"{seen[k]:.4g} cd/m^2): were regions or readings swapped? measure both again"
+                )
+
+
+def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Finding]:
+    """Return recommendations for a better fit."""
+    findings = []
+    if len(design.patches) < ADVISED_PATCHES:
+        findings.append(warning("few-patches", count=len(design.patches), advised=ADVISED_PATCHES))
+    low, high = design.reading_cd_m2.min(), design.reading_cd_m2.max()
+    if high < MIN_SPAN * low:
+        findings.append(warning("narrow-luminance-range", low_cd_m2=float(low), high_cd_m2=float(high)))
+    used = np.unique(design.exposures_s[design.exposure])
+    if used.size < ADVISED_EXPOSURES:
+        findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
+    for index, setting in enumerate(settings):
+        times = design.exposures_s[design.exposure[design.gain == index]]
+        darks = setting.dark.exposures_s
+        if len(darks) > 1 and not (darks[0] * 0.999 <= times.min() and times.max() <= darks[-1] * 1.001):
+            findings.append(
+                warning(
+                    "dark-extrapolated",
+                    dark_exposures_s=[darks[0], darks[-1]],
+                    light_exposures_s=[float(times.min()), float(times.max())],
+                )
+            )
+    return findings
+
+
+def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
+    """Return the findings of the fit."""
+    design = final.design
+    findings = [
+        test.finding
+        for test in tests
+        if test.significant
+        and test.name in ("glare", "exposure reciprocity", "drift", "vignetting", "dark signal", "gain")
+    ]
+    before = len(findings)
+    if design.scatter_rel > _SCATTER_TOLERANCE_REL:
+        ratios = [
+            float(patch_weights(final, i) @ final.luminance[design.patch == i]) / design.reading_cd_m2[i] - 1
+            for i in range(len(design.patches))
+        ]
+        worst = int(np.argmax(np.abs(ratios)))
+        findings.append(
+            warning(
+                "patches-scatter",
+                scatter_rel=float(design.scatter_rel),
+                patch=design.patches[worst],
+                deviation_rel=ratios[worst],
+            )
+        )
+    if design.scatter_each_rel > _SCATTER_TOLERANCE_REL:
+        findings.append(warning("exposures-scatter", scatter_rel=float(design.scatter_each_rel)))
+    if design.scatter_each_dn > 0:
+        findings.append(warning("exposures-scatter-dn", scatter_dn=float(design.scatter_each_dn)))
+    if len(findings) == before:  # significant but small scatter
+        findings += [test.finding for test in tests if test.significant and test.name == "scatter"]
+    return findings

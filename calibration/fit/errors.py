@@ -1,0 +1,92 @@
+"""Common errors of luminances from a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fit_error import FitError
+from .candidates import CandidateModel
+from .design import Array
+from .gls import Solution
+
+#: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
+_N_NODES = 48
+
+
+def parameter_covariance(solution: Solution) -> Array:
+    """Covariance of the parameters, dark signal included, shape (p, p)."""
+    covariance: Array = solution.gain @ solution.covariance @ solution.gain.T
+    return covariance
+
+
+def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
+    """Split the errors of parameters and dark signal into independent ones.
+
+    An error of the dark signal also changes the parameters: it is kept as one error with both effects. The rest of the
+    parameters' covariance is split into the eigenvectors of the response (``fit``; the gain factors follow by
+    regression) and those of the gain factors given the response (``gain``). An error of a given response
+    (``linearity``) is reduced by the compensation of the fitted scale.
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit.
+    widening : float
+        Factor on the errors other than those of the dark signal.
+    """
+    by_dark = [solution.slope * error.dark_dn for error in solution.design.dark_errors]
+    by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
+    rest = solution.covariance - sum(np.outer(column, column) for column in (*by_dark, *by_shape))
+    own = solution.gain @ rest @ solution.gain.T
+    n = solution.candidate.n_parameters
+    response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
+    errors = []
+    values, vectors = np.linalg.eigh(response)
+    regression = between @ np.linalg.pinv(response)
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = widening * np.sqrt(max(value, 0.0)) * vector
+        errors.append(_error(solution, "fit", np.concatenate([step, regression @ step])))
+    if factors.size:
+        values, vectors = np.linalg.eigh(factors - regression @ between.T)
+        for value, vector in zip(values, vectors.T, strict=True):
+            step = widening * np.sqrt(max(value, 0.0)) * vector
+            errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step])))
+    for error, column in zip(solution.design.dark_errors, by_dark, strict=True):
+        moved = _error(solution, "dark and temperature", solution.gain @ column)
+        errors.append(
+            FitError(
+                moved.source,
+                moved.net_dn,
+                moved.relative,
+                moved.gain_rel,
+                tuple(float(v) for v in error.parameters),
+                error.gain_db,
+            )
+        )
+    for row, column in zip(solution.candidate.errors(_nodes(solution.candidate)), by_shape, strict=True):
+        moved = _error(solution, "linearity", -solution.gain @ column)
+        relative = tuple(float(v) for v in row + np.array(moved.relative))
+        errors.append(FitError(moved.source, moved.net_dn, relative, moved.gain_rel))
+    return tuple(errors)
+
+
+def _nodes(candidate: CandidateModel) -> Array:
+    top = candidate.knots_dn[-1]
+    if candidate.kind == "linear":
+        return np.array([top])
+    if candidate.kind == "table":
+        return np.geomspace(candidate.knots_dn[0], top, _N_NODES)
+    return top * np.arange(1, _N_NODES + 1) / _N_NODES
+
+
+def _error(solution: Solution, source: str, step: Array) -> FitError:
+    """Return the change of the luminances by a step of all parameters."""
+    candidate, n = solution.candidate, solution.candidate.n_parameters
+    nodes = _nodes(candidate)
+    curve = candidate.curve(solution.parameters[:n], nodes)
+    return FitError(
+        source,
+        tuple(float(v) for v in nodes),
+        tuple(float(v) for v in curve.jacobian @ step[:n] / curve.value),
+        tuple(float(v) for v in step[n:] / solution.parameters[n:]),
+    )

@@ -1,0 +1,191 @@
+"""Input of a fit: observations, dark signals and readings, checked and sorted by patch and gain."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.reading import Reading
+from ...core.response import Response
+from ..dark.signal import DarkModel, fit_dark
+from ..findings import LeftOut
+from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation
+from ..gains import GainSetting
+from ..noise import fit_noise
+from ..readings import PatchReading, combine_readings
+from ..signal import left_out_text, usable
+from .plateau import require_no_plateau
+
+#: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
+MIN_PATCHES = 3
+#: Fewest patches without a warning.
+ADVISED_PATCHES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Usable:
+    """Usable observations and readings by patch, and excluded data.
+
+    Parameters
+    ----------
+    groups : dict of str to list of PatchObservation
+        By patch, in the order of the observations.
+    readings : dict of str to PatchReading
+        Of the same patches.
+    left_out : list of LeftOut
+        Excluded exposures, readings and patches.
+    findings : list of Finding
+        Findings for the user.
+    """
+
+    groups: Mapping[str, Sequence[PatchObservation]]
+    readings: Mapping[str, PatchReading]
+    left_out: Sequence[LeftOut]
+    findings: Sequence[Finding]
+
+
+def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence[DarkObservation]) -> None:
+    """Refuse observations and dark frames that differ in more than gain, or dark frames of other gains.
+
+    Raises
+    ------
+    CalibrationError
+        The message names the difference, or the gain without dark frames.
+    """
+    if not observations:
+        raise CalibrationError("there is no observation of a patch: take light frames with at least 3 patches")
+    first = observations[0]
+    gains_db = [o.state.gain_db for o in observations]
+    for dark in darks:
+        name = f"the set of dark frames at {dark.exposure_s:g} s"
+        first.state.require(dark.state, "the light frames", name, list(dict.fromkeys(gains_db))[1:])
+    for other in observations[1:]:
+        name = f"patch {other.patch!r} at {other.exposure_s:g} s"
+        first.state.require(other.state, "the first observation", name, gains_db)
+        if other.vignetting != first.vignetting:
+            raise CalibrationError(
+                f"{name} was observed with vignetting {other.vignetting}, the first observation with "
+                f"{first.vignetting}: observe all patches with the same"
+            )
+
+
+def gain_settings(
+    observations: Sequence[PatchObservation], darks: Sequence[DarkObservation], tone: Response | None = None
+) -> tuple[tuple[GainSetting, ...], list[Finding], list[Finding]]:
+    """Dark signal and noise of each gain, the first observation's first; factors are 1.
+
+    Parameters
+    ----------
+    observations, darks : sequence of PatchObservation, of DarkObservation
+        Of one camera.
+    tone : Response or None
+        As of `fit_noise`.
+
+    Returns
+    -------
+    tuple of GainSetting
+        One for each gain.
+    list of Finding
+        Findings for the user.
+    list of Finding
+        Those about the dark signal at the first gain.
+
+    Raises
+    ------
+    CalibrationError
+        If a gain has no dark frames.
+    """
+    gains_db: list[float] = []
+    for o in observations:
+        if not any(abs(o.state.gain_db - known) <= GAIN_TOLERANCE_DB for known in gains_db):
+            gains_db.append(o.state.gain_db)
+    settings: list[GainSetting] = []
+    findings: list[Finding] = []
+    of_dark: list[Finding] = []
+    for gain_db in gains_db:
+        own_darks = [d for d in darks if abs(d.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
+        if darks and not own_darks:
+            raise CalibrationError(
+                f"there are no dark frames at a gain of {gain_db:g} dB: take some at each exposure, or leave this gain "
+                "out"
+            )
+        own = [o for o in observations if abs(o.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
+        dark, dark_findings = fit_dark(own_darks)
+        noise, noise_findings = fit_noise(own, dark, tone)
+        if not settings:
+            of_dark = dark_findings
+        found = [*dark_findings, *noise_findings, *_temperature_findings(own, dark)]
+        findings += found if len(gains_db) == 1 else [one.within(f"gain {gain_db:g} dB") for one in found]
+        settings.append(GainSetting(gain_db, 1.0, 0.0, dark, noise))
+    return tuple(settings), findings, of_dark
+
+
+def group_by_patch(
+    observations: Sequence[PatchObservation], readings: Mapping[str, Sequence[Reading]], held_out: Collection[str]
+) -> dict[str, list[PatchObservation]]:
+    """Observations by patch; raises CalibrationError if a patch has no reading, a reading or a name no patch."""
+    groups: dict[str, list[PatchObservation]] = {}
+    for observation in observations:
+        groups.setdefault(observation.patch, []).append(observation)
+    for patch in groups:
+        if patch not in readings:
+            raise CalibrationError(f"patch {patch!r} has no meter reading: measure it, or leave the patch out")
+    for patch in readings:
+        if patch not in groups:
+            raise CalibrationError(
+                f"there are readings of patch {patch!r}, but no frames show it: define its region, or leave them out"
+            )
+    for patch in held_out:
+        if patch not in groups:
+            raise CalibrationError(f"there is no patch {patch!r} to hold out: choose from {', '.join(groups)}")
+    return groups
+
+
+def take_usable(
+    groups: Mapping[str, Sequence[PatchObservation]],
+    readings: Mapping[str, Sequence[Reading]],
+    settings: Sequence[GainSetting],
+) -> Usable:
+    """Combine readings, and exclude clipped and black exposures and zero readings.
+
+    Raises
+    ------
+    CalibrationError
+        If fewer than `MIN_PATCHES` patches are left, or as `require_no_plateau`.
+    """
+    kept_groups: dict[str, Sequence[PatchObservation]] = {}
+    kept_readings: dict[str, PatchReading] = {}
+    left_out: list[LeftOut] = []
+    findings: list[Finding] = []
+    for patch, group in groups.items():
+        reading, of_readings = combine_readings(patch, readings[patch])
+        kept, exposures_left_out, of_exposures = usable(group, settings)
+        findings += of_readings + of_exposures
+        left_out += [*reading.left_out, *exposures_left_out]
+        if reading.luminance_cd_m2 == 0:
+            left_out.append(LeftOut(patch, None, None, "below the meter's range"))
+            findings.append(warning("patch-reads-zero", patch))
+        elif not kept:
+            left_out.append(LeftOut(patch, None, None, "not usable at any exposure"))
+            findings.append(warning("patch-not-usable", patch))
+        else:
+            kept_groups[patch], kept_readings[patch] = kept, reading
+    if len(kept_groups) < MIN_PATCHES:
+        reasons = left_out_text(left_out)
+        raise CalibrationError(
+            f"{len(kept_groups)} of {len(groups)} patches are usable, a calibration needs at least {MIN_PATCHES} (one "
+            "for the slope, one to test the intercept, one to judge the fit) and is good from "
+            f"{ADVISED_PATCHES} on: add patches or exposures" + (f" ({reasons})" if reasons else "")
+        )
+    require_no_plateau(kept_groups, kept_readings, settings)
+    return Usable(kept_groups, kept_readings, left_out, findings)
+
+
+def _temperature_findings(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:
+    """Return findings on frames at other temperatures than the dark frames."""
+    unknown = sorted({o.exposure_s for o in observations if o.temperature_c is None})
+    if unknown and dark.doubling_temperature_c is not None:
+        return [warning("temperature-unknown", exposure_s=unknown[0], temperature_c=dark.temperature_c)]
+    return dark.temperature_findings((o.exposure_s, o.temperature_c) for o in observations)

@@ -1,0 +1,170 @@
+"""Selection of a response model by leave-one-out errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, info
+from ..findings import ModelStep
+from ..response.curve import ResponseCurve
+from .alternatives import strongest_alternative
+from .candidates import CandidateModel
+from .design import Array, Design
+from .gls import Solution, solve
+from .significance import SMALL_P_VALUE, p_value_of_chi_squared
+
+#: Relative decrease of the leave-one-out error required of a further parameter.
+MIN_IMPROVEMENT = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LeaveOneOut:
+    """Deviations of each patch from a fit without it.
+
+    Parameters
+    ----------
+    relative : ndarray of float, shape (P,)
+        Luminance over reading, minus 1, combined over the patch's observations.
+    score : ndarray of float, shape (P,)
+        Sum of squares of the deviations of its observations, standardised with the stated errors.
+    """
+
+    relative: Array
+    score: Array
+
+
+def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveOneOut:
+    """Leave out each patch in turn.
+
+    With P of the solution, the residuals of observations I of a patch from a fit without them are P_II^-1 (P r)_I,
+    for fixed weights exactly (for example R. Christensen et al., Technometrics 34 (1992) 38).
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit of all patches.
+    covariance : ndarray of float, shape (n, n), or None
+        Stated errors of the residuals, for the score; None for the solution's own.
+    """
+    stated = solution.covariance if covariance is None else covariance
+    design, moved = solution.design, solution.left @ solution.residual
+    relative, score = [], []
+    for patch in range(len(design.patches)):
+        own = np.flatnonzero(design.patch == patch)
+        block = np.ix_(own, own)
+        deviation = np.linalg.lstsq(solution.left[block], moved[own], rcond=1e-10)[0]
+        weight = patch_weights(solution, patch)
+        relative.append(float(weight @ deviation) / design.reading_cd_m2[patch])
+        score.append(float(deviation @ np.linalg.solve(stated[block], deviation)))
+    return LeaveOneOut(np.array(relative), np.array(score))
+
+
+def patch_weights(solution: Solution, patch: int) -> Array:
+    """Weights of a patch's observations: inverse variances by noise and dark signal, with sum 1."""
+    design = solution.design
+    own = design.patch == patch
+    variance = design.noise_variance_dn2 + design.dark_nonuniformity_dn**2
+    variance = variance + sum(error.dark_dn**2 for error in design.dark_errors)
+    weight: Array = 1 / (solution.slope[own] ** 2 * variance[own])
+    weight /= weight.sum()
+    return weight
+
+
+def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[Solution, tuple[ModelStep, ...]]:
+    """Fit all models and select one.
+
+    A model is preferred to a simpler one if it lowers the sum of standardised squares of the leave-one-out deviations
+    by more than `MIN_IMPROVEMENT`, by more than one standard error of the difference over the patches, and if its
+    improvement is significant and exceeds that of `strongest_alternative`. The response of a bracket comes first; it
+    contradicts the patches if another model is better by these rules and its own chi^2 is improbable.
+
+    Parameters
+    ----------
+    design : Design
+        The observations.
+    candidates : sequence of CandidateModel
+        From `candidate_models`.
+
+    Returns
+    -------
+    Solution
+        Of the chosen model.
+    tuple of ModelStep
+        One for each model that fits with an increasing response.
+
+    Raises
+    ------
+    CalibrationError
+        If the first model cannot be fitted, or is that of a bracket and contradicts the patches.
+    """
+    chosen = solve(design, candidates[0])
+    stated = chosen.covariance
+    best = leave_one_out(chosen)
+    bracket = candidates[0].bracket
+    tried = [(candidates[0], best, info("model-simplest") if bracket is None else _given(bracket))]
+    for candidate in candidates[1:]:
+        try:
+            solution = solve(design, candidate)
+        except CalibrationError:
+            continue  # no increasing response of this kind fits
+        left_out = leave_one_out(solution, stated)
+        before, after = float(best.score.sum()), float(left_out.score.sum())
+        obstacle = _obstacle(chosen, best, solution, left_out)
+        if obstacle is None and chosen.candidate.bracket is not None and _explained(chosen):
+            obstacle = info("model-bracket-agrees")
+        reason = obstacle or info("model-better")
+        figures = {"chi_squared": after, "chi_squared_before": before, "other": chosen.candidate.kind}
+        tried.append((candidate, left_out, replace(reason, values={**reason.values, **figures})))
+        if obstacle is None and chosen.candidate.bracket is not None:
+            raise CalibrationError(
+                f"the response of the bracket contradicts the patches, a {candidate.kind} one fits them clearly better "
+                f"(leave-one-out χ² {after:.3g} against {before:.3g}): check that the scene and its light stood still "
+                "over the bracket and that camera and exposures are right, or calibrate without it"
+            )
+        if obstacle is None:
+            chosen, best = solution, left_out
+    weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.patch_rel**2 + 1e-6)
+    return chosen, tuple(
+        ModelStep(
+            kind=candidate.kind,
+            n_parameters=candidate.n_parameters,
+            leave_one_out_rel=sqrt(float(np.average(loo.relative**2, weights=weight))),
+            chosen=candidate == chosen.candidate,
+            reason=reason,
+        )
+        for candidate, loo, reason in tried
+    )
+
+
+def _explained(solution: Solution) -> bool:
+    return p_value_of_chi_squared(solution.chi_squared, solution.degrees_of_freedom) >= SMALL_P_VALUE
+
+
+def _given(bracket: ResponseCurve) -> Finding:
+    return info(
+        "model-bracket",
+        n_exposures=len(bracket.exposures_s),
+        residual_rel=bracket.residual_rel,
+    )
+
+
+def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> Finding | None:
+    """Why the better-fitting model is not selected; None if it is."""
+    gained = before.score - after.score
+    error = sqrt(float(np.var(gained, ddof=1)) * gained.size)
+    if gained.sum() <= MIN_IMPROVEMENT * before.score.sum() or gained.sum() <= error:
+        return info("model-not-better")
+    dof = max(better.candidate.n_parameters - simple.candidate.n_parameters, 1)
+    unexplained = max(1.0, better.chi_squared / max(better.degrees_of_freedom, 1))
+    drop = simple.chi_squared - better.chi_squared
+    if p_value_of_chi_squared(max(drop, 0.0) / unexplained, dof) >= SMALL_P_VALUE:
+        return info("model-not-significant")
+    alternative = strongest_alternative(simple)
+    if alternative is not None and alternative[1] ** 2 >= drop:
+        return info("model-alternative", alternative=alternative[0])
+    return None

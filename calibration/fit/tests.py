@@ -1,0 +1,246 @@
+"""Checks of the model's assumptions: glare, exposure times, drift, vignetting, scatter, dark signal, gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import inf, sqrt
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, FindingValue, info, warning
+from ...core.vignetting import AnyVignetting, Cos4Vignetting
+from ..dark.signal import DarkModel
+from ..errors.uncertainty import expanded_half_width
+from ..findings import FitTest
+from .alternatives import by_place, drift_pattern, ratio, worth_of_place
+from .design import Array
+from .gls import Solution, solve
+from .scatter import within_patches
+from .significance import FALSE_ALARM, critical_value, p_value_of_chi_squared
+
+#: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
+MIN_SPAN = 2.0
+#: Tolerated relative deviation of an exposure time: small compared with the 2 % of a meter.
+EXPOSURE_TOLERANCE_REL = 0.002
+#: Tolerated relative deviation of a gain from its setting; cameras state it to about 0.1 dB.
+GAIN_TOLERANCE_REL = 0.012
+#: Tolerated relative deviation by the position of a patch.
+PLACE_TOLERANCE_REL = 0.002
+#: Significance, in standard uncertainties, of a single test.
+_LIMIT = 3.0
+
+
+def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float, float]:
+    """Value, standard uncertainty and degrees of freedom of a further parameter; see `Solution.shift`.
+
+    If the residuals scatter more than stated, the uncertainty is widened and has their degrees of freedom; else it has
+    infinite degrees of freedom.
+    """
+    value, uncertainty = solution.shift(pattern)
+    dof = solution.degrees_of_freedom - 1
+    if dof < 1 or uncertainty == inf:
+        return value, uncertainty, inf
+    left = solution.chi_squared - (value / uncertainty) ** 2
+    if p_value_of_chi_squared(left, dof) >= FALSE_ALARM:
+        return value, uncertainty, inf
+    return value, uncertainty * sqrt(max(left / dof, 1.0)), dof
+
+
+def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
+    """Free intercept: glare of constant luminance, or a wrong dark signal."""
+    readings = solution.design.reading_cd_m2
+    if readings.max() < MIN_SPAN * readings.min():
+        return _untestable("glare", "cd/m²", "span")
+    veil, uncertainty, dof = shift_with_scatter(solution, np.ones_like(solution.luminance))
+    if uncertainty == inf:
+        return _untestable("glare", "cd/m²", "patches")
+    significant = abs(veil) > _critical_value(dof) * uncertainty and not _rather_a_wrong_dark(solution)
+    values = {
+        "intercept_cd_m2": veil,
+        "expanded_cd_m2": expanded_half_width(0.0, uncertainty),
+        "intercept_dn_s": veil * responsivity_dn_s_cd_m2,
+        "z": abs(veil) / uncertainty,
+    }
+    return _test("glare", veil, uncertainty, "cd/m²", significant, "intercept", "no-intercept", values)
+
+
+def _rather_a_wrong_dark(solution: Solution) -> bool:
+    """Whether the exposures support an offset of the DN rather than of the luminance."""
+    of_dark, of_veil = solution.shift(solution.slope), solution.shift(np.ones_like(solution.luminance))
+    return abs(of_dark[0]) / of_dark[1] > abs(of_veil[0]) / of_veil[1]
+
+
+def exposure_reciprocity(solution: Solution) -> FitTest:
+    """Most deviating exposure time relative to the others."""
+    name, design = "exposure reciprocity", solution.design
+    if design.exposures_s.size < 2:
+        return _untestable(name, "", "exposures")
+    rows = []
+    for number, exposure_s in enumerate(design.exposures_s):
+        pattern = np.where(design.exposure == number, solution.luminance, 0.0)
+        rows.append((float(exposure_s), *shift_with_scatter(solution, pattern)))
+    exposure_s, value, uncertainty, dof = max(rows, key=lambda row: abs(row[1]) / row[2])
+    if uncertainty == inf:
+        return _untestable(name, "", "exposures")
+    significant = abs(value) > max(critical_value(len(rows), dof) * uncertainty, EXPOSURE_TOLERANCE_REL)
+    values = {"exposure_s": exposure_s, **_relative(value, uncertainty)}
+    return _test(name, value, uncertainty, "", significant, "exposure-deviates", "exposures-agree", values)
+
+
+def drift(solution: Solution) -> FitTest:
+    """Drift of camera over meter with the time of the readings."""
+    pattern = drift_pattern(solution)
+    if pattern is None:
+        return _untestable("drift", "1/h", "time")
+    times = solution.design.read_at
+    span_h = (max(times) - min(times)).total_seconds() / 3600
+    value, uncertainty, dof = shift_with_scatter(solution, pattern)
+    if uncertainty == inf:
+        return _untestable("drift", "1/h", "patches")
+    rather_a_place = worth_of_place(solution) > ratio(solution.shift(pattern))
+    significant = abs(value) > _critical_value(dof) * uncertainty and not rather_a_place
+    values = {"span_h": span_h, **_relative(value, uncertainty)}
+    return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
+
+
+def fall_off(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
+    """Deviations by position of the patches: r^2, x and y together.
+
+    Non-uniformity within the patches is not counted as an error here, as uncorrected vignetting causes it too.
+    `FitTest.value` is the root mean square of the deviations explained by position.
+    """
+    name, design = "vignetting", solution.design
+    try:
+        even = solve(replace(design, uneven_rel=np.zeros(len(design.patches))), solution.candidate)
+    except CalibrationError:
+        even = solution
+    drop, n, deviations = by_place(even)
+    if n == 0:
+        return _untestable(name, "", "places")
+    # Widened by the residual scatter between the patches, or that of all observations if larger.
+    dof = len(design.patches) - solution.candidate.n_parameters - n
+    left = even.chi_squared - drop
+    mean_squares = [
+        squares / count
+        for squares, count in (
+            (left - within_patches(even, even.covariance), dof),
+            (left, even.degrees_of_freedom - n),
+        )
+        if p_value_of_chi_squared(squares, count) < FALSE_ALARM
+    ]
+    each = max([1.0, *mean_squares])
+    scattered = bool(mean_squares)
+    value = sqrt(float(np.mean(deviations**2)))
+    uncertainty = value * sqrt(n * each / drop) if drop > 0 else 0.0
+    times = drift_pattern(even)
+    rather_a_drift = times is not None and ratio(even.shift(times)) >= worth_of_place(even)
+    sure = _p_value_of_ratio(drop / n / each, n, dof if scattered else inf) < _p_value_of(_LIMIT)
+    significant = sure and value > PLACE_TOLERANCE_REL and not rather_a_drift
+    values = {"deviation_rel": value, "chance_rel": uncertainty}
+    if vignetting is None:
+        cause = "vignetting-not-corrected"
+    elif isinstance(vignetting, Cos4Vignetting):
+        cause = "vignetting-not-cos4"
+    else:
+        cause = "vignetting-changed"
+    return _test(name, value, uncertainty, "", significant, cause, "no-vignetting-left", values)
+
+
+def scatter(solution: Solution) -> FitTest:
+    """Reduced chi^2."""
+    dof = solution.degrees_of_freedom
+    reduced = solution.chi_squared / max(dof, 1)
+    significant = p_value_of_chi_squared(solution.chi_squared, dof) < FALSE_ALARM
+    uncertainty = sqrt(2 / max(dof, 1))
+    return _test("scatter", reduced, uncertainty, "", significant, "scatter", "scatter-as-stated", {})
+
+
+def dark_signal(solution: Solution, dark: DarkModel, findings: Sequence[Finding]) -> FitTest:
+    """Offset of the light frames relative to the dark frames, and consistency of the dark frames.
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit.
+    dark : DarkModel
+        The dark signal.
+    findings : sequence of Finding
+        What `fit_dark` found.
+    """
+    value, uncertainty, dof = shift_with_scatter(solution, solution.slope)
+    name = "dark signal"
+    against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
+    if uncertainty == inf:
+        return _untestable(name, "DN", "patches") if against is None else FitTest(name, 0.0, 0.0, "DN", True, against)
+    if against is not None:
+        return FitTest(name, value, uncertainty, "DN", True, against)
+    significant = abs(value) > _critical_value(dof) * uncertainty > 0 and _rather_a_wrong_dark(solution)
+    values = {"difference_dn": value, "expanded_dn": expanded_half_width(0.0, uncertainty)}
+    agrees = "dark-agrees" if len(dark.exposures_s) > 1 else "dark-agrees-at-one-exposure"
+    return _test(name, value, uncertainty, "DN", significant, "dark-differs", agrees, values)
+
+
+def gain(factors: Sequence[tuple[float, float, float]], own_db: float) -> FitTest:
+    """Most deviating fitted gain factor relative to 10^(dB / 20).
+
+    Parameters
+    ----------
+    factors : sequence of (float, float, float)
+        Gain in dB, factor over the calibration's own gain, and relative standard uncertainty.
+    own_db : float
+        The calibration's own gain.
+    """
+    if not factors:
+        return _untestable("gain", "", "gains")
+    rows = [(db, factor / 10 ** ((db - own_db) / 20) - 1, rel) for db, factor, rel in factors]
+    gain_db, value, uncertainty = max(rows, key=lambda row: abs(row[1]) / max(row[2], 1e-12))
+    significant = abs(value) > max(critical_value(len(rows)) * uncertainty, GAIN_TOLERANCE_REL)
+    values = {"gain_db": gain_db, "own_db": own_db, **_relative(value, uncertainty)}
+    return _test("gain", value, uncertainty, "", significant, "gain-deviates", "gain-as-set", values)
+
+
+def _untestable(name: str, unit: str, why: str) -> FitTest:
+    """Return a test that was not possible."""
+    return FitTest(name, 0.0, 0.0, unit, False, info(f"not-testable-{why}", name))
+
+
+def _test(
+    name: str,
+    value: float,
+    uncertainty: float,
+    unit: str,
+    significant: bool,
+    found: str,
+    absent: str,
+    values: Mapping[str, FindingValue],
+) -> FitTest:
+    """Return a test with the finding of one code or the other."""
+    finding = warning(found, **values) if significant else info(absent, **values)
+    return FitTest(name, float(value), float(uncertainty), unit, significant, finding)
+
+
+def _relative(value: float, uncertainty: float) -> dict[str, FindingValue]:
+    return {"deviation_rel": float(value), "expanded_rel": expanded_half_width(0.0, float(uncertainty))}
+
+
+def _p_value_of(standard_uncertainties: float) -> float:
+    """Probability of a normal deviation at least this large."""
+    from scipy.stats import norm
+
+    return 2 * float(norm.sf(standard_uncertainties))
+
+
+def _p_value_of_ratio(ratio: float, n: int, dof: float) -> float:
+    """Probability of a mean square of n parameters at least this large, over one that is known or has a dof."""
+    from scipy.stats import chi2, f
+
+    return float(chi2.sf(ratio * n, n) if dof == inf else f.sf(ratio, n, dof))
+
+
+def _critical_value(dof: float) -> float:
+    """Three standard uncertainties, or as improbable a multiple of Student's t."""
+    from scipy.stats import norm, t
+
+    return _LIMIT if dof == inf else float(t.isf(norm.sf(_LIMIT), dof))

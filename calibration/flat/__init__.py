@@ -1,0 +1,1 @@
+"""Flat fields and their structure."""

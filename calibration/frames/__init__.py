@@ -1,0 +1,1 @@
+"""Measurement of patches and dark signal from frames."""

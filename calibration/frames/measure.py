@@ -1,0 +1,145 @@
+"""Measuring the pixels of frames of one exposure, in regions or as a whole."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.frame import Frame
+from ...core.roi import Roi
+from .observations import CameraState
+from .statistics import FrameStatistics, FrameSums
+
+_log = logging.getLogger(__name__)
+
+#: Fewest frames: temporal noise comes from differences between them.
+MIN_FRAMES = 2
+#: Change of the device temperature over the frames of one exposure that is reported: with a dark current that doubles
+#: every 6 to 10 degC it changes the dark current by about a tenth.
+TEMPERATURE_DRIFT_C = 1.0
+
+
+class Defects(Protocol):
+    """Mask of pixels that must not be used."""
+
+    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return True where a pixel is defect, shape (height, width)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFrames:
+    """The frames of one exposure, in a region or as a whole.
+
+    Parameters
+    ----------
+    statistics : FrameStatistics
+        Of the pixels.
+    exposure_s : float
+        Exposure time.
+    temperature_c : float or None
+        Mean temperature of the device; None if unknown for a frame.
+    state : CameraState
+        Camera and settings.
+    recorded : datetime or None
+        When the first frame was recorded; None if unknown.
+    region : Roi or None
+        The region; None for the whole image.
+    """
+
+    statistics: FrameStatistics
+    exposure_s: float
+    temperature_c: float | None
+    state: CameraState
+    recorded: datetime | None = None
+    region: Roi | None = None
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the image that the statistics are of."""
+        return (slice(None), slice(None)) if self.region is None else self.region.window(self.state.image_shape)
+
+
+def measure_frames(
+    frames: Iterable[Frame], regions: Sequence[Roi] | None = None, defects: Defects | None = None
+) -> list[MeasuredFrames]:
+    """Measure the pixels of frames of one exposure; the frames are processed one by one and not stored.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        At least one, all of one exposure, camera and setting.
+    regions : sequence of Roi or None
+        What to measure; None for the whole image.
+    defects : Defects or None
+        Pixels to leave out.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no frame, or frames differ in exposure, camera or setting, or are coloured.
+    InputError
+        If a region lies outside the image.
+    """
+    first: Frame | None = None
+    temperatures: list[float | None] = []
+    for frame in frames:
+        if first is None:
+            first, state = frame, CameraState.of(frame)
+            windows, sums = _sums(frame, regions, defects)
+        state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
+        if frame.exposure_s != first.exposure_s:
+            raise CalibrationError(
+                f"frame {frame.frame_id} has an exposure of {frame.exposure_s:g} s, the first frame "
+                f"{first.exposure_s:g} s: give frames of one exposure at a time"
+            )
+        temperatures.append(frame.temperature_c)
+        for window, one in zip(windows, sums, strict=True):
+            one.add(frame.dn[window])
+    if first is None:
+        raise CalibrationError(f"there is no frame: give at least {MIN_FRAMES} frames of one exposure")
+    temperature_c = _mean_temperature(temperatures, first.exposure_s)
+    return [
+        MeasuredFrames(one.result(), first.exposure_s, temperature_c, state, first.timestamp, region)
+        for region, one in zip([None] if regions is None else regions, sums, strict=True)
+    ]
+
+
+def measure_whole(frames: Iterable[Frame], defects: Defects | None = None) -> MeasuredFrames:
+    """Measure the whole image in frames of one exposure; as `measure_frames`."""
+    return measure_frames(frames, None, defects)[0]
+
+
+def _sums(
+    frame: Frame, regions: Sequence[Roi] | None, defects: Defects | None
+) -> tuple[list[tuple[slice, slice]], list[FrameSums]]:
+    sound = None if defects is None else ~defects.mask(frame.shape)
+    if regions is None:
+        return [(slice(None), slice(None))], [FrameSums(frame.saturation_dn, sound)]
+    windows = [region.window(frame.shape) for region in regions]
+    used = [region.mask(frame.shape) for region in regions]
+    if sound is not None:
+        used = [mask & sound[window] for mask, window in zip(used, windows, strict=True)]
+    return windows, [FrameSums(frame.saturation_dn, mask) for mask in used]
+
+
+def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -> float | None:
+    known = [t for t in temperatures if t is not None]
+    if len(known) < len(temperatures):
+        if known:
+            _log.warning("some frames at %g s have no temperature: it is taken as unknown", exposure_s)
+        return None
+    if max(known) - min(known) > TEMPERATURE_DRIFT_C:
+        _log.warning(
+            "the camera's temperature went from %.1f to %.1f degC over the frames at %g s: let it warm up first",
+            known[0],
+            known[-1],
+            exposure_s,
+        )
+    return sum(known) / len(known)

@@ -1,0 +1,257 @@
+"""Observations of patches and dark signal at one exposure, with the camera's state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from math import inf
+
+from ...core.errors import CalibrationError
+from ...core.frame import CameraIdentity, Frame
+from ...core.vignetting import AnyVignetting
+from ..signal_limits import ROUNDING_DN2
+from .nonuniformity import Nonuniformity
+from .statistics import quantisation_variance_dn2
+
+#: Largest difference of equal gains, which cameras report rounded.
+GAIN_TOLERANCE_DB = 1e-6
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """The camera and those of its settings a calibration is valid for.
+
+    Parameters
+    ----------
+    camera : CameraIdentity
+        Which camera.
+    pixel_format : str
+        GenICam PFNC name.
+    bit_depth : int
+        Bits of the DN scale.
+    image_shape : (int, int)
+        Height and width in pixels; binning changes the responsivity, cropping the optical axis.
+    gain_db : float
+        Analogue gain.
+    saturation_dn : float
+        DN from which a pixel counts as saturated.
+    black_level_dn : float
+        Black level set in the camera; dark frames are valid only for this one.
+    plane : str or None
+        Colour plane of a Bayer sensor, None for a monochrome one.
+    """
+
+    camera: CameraIdentity
+    pixel_format: str
+    bit_depth: int
+    image_shape: tuple[int, int]
+    gain_db: float
+    saturation_dn: float
+    black_level_dn: float
+    plane: str | None = None
+
+    @classmethod
+    def of(cls, frame: Frame) -> CameraState:
+        """State of a frame; raises CalibrationError for a sensor with colour filters."""
+        if frame.colour_filter is not None:
+            raise CalibrationError(
+                f"the frame has a colour filter ({frame.colour_filter}), its pixels of one colour are measured apart: "
+                "split it into its planes"
+            )
+        return cls(
+            frame.camera,
+            frame.pixel_format,
+            frame.bit_depth,
+            frame.shape,
+            frame.gain_db,
+            frame.saturation_dn,
+            frame.black_level_dn,
+            frame.plane,
+        )
+
+    def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
+        """Refuse another state.
+
+        Parameters
+        ----------
+        other : CameraState
+            The state to compare.
+        mine, theirs : str
+            Names of the two states in messages.
+        gains_db : sequence of float
+            Gains accepted in addition to this state's own.
+
+        Raises
+        ------
+        CalibrationError
+            If they differ; the message names the first difference.
+        """
+        for name, expected, found in (
+            ("camera", str(self.camera), str(other.camera)),
+            ("pixel format", self.pixel_format, other.pixel_format),
+            ("colour plane", self.plane, other.plane),
+            ("bit depth", f"{self.bit_depth}", f"{other.bit_depth}"),
+            ("image size", _size(self.image_shape), _size(other.image_shape)),
+            ("gain", *self._gains(other.gain_db, gains_db)),
+            ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
+            ("black level", f"{self.black_level_dn:g} DN", f"{other.black_level_dn:g} DN"),
+        ):
+            if expected != found:
+                raise CalibrationError(
+                    f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
+                )
+
+    def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
+        """Texts to compare: equal if the gain is one of the allowed."""
+        allowed = (self.gain_db, *further_db)
+        found = f"{found_db:g} dB"
+        if any(abs(found_db - gain_db) <= GAIN_TOLERANCE_DB for gain_db in allowed):
+            return found, found
+        return " or ".join(f"{gain_db:g} dB" for gain_db in allowed), found
+
+
+@dataclass(frozen=True)
+class PatchObservation:
+    """One patch at one exposure.
+
+    Parameters
+    ----------
+    patch : str
+        Name of the patch, the region's name.
+    exposure_s : float
+        Exposure time.
+    signal_dn : float
+        Mean over the region and the frames of DN / V, dark signal included.
+    mean_inverse_v : float
+        Mean of 1 / V over the region: the factor of the dark signal in `signal_dn`.
+    n_pixels, n_frames : int
+        How many were averaged.
+    temporal_variance_dn2 : float
+        Variance of one pixel's DN from frame to frame (V not applied).
+    nonuniformity : Nonuniformity
+        Of the mean frame in the region.
+    saturated_share, black_share : float
+        Share of the values at or above saturation, and at DN 0.
+    state : CameraState
+        Camera and settings.
+    vignetting : AnyVignetting or None
+        V, None for 1.
+    temperature_c : float or None
+        Mean device temperature of the frames, None if unknown.
+    centre_px : (float, float)
+        Middle (x, y) of the region in the image.
+    frame_means_variance_dn2 : float
+        Variance of the mean of DN / V from frame to frame: noise, black level and light.
+    n_lines : (float, float)
+        Effective numbers of columns and rows that were averaged.
+    recorded : datetime or None
+        When the first of the frames was recorded: patches of the same frames share their errors. None if unknown.
+    """
+
+    patch: str
+    exposure_s: float
+    signal_dn: float
+    mean_inverse_v: float
+    n_pixels: int
+    n_frames: int
+    temporal_variance_dn2: float
+    nonuniformity: Nonuniformity
+    saturated_share: float
+    black_share: float
+    state: CameraState
+    vignetting: AnyVignetting | None
+    temperature_c: float | None = None
+    centre_px: tuple[float, float] = (0.0, 0.0)
+    frame_means_variance_dn2: float = 0.0
+    n_lines: tuple[float, float] = (inf, inf)
+    recorded: datetime | None = None
+
+    def net_dn(self, dark_dn: float) -> float:
+        """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
+        return self.signal_dn - dark_dn * self.mean_inverse_v
+
+    def net_dn_at_pixel(self, dark_dn: float) -> float:
+        """Signal above dark of the region's pixels, V not removed."""
+        return self.signal_dn / self.mean_inverse_v - dark_dn
+
+    def fixed_pattern_variance_dn2(self, dark_dn: float) -> float:
+        """Variance of (DN - d) / V from pixel to pixel, noise removed."""
+        noise_dn2 = self.temporal_variance_dn2 * self.mean_inverse_v**2 / self.n_frames
+        return max(self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2, 0.0)
+
+    def nonuniformity_variance_dn2(self, dark_dn: float) -> float:
+        """Variance of (DN - d) / V by slow changes across the region; 0 if not significant."""
+        return self.nonuniformity.slow_variance_dn2(dark_dn)
+
+
+@dataclass(frozen=True)
+class DarkObservation:
+    """Dark signal at one exposure, over the whole sensor.
+
+    Parameters
+    ----------
+    exposure_s : float
+        Exposure time.
+    mean_dn : float
+        Mean over pixels and frames.
+    frame_means_variance_dn2 : float
+        Variance of the mean from frame to frame: the black level of a camera drifts.
+    n_pixels, n_frames : int
+        How many were averaged.
+    temporal_variance_dn2 : float
+        Variance of one pixel from frame to frame.
+    nonuniformity_dn : float
+        Standard deviation of slow changes of the dark signal across the sensor; 0 if not significant.
+    black_share : float
+        Share of the values at DN 0.
+    state : CameraState
+        Camera and settings.
+    temperature_c : float or None
+        Mean device temperature of the frames, None if unknown.
+    pattern_dn : float
+        Standard deviation of the dark signal from pixel to pixel, noise removed (EMVA 1288: DSNU, in DN); with a dark
+        library, its residual.
+    line_noise_dn, line_pattern_dn : (float, float)
+        Parts of noise and pattern that whole columns and rows have in common, as standard deviations.
+    """
+
+    exposure_s: float
+    mean_dn: float
+    frame_means_variance_dn2: float
+    n_pixels: int
+    n_frames: int
+    temporal_variance_dn2: float
+    nonuniformity_dn: float
+    black_share: float
+    state: CameraState
+    temperature_c: float | None = None
+    pattern_dn: float = 0.0
+    line_noise_dn: tuple[float, float] = (0.0, 0.0)
+    line_pattern_dn: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the temporal variance."""
+        return max((self.n_pixels - 1) * (self.n_frames - 1), 1)
+
+    @property
+    def mean_noise_dn2(self) -> float:
+        """Variance of the mean of one frame by noise of pixels, columns and rows, with rounding as the least noise."""
+        rows, columns = self.state.image_shape
+        of_lines = self.line_noise_dn[0] ** 2 / columns + self.line_noise_dn[1] ** 2 / rows
+        return max(self.temporal_variance_dn2, ROUNDING_DN2) / self.n_pixels + of_lines
+
+    @property
+    def rounding_dn2(self) -> float:
+        """Variance of the mean by rounding."""
+        return quantisation_variance_dn2(self.temporal_variance_dn2 + self.pattern_dn**2)
+
+    @property
+    def mean_variance_dn2(self) -> float:
+        """Variance of the mean by noise, drift of the black level between these frames, and rounding."""
+        return max(self.mean_noise_dn2, self.frame_means_variance_dn2) / self.n_frames + self.rounding_dn2
+
+
+def _size(shape: tuple[int, int]) -> str:
+    return f"{shape[1]} x {shape[0]} pixels"

@@ -1,0 +1,194 @@
+"""Observations of patches and dark signal from a stream of frames of one exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.frame import Frame
+from ...core.roi import Roi
+from ...core.vignetting import AnyVignetting
+from .measure import MIN_FRAMES, Defects, MeasuredFrames, measure_frames, measure_whole
+from .nonuniformity import cells_of, nonuniformity
+from .observations import DarkObservation, PatchObservation
+from .spatial import spatial_variance
+from .statistics import FrameStatistics
+
+#: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
+MIN_PIXELS = 16
+
+
+class DarkPattern(Protocol):
+    """Pattern of the dark signal, zero on average."""
+
+    def correction_dn(
+        self, shape: tuple[int, int], exposure_s: float, temperature_c: float | None = None
+    ) -> NDArray[np.floating[Any]] | None:
+        """Pattern to subtract at an exposure and temperature, shape (height, width); None for none."""
+
+    def noise_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Return the standard uncertainty of one pixel of the pattern."""
+
+
+def observe_patches(
+    frames: Iterable[Frame],
+    regions: Sequence[Roi],
+    vignetting: AnyVignetting | None = None,
+    *,
+    defects: Defects | None = None,
+    dark_library: DarkPattern | None = None,
+) -> list[PatchObservation]:
+    """Measure patches in the light frames of one exposure.
+
+    The frames are processed one by one and not stored.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        At least two, all of one exposure, camera and setting.
+    regions : sequence of Roi
+        One for each patch, with different names.
+    vignetting : AnyVignetting or None
+        Vignetting of the lens, removed before averaging; None for none.
+    defects : Defects or None
+        Pixels to leave out of the regions.
+    dark_library : DarkPattern or None
+        Dark pattern to subtract; its mean, the dark signal itself, stays in.
+
+    Returns
+    -------
+    list of PatchObservation
+        In the order of `regions`.
+
+    Raises
+    ------
+    CalibrationError
+        If frames differ in exposure, camera or setting, are too few or coloured, or a region is too small.
+    InputError
+        If a region lies outside the image.
+    """
+    names = [region.name for region in regions]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise CalibrationError(f"several regions are called {twice[0]!r}: give each patch its own name")
+    measured = measure_frames(frames, regions, defects)
+    pattern = _pattern(measured[0], dark_library) if measured else None
+    shape = measured[0].state.image_shape if measured else (0, 0)
+    inverse_v = None if vignetting is None else 1 / vignetting.relative_illuminance(shape)
+    return [_patch(one, inverse_v, pattern, vignetting) for one in measured]
+
+
+def _patch(
+    one: MeasuredFrames,
+    inverse_v: NDArray[np.float64] | None,
+    pattern_dn: NDArray[np.floating[Any]] | None,
+    vignetting: AnyVignetting | None,
+) -> PatchObservation:
+    s, region = one.statistics, one.region
+    assert region is not None
+    _require_enough(one)
+    factor = np.ones(s.n_pixels) if inverse_v is None else inverse_v[one.window][s.used]
+    values = _without(s, None if pattern_dn is None else pattern_dn[one.window]) * factor
+    return PatchObservation(
+        patch=region.name,
+        exposure_s=one.exposure_s,
+        signal_dn=float(values.mean()),
+        mean_inverse_v=float(factor.mean()),
+        n_pixels=s.n_pixels,
+        n_frames=s.n_frames,
+        temporal_variance_dn2=s.temporal_variance_dn2,
+        nonuniformity=nonuniformity(values, factor, cells_of(s.used)),
+        saturated_share=s.saturated_share,
+        black_share=s.black_share,
+        state=one.state,
+        vignetting=vignetting,
+        temperature_c=one.temperature_c,
+        centre_px=region.centre,
+        frame_means_variance_dn2=s.frame_means_variance_dn2 * float(factor.mean()) ** 2,
+        n_lines=s.n_lines,
+        recorded=one.recorded,
+    )
+
+
+def observe_dark(
+    frames: Iterable[Frame], *, defects: Defects | None = None, dark_library: DarkPattern | None = None
+) -> DarkObservation:
+    """Measure the dark signal in the dark frames of one exposure, over the whole sensor.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        At least two, all of one exposure, camera and setting; processed one by one.
+    defects : Defects or None
+        Pixels to leave out, as at the patches: hot ones would bias the dark signal.
+    dark_library : DarkPattern or None
+        Dark pattern to subtract, as at the patches.
+
+    Raises
+    ------
+    CalibrationError
+        If frames differ in exposure, camera or setting, or are too few or coloured.
+    """
+    return dark_observation(measure_whole(frames, defects), dark_library)
+
+
+def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None = None) -> DarkObservation:
+    """Dark signal of measured frames of the whole sensor; as `observe_dark`."""
+    _require_enough(measured)
+    s, pattern = measured.statistics, _pattern(measured, dark_library)
+    values = _without(s, pattern)
+    spread = nonuniformity(values, None, cells_of(s.used))
+    image = np.full(s.shape, values.mean())
+    image[s.used] = values
+    lines = spatial_variance(image, s.temporal.scaled(1 / s.n_frames))
+    # A library made from the same frames removes their noise too, but not that at the patches.
+    left_dn = 0.0
+    if dark_library is not None and pattern is not None:
+        left_dn = dark_library.noise_dn(measured.exposure_s, measured.temperature_c)
+    left = left_dn / sqrt(s.temporal_variance_dn2) if s.temporal_variance_dn2 > 0 else 0.0
+    column_dn, row_dn = sqrt(s.temporal_parts.column), sqrt(s.temporal_parts.row)
+    noise_dn2 = s.temporal_variance_dn2 / s.n_frames
+    return DarkObservation(
+        exposure_s=measured.exposure_s,
+        mean_dn=float(values.mean()),
+        frame_means_variance_dn2=s.frame_means_variance_dn2,
+        n_pixels=s.n_pixels,
+        n_frames=s.n_frames,
+        temporal_variance_dn2=s.temporal_variance_dn2,
+        nonuniformity_dn=sqrt(spread.slow_variance_dn2(0.0)),
+        black_share=s.black_share,
+        state=measured.state,
+        temperature_c=measured.temperature_c,
+        pattern_dn=max(sqrt(max(spread.pixel_variance_dn2(0.0) - noise_dn2, 0.0)), left_dn),
+        line_noise_dn=(column_dn, row_dn),
+        line_pattern_dn=(max(lines.column.root, left * column_dn), max(lines.row.root, left * row_dn)),
+    )
+
+
+def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> NDArray[np.floating[Any]] | None:
+    if dark_library is None:
+        return None
+    return dark_library.correction_dn(measured.state.image_shape, measured.exposure_s, measured.temperature_c)
+
+
+def _without(s: FrameStatistics, pattern_dn: NDArray[np.floating[Any]] | None) -> NDArray[np.float64]:
+    """Mean of each used pixel without the dark pattern; their mean is exact."""
+    values = s.image_dn[s.used].astype(np.float64)
+    values += s.mean_dn - values.mean()
+    return values if pattern_dn is None else values - pattern_dn[s.used]
+
+
+def _require_enough(one: MeasuredFrames) -> None:
+    name, s = "whole sensor" if one.region is None else one.region.name, one.statistics
+    if s.n_pixels < MIN_PIXELS:
+        raise CalibrationError(f"region {name!r} holds {s.n_pixels} pixels: make it at least {MIN_PIXELS}")
+    if s.n_frames < MIN_FRAMES:
+        raise CalibrationError(
+            f"region {name!r} was given {s.n_frames} frame at {one.exposure_s:g} s: take at least {MIN_FRAMES} of each "
+            "exposure, the noise comes from their difference"
+        )

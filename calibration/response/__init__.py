@@ -1,0 +1,1 @@
+"""Response curves from exposure brackets."""

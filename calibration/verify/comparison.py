@@ -1,0 +1,160 @@
+"""Deviations of the camera from the meter, with independent and common errors."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from math import hypot, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding
+from ...core.luminance import CommonError
+from ...core.reading import Reading
+from ..convert.patch import PatchLuminance
+from ..errors.expanded import expanded_rel
+from ..meter import METER_SOURCES, MeterScale
+from ..model import Calibration
+from ..readings import PatchReading, combine_readings
+from .result import Drift, VerifiedPatch
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The meter's side of a comparison.
+
+    Parameters
+    ----------
+    joined : dict of str to PatchReading
+        Readings by patch.
+    scale : MeterScale
+        Of the meter that read them.
+    scales : tuple of MeterScale
+        Meters whose errors count: none if both are one in the same state.
+    measured : datetime
+        Time of the last reading.
+    findings : tuple of Finding
+        Findings for the user.
+    """
+
+    joined: Mapping[str, PatchReading]
+    scale: MeterScale
+    scales: tuple[MeterScale, ...]
+    measured: datetime
+    findings: tuple[Finding, ...]
+
+
+def join_readings(
+    patches: Iterable[str], readings: Mapping[str, Sequence[Reading]], scale: MeterScale, calibrated: MeterScale
+) -> Readings:
+    """Combine the readings of each patch, and determine the relevant scale errors.
+
+    Raises
+    ------
+    CalibrationError
+        If a patch has no reading or reads 0.
+    """
+    joined: dict[str, PatchReading] = {}
+    findings: list[Finding] = []
+    for patch in patches:
+        joined[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
+        findings += of_patch
+        if joined[patch].luminance_cd_m2 == 0:
+            raise CalibrationError(
+                f"patch {patch!r} reads 0 cd/m^2, below the meter's range: verify with a brighter patch"
+            )
+    measured = max(reading.timestamp for patch in joined for reading in readings[patch])
+    scales: tuple[MeterScale, ...] = () if scale.is_as_in(calibrated) else (scale, calibrated)
+    if (scale.meter.model, scale.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
+        # One instrument: its spectral mismatch is the same in the same light.
+        scales = tuple(replace(one, f1_prime=None) for one in scales)
+    return Readings(joined, scale, scales, measured, (*findings, *scale.findings(measured)))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Deviations of n patches by camera and meter.
+
+    Parameters
+    ----------
+    seen : tuple of PatchLuminance
+        By the camera.
+    readings : Readings
+        By the meter.
+    deviation_rel : ndarray of float, shape (n,)
+        Relative deviations of the camera from the meter.
+    covariance : ndarray of float, shape (n, n)
+        Their covariance without the scales of the meters.
+    """
+
+    seen: tuple[PatchLuminance, ...]
+    readings: Readings
+    deviation_rel: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, seen: Sequence[PatchLuminance], readings: Readings, uneven_rel: Mapping[str, float]) -> Comparison:
+        """Compare patches; `uneven_rel` is the non-uniformity of each, which camera and meter view differently."""
+        read = [readings.joined[one.patch] for one in seen]
+        deviation = np.array([s.luminance_cd_m2 / r.luminance_cd_m2 - 1 for s, r in zip(seen, read, strict=True)])
+        own = [
+            hypot(s.random_rel, r.random_cd_m2 / r.luminance_cd_m2, uneven_rel[s.patch])
+            for s, r in zip(seen, read, strict=True)
+        ]
+        covariance = np.diag(np.square(own))
+        common = [_named(one.common) for one in seen]
+        for name in dict.fromkeys(name for errors in common for name in errors):
+            pattern = np.array([errors.get(name, 0.0) for errors in common])
+            covariance = covariance + np.outer(pattern, pattern)
+        return cls(tuple(seen), readings, deviation, covariance)
+
+    def mean(self) -> tuple[float, float]:
+        """Mean deviation by generalised least squares, and its standard uncertainty without the meters' scales."""
+        weights = np.linalg.solve(self.covariance, np.ones(self.deviation_rel.size))
+        return float(weights @ self.deviation_rel / weights.sum()), 1 / sqrt(weights.sum())
+
+    def drift(self, calibration: Calibration) -> Drift:
+        """Return the mean deviation as a change of a plane's responsivity."""
+        mean, u = self.mean()
+        scale, scales = self.readings.scale, self.readings.scales
+        responsivity = calibration.responsivity.responsivity_dn_s_cd_m2 * (1 + mean)
+        return Drift(mean, expanded_rel(scales, u), responsivity, expanded_rel([scale], u))
+
+    def rows(self, tolerance_rel: float) -> tuple[VerifiedPatch, ...]:
+        """One row per patch."""
+        scales, normal = self.readings.scales, np.sqrt(np.diag(self.covariance))
+        of_scales = hypot(*(one.common_rel for one in scales))
+        rows = []
+        for s, deviation, u in zip(self.seen, self.deviation_rel.tolist(), normal.tolist(), strict=True):
+            r = self.readings.joined[s.patch]
+            rows.append(
+                VerifiedPatch(
+                    patch=s.patch,
+                    reading_cd_m2=r.luminance_cd_m2,
+                    reading_random_cd_m2=r.random_cd_m2,
+                    n_readings=r.n_readings,
+                    luminance_cd_m2=s.luminance_cd_m2,
+                    deviation_rel=deviation,
+                    standard_uncertainty_rel=hypot(u, of_scales),
+                    expanded_rel=expanded_rel(scales, u),
+                    independent_rel=u,
+                    tolerance_rel=tolerance_rel,
+                    exposures_s=s.exposures_s,
+                )
+            )
+        return tuple(rows)
+
+
+def _named(common: Sequence[CommonError]) -> dict[tuple[str, int], float]:
+    """Return the common errors of a patch by source and number, without those of the calibration's meter."""
+    counted: Counter[str] = Counter()
+    named: dict[tuple[str, int], float] = {}
+    for error in common:
+        if error.source not in METER_SOURCES:
+            counted[error.source] += 1
+            named[error.source, counted[error.source]] = float(error.relative)
+    return named

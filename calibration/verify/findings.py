@@ -1,0 +1,94 @@
+"""Findings of a verification: the verdict, and what the deviations have in common."""
+
+from __future__ import annotations
+
+from statistics import median
+
+from ...core.finding import Finding, FindingValue, info, warning
+from .result import CLEAR_Z, Verification, VerifiedPatch
+
+
+def findings_of(result: Verification) -> tuple[Finding, ...]:
+    """Return findings on verdict, common deviation, dark level, colour balance and meters."""
+    return (_verdict(result), *_common(result), _dark(result), *_balance(result), _meter(result))
+
+
+def _verdict(result: Verification) -> Finding:
+    of_verdict = {
+        verdict: [row for row in result.patches if row.verdict == verdict] for verdict in ("not conform", "undecided")
+    }
+    if of_verdict["not conform"]:
+        return warning("verification-not-conform", **_values(result, of_verdict["not conform"]))
+    if result.dark_not_conform:
+        return warning("verification-not-conform-dark", **_values(result, result.patches))
+    if result.balance_not_conform:
+        return warning("verification-not-conform-colours", **_values(result, result.patches))
+    if rows := of_verdict["undecided"]:
+        wide = all(row.expanded_rel > row.tolerance_rel for row in rows)
+        code = "verification-undecided-uncertainty" if wide else "verification-undecided-limit"
+        return warning(code, **_values(result, rows))
+    if result.unusable:
+        return warning("verification-undecided-unusable", patches=list(result.unusable))
+    return info("verification-conform", **_values(result, result.patches))
+
+
+def _values(result: Verification, rows: list[VerifiedPatch] | tuple[VerifiedPatch, ...]) -> dict[str, FindingValue]:
+    """Names of the patches, and the numbers of that with the largest deviation in relation to its limits."""
+    worst = max(rows, key=lambda row: abs(row.deviation_rel) + row.expanded_rel)
+    return {
+        "calibrated": f"{result.calibration_measured:%Y-%m-%d}",
+        "patches": [row.patch for row in rows],
+        "n_patches": len(rows),
+        "patch": worst.patch,
+        "deviation_rel": worst.deviation_rel,
+        "expanded_rel": worst.expanded_rel,
+        "tolerance_rel": result.tolerance_rel,
+    }
+
+
+def _common(result: Verification) -> list[Finding]:
+    """Distinguish a change common to all patches from that of a single one."""
+    mean, expanded = result.mean_rel, result.mean_expanded_rel
+    # A single patch hardly moves the median.
+    middle = median(row.deviation_rel for row in result.patches)
+    worst = max(result.patches, key=lambda row: abs(row.deviation_rel - middle) / row.independent_rel)
+    if abs(worst.deviation_rel - middle) > CLEAR_Z * worst.independent_rel:
+        return [warning("deviation-single", worst.patch, deviation_rel=worst.deviation_rel - middle)]
+    several = len(result.patches) > 1 and abs(mean) > expanded
+    return [info("deviation-common", mean_rel=mean, expanded_rel=expanded)] if several else []
+
+
+def _dark(result: Verification) -> Finding:
+    moved = [row for row in result.darks if row.moved]
+    if not moved:
+        return info("dark-level-kept")
+    worst = max(moved, key=lambda row: abs(row.difference_dn) / row.standard_uncertainty_dn)
+    return warning(
+        "dark-level-moved",
+        f"plane {worst.plane}" if len(result.planes) > 1 else "",
+        exposure_s=worst.exposure_s,
+        difference_dn=worst.difference_dn,
+        effect_rel=worst.effect_rel,
+    )
+
+
+def _balance(result: Verification) -> list[Finding]:
+    if len(result.planes) == 1:
+        return []
+    if all(one.balance_rel is None for one in result.planes):
+        return [warning("colour-balance-unknown")]
+    worst = max(result.planes, key=lambda one: one.balance_excess_rel)
+    if worst.balance_excess_rel == 0:
+        return [info("colour-balance-kept")]
+    change, expanded = worst.balance_rel, worst.balance_expanded_rel
+    return [warning("colour-balance-changed", f"{worst.plane}", change_rel=change, expanded_rel=expanded)]
+
+
+def _meter(result: Verification) -> Finding:
+    now, then = result.meter, result.calibration_meter
+    name = f"{now.meter.model} {now.meter.serial}"
+    if result.same_meter:
+        return info("verified-with-same-meter", name)
+    if (now.meter.model, now.meter.serial) == (then.meter.model, then.meter.serial):
+        return warning("meter-recalibrated", name, now=now.state, then=then.state)
+    return info("verified-with-other-meter", name)

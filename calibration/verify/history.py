@@ -1,0 +1,187 @@
+"""The history of cameras: their calibrations and verifications over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from math import hypot, sqrt
+
+from ...core.frame import PLANES, CameraIdentity
+from ..dark.signal import DarkModel
+from ..errors.expanded import expanded_rel
+from ..errors.uncertainty import expanded_half_width
+from ..frames.observations import CameraState
+from ..meter import MeterScale
+from ..model import Calibration
+from ..record.store import AnyCalibration
+from ..setup import LensIdentity
+from .decision import Verdict
+from .result import Verification, VerifiedPlane
+
+
+@dataclass(frozen=True)
+class HistoryPoint:
+    """State of a camera at one time.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    measured : datetime
+        Time of the last meter reading.
+    responsivity : (float, float, float) or None
+        R, and its relative U (95 %) without and with the meter's scale. Of a verification, that of its calibration with
+        the deviation it found; None if it found none of this plane.
+    weight : float or None
+        Of the plane in the luminance; None for a monochrome sensor, or a verification.
+    dark : DarkModel
+        The dark signal.
+    k_dn_per_e : float or None
+        Overall system gain K; None for a verification, or if it is not known.
+    meter : MeterScale
+        The meter with its certificate.
+    verdict : {'conform', 'undecided', 'not conform'} or None
+        Of a verification; None for a calibration.
+    """
+
+    source: str
+    measured: datetime
+    responsivity: tuple[float, float, float] | None
+    weight: float | None
+    dark: DarkModel
+    k_dn_per_e: float | None
+    meter: MeterScale
+    verdict: Verdict | None
+
+    @property
+    def dark_offset_dn(self) -> tuple[float, float]:
+        """Dark signal at zero exposure, and its U (95 %)."""
+        return self.dark.offset_dn, expanded_half_width(0.0, sqrt(self.dark.offset_variance_dn2))
+
+    @property
+    def dark_rate_dn_s(self) -> tuple[float, float] | None:
+        """Its growth per second, and U (95 %); None if dark frames have one exposure only."""
+        if len(self.dark.exposures_s) == 1:
+            return None
+        return self.dark.rate_dn_s, expanded_half_width(0.0, sqrt(self.dark.rate_variance_dn2_s2))
+
+
+@dataclass(frozen=True)
+class CameraHistory:
+    """History of one camera, or one plane of it, with one lens and setting.
+
+    Parameters
+    ----------
+    camera : CameraIdentity
+        The camera.
+    lens : LensIdentity
+        The lens.
+    gain_db : float
+        The gain.
+    pixel_format : str
+        The pixel format.
+    plane : str or None
+        The colour plane.
+    points : tuple of HistoryPoint
+        By time, the earliest first.
+    """
+
+    camera: CameraIdentity
+    lens: LensIdentity
+    gain_db: float
+    pixel_format: str
+    plane: str | None
+    points: tuple[HistoryPoint, ...]
+
+    @property
+    def change_rel(self) -> tuple[float, float] | None:
+        """Change of the responsivity from the first to the last point, with U (95 %); None for one point.
+
+        The scale of the meter cancels if it is one meter in one state of adjustment.
+        """
+        known = [(p.responsivity, p.meter) for p in self.points if p.responsivity]
+        if len(known) < 2:
+            return None
+        (before, first_meter), (after, last_meter) = known[0], known[-1]
+        which = 1 if first_meter.is_as_in(last_meter) else 2
+        return after[0] / before[0] - 1, hypot(before[which], after[which])
+
+
+def histories(
+    calibrations: Mapping[str, AnyCalibration], verifications: Mapping[str, Verification]
+) -> tuple[CameraHistory, ...]:
+    """Sort calibrations and verifications by camera, lens, f-number, gain, pixel format and plane, and by time.
+
+    Parameters
+    ----------
+    calibrations, verifications : mapping of str
+        By the name of their file.
+
+    Returns
+    -------
+    tuple of CameraHistory
+        In the order of cameras, lenses, settings and planes.
+    """
+    groups: dict[tuple[str | int, ...], tuple[CameraState, LensIdentity, list[HistoryPoint]]] = {}
+    found = [one for source, c in calibrations.items() for one in _of_any(source, c)]
+    found += [
+        (replace(v.state, plane=plane.plane), v.lens, _of_verification(source, v, plane))
+        for source, v in verifications.items()
+        for plane in v.planes
+    ]
+    for state, lens, point in found:
+        order = PLANES.index(state.plane) if state.plane else -1
+        key = (str(state.camera), repr(lens), f"{state.gain_db:g}", state.pixel_format, order)
+        groups.setdefault(key, (state, lens, []))[2].append(point)
+    return tuple(
+        CameraHistory(
+            camera=state.camera,
+            lens=lens,
+            gain_db=state.gain_db,
+            pixel_format=state.pixel_format,
+            plane=state.plane,
+            points=tuple(sorted(points, key=lambda point: point.measured)),
+        )
+        for _, (state, lens, points) in sorted(groups.items(), key=lambda item: item[0])
+    )
+
+
+def _of_any(source: str, calibration: AnyCalibration) -> list[tuple[CameraState, LensIdentity, HistoryPoint]]:
+    if isinstance(calibration, Calibration):
+        return [(calibration.state, calibration.lens, _of_calibration(source, calibration, None))]
+    return [
+        (plane.state, plane.lens, _of_calibration(source, plane, weight))
+        for plane, weight in zip(calibration.planes, calibration.weights, strict=True)
+    ]
+
+
+def _of_calibration(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:
+    fit, meter, k = calibration.responsivity, calibration.meter_scale, calibration.noise.k_dn_per_e
+    own_rel, whole_rel = expanded_half_width(0.0, fit.random_rel), expanded_rel([meter], fit.random_rel)
+    return HistoryPoint(
+        source=source,
+        measured=calibration.provenance.measured,
+        responsivity=(fit.responsivity_dn_s_cd_m2, own_rel, whole_rel),
+        weight=weight,
+        dark=calibration.dark,
+        k_dn_per_e=k if k > 0 else None,
+        meter=meter,
+        verdict=None,
+    )
+
+
+def _of_verification(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
+    drift = plane.drift
+    return HistoryPoint(
+        source=source,
+        measured=verification.measured,
+        responsivity=None
+        if drift is None
+        else (drift.responsivity_dn_s_cd_m2, drift.expanded_rel, drift.responsivity_expanded_rel),
+        weight=None,
+        dark=plane.dark,
+        k_dn_per_e=None,
+        meter=verification.meter,
+        verdict=verification.verdict,
+    )

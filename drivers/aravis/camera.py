@@ -1,0 +1,332 @@
+"""GigE Vision and USB3 Vision cameras through Aravis (https://github.com/AravisProject/aravis).
+
+Requires Debian's ``gir1.2-aravis-0.8`` and ``python3-gi``; they are imported when cameras are listed or opened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import astuple
+from math import isfinite
+from typing import Any, Self
+
+from ...core.errors import InputError
+from ...core.frame import CameraIdentity, Frame
+from ..camera import (
+    CameraError,
+    CameraLostError,
+    CameraSettingError,
+    CameraSettings,
+    FeatureValue,
+    Gap,
+    Refused,
+    Region,
+    StreamStatistics,
+    Trigger,
+)
+from ..device import Device
+from .connection import Connection
+from .features import execute_feature, read_feature, readable_features, write_feature
+from .settings import configure as change_settings
+from .settings import exposure_range_s, known_formats, read_settings
+from .stream import AcquisitionState, FrameStream
+
+#: One day; longer waits overflow Aravis' microseconds.
+_LONGEST_WAIT_S = 86_400
+
+
+class AravisCamera(Device):
+    """A camera through Aravis.
+
+    Each `grab` opens a new stream on a new network port after the last change of a setting, so that it receives no
+    earlier frames. Opening switches off automatic exposure and gain and all triggers, and selects the whole sensor, no
+    binning and a gamma of 1, where available.
+
+    Pixels are not copied from the receive buffer, which is reused when no array refers to it.
+
+    Parameters
+    ----------
+    selector : str or None
+        Serial number, address or model of the camera; None for the only one.
+    patience_s : float
+        How long to wait for a lost camera to come back. The interrupted operation then continues with all settings
+        restored, and `gaps` records the interruption. 0 raises CameraLostError immediately.
+
+    Raises
+    ------
+    InputError
+        If `patience_s` is negative or not finite.
+    """
+
+    def __init__(self, selector: str | None = None, *, patience_s: float = 0.0) -> None:
+        if not (isfinite(patience_s) and patience_s >= 0):
+            raise InputError(f"patience_s is {patience_s}: give 0 or more seconds")
+        self._connection = Connection(selector, patience_s)
+        self._frame_stream: FrameStream | None = None
+        self._counted = StreamStatistics()
+        self._size: tuple[int, int] | None = None
+
+    def open(self) -> Self:
+        """Connect and take control; reconnects to a lost camera.
+
+        Raises
+        ------
+        CameraNotFoundError
+            If no camera, or more than one, fits the selector.
+        CameraBusyError
+            If another program controls it.
+        """
+        if not self._connection.usable:
+            self.close()
+            self._connection.open()
+            self._counted = StreamStatistics()
+            try:
+                self._learn_size()
+            except BaseException:
+                self.close()
+                raise
+        return self
+
+    def close(self) -> None:
+        """Release the camera, also during a grab; may be called twice."""
+        frame_stream, self._frame_stream = self._frame_stream, None
+        if frame_stream is not None:
+            frame_stream.stop()
+            self._count(frame_stream)
+        self._connection.close()
+
+    @property
+    def identity(self) -> CameraIdentity:
+        """Vendor, model and serial number; raises CameraError if not open."""
+        return self._connection.link.identity
+
+    @property
+    def settings(self) -> CameraSettings:
+        """Settings in force, read from the camera."""
+        return self._connection.ask("its settings cannot be read", read_settings)
+
+    @property
+    def pixel_formats(self) -> list[str]:
+        """Names of the pixel formats supported by the camera and this driver."""
+        return self._connection.ask("its pixel formats cannot be read", known_formats)
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure of the camera with its current settings, in seconds."""
+        return self._connection.ask("its exposure range cannot be read", exposure_range_s)
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Current temperature of the device in degrees Celsius; None if not available."""
+        return self._connection.ask("its temperature cannot be read", _temperature_c)
+
+    @property
+    def statistics(self) -> StreamStatistics:
+        """Counters of all streams since the camera was opened."""
+        frame_stream = self._frame_stream
+        return self._counted if frame_stream is None else _sum(self._counted, frame_stream.statistics)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Interruptions since the camera was opened, after which it was reconnected."""
+        return self._connection.gaps
+
+    def configure(
+        self,
+        *,
+        exposure_s: float | None = None,
+        gain_db: float | None = None,
+        pixel_format: str | None = None,
+        region: Region | None = None,
+        binning: tuple[int, int] | None = None,
+        black_level_dn: float | None = None,
+        frame_rate_hz: float | None = None,
+        trigger: Trigger | None = None,
+    ) -> CameraSettings:
+        """Change the given settings and return those in effect.
+
+        Parameters
+        ----------
+        exposure_s, gain_db, black_level_dn, frame_rate_hz : float or None
+            Exposure time, analogue gain, DN added to each pixel, frames per second when free-running.
+        pixel_format : str or None
+            GenICam PFNC name.
+        region : Region or None
+            Part of the sensor to read out.
+        binning : (int, int) or None
+            Columns and rows to bin; without `region`, the whole sensor is read out afterwards.
+        trigger : Trigger or None
+            Trigger of an exposure.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera lacks a setting or rejects a value; all settings are then restored.
+        CameraError
+            If a grab is in progress.
+        CameraLostError
+            If the camera does not answer.
+        """
+        given = {
+            "exposure_s": exposure_s,
+            "gain_db": gain_db,
+            "pixel_format": pixel_format,
+            "region": region,
+            "binning": binning,
+            "black_level_dn": black_level_dn,
+            "frame_rate_hz": frame_rate_hz,
+            "trigger": trigger,
+        }
+        wanted = {name: value for name, value in given.items() if value is not None}
+        self._refuse_while_grabbing("a change of settings")
+        for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, wanted)):
+            self._connection.changes.setting(name, wanted[name])
+        self._connection.remember_settings()
+        if "region" in wanted or "binning" in wanted:
+            self._learn_size()
+        return self.settings
+
+    def feature(self, name: str) -> FeatureValue:
+        """Read a GenICam feature.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera has no such feature, or it cannot be read; the message suggests names.
+        """
+        return self._connection.ask(f"feature {name} cannot be read", lambda camera: read_feature(camera, name))
+
+    def set_feature(self, name: str, value: FeatureValue) -> FeatureValue:
+        """Write a GenICam feature and return the value in effect.
+
+        Raises
+        ------
+        CameraSettingError
+            If there is no such feature, or it rejects the value; the message states its range.
+        CameraError
+            If a grab is in progress.
+        """
+        self._refuse_while_grabbing("a change of settings")
+        applied = self._connection.ask(
+            f"feature {name} cannot be set", lambda camera: write_feature(camera, name, value)
+        )
+        self._connection.changes.feature(name, value)
+        self._connection.remember_settings()
+        self._learn_size()
+        return applied
+
+    def execute(self, name: str) -> None:
+        """Execute a GenICam command, for example ``TimestampReset``; raises CameraSettingError if there is none."""
+        self._connection.ask(f"command {name} cannot be carried out", lambda camera: execute_feature(camera, name))
+        self._connection.remember_settings()
+        self._learn_size()
+
+    def features(self) -> dict[str, FeatureValue]:
+        """Read all readable GenICam features by name, as a snapshot for a recording."""
+        return self._connection.ask("its features cannot be read", lambda camera: dict(readable_features(camera)))
+
+    def snap(self, timeout_s: float | None = None) -> Frame:
+        """Take one frame; see `grab`."""
+        (frame,) = self.grab(1, timeout_s)
+        return frame
+
+    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
+        """Take `n` complete consecutive frames, yielding each as it arrives.
+
+        With a software trigger, each frame is triggered when requested.
+
+        Parameters
+        ----------
+        n : int
+            Number of frames.
+        timeout_s : float or None
+            Longest wait for a frame beyond the exposure time; None for the frame period plus 10 s. A camera that stops
+            answering is always noticed within a second.
+        on_refused : callable or None
+            Called for each incomplete frame, which is then repeated, up to 20 consecutive times; None raises the error
+            instead.
+
+        Raises
+        ------
+        FrameTimeoutError
+            If no frame arrives although the camera answers.
+        IncompleteFrameError
+            If a frame arrives incomplete, with a wrong size or out of order; it is never returned.
+        CameraLostError
+            If the camera stops answering, within 1 s after a frame was due; with `patience_s`, if it does not come
+            back.
+        CameraError
+            If another grab is in progress, or the camera is closed in the meantime.
+        InputError
+            If `timeout_s` is negative or longer than a day.
+        """
+        if timeout_s is not None and not 0 <= timeout_s < _LONGEST_WAIT_S:
+            raise InputError(f"timeout_s is {timeout_s}: give 0 to {_LONGEST_WAIT_S} seconds")
+        self._refuse_while_grabbing("another grab")
+        n_taken = 0
+        while n_taken < n:
+            try:
+                with self._receiving(timeout_s, on_refused) as frame_stream:
+                    while n_taken < n:
+                        # Drop the reference while waiting for the next frame, so that its buffer can be reused.
+                        yield frame_stream.next()
+                        n_taken += 1
+            except CameraLostError as error:
+                loss = error
+            else:
+                return
+            try:
+                self._connection.recover(loss)
+            finally:
+                del loss  # the traceback refers to this frame and those of the lost camera
+
+    @contextlib.contextmanager
+    def _receiving(self, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
+        """Receive frames; settings are locked meanwhile, so that frames state the correct ones."""
+        link = self._connection.link
+        with link.using("its settings cannot be read") as camera:
+            settings = read_settings(camera)
+            acquisition_state = AcquisitionState(settings, _temperature_c(camera), self._connection.changes.features)
+        self._require_size(settings)
+        wait_s = settings.longest_wait_s(timeout_s)
+        frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
+        self._frame_stream = frame_stream
+        try:
+            with frame_stream:
+                yield frame_stream
+        finally:
+            if self._frame_stream is frame_stream:
+                self._frame_stream = None
+                self._count(frame_stream)
+
+    def _learn_size(self) -> None:
+        settings = self.settings
+        self._size = (settings.width, settings.height)
+
+    def _require_size(self, settings: CameraSettings) -> None:
+        """Refuse frames of a size set by another program."""
+        if self._size != (settings.width, settings.height):
+            assert self._size is not None
+            raise CameraSettingError(
+                f"{self.identity} is set to {settings.width} x {settings.height} pixels, not to the {self._size[0]} x "
+                f"{self._size[1]} of before: something else has changed it; configure the region, or open it again"
+            )
+
+    def _count(self, frame_stream: FrameStream) -> None:
+        self._counted = _sum(self._counted, frame_stream.statistics)
+
+    def _refuse_while_grabbing(self, what: str) -> None:
+        if self._frame_stream is not None:
+            raise CameraError(
+                f"{self.identity} is still grabbing: finish that loop, or close its iterator, before {what}"
+            )
+
+
+def _temperature_c(camera: Any) -> float | None:
+    name = "DeviceTemperature"
+    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
+
+
+def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
+    return StreamStatistics(*(a + b for a, b in zip(astuple(one), astuple(other), strict=True)))

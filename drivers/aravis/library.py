@@ -1,0 +1,108 @@
+"""Loading Aravis, finding cameras, and translating its errors."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from ..camera import CameraError, CameraNotFoundError
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """A camera found on the network or bus.
+
+    Parameters
+    ----------
+    vendor, model, serial, address, protocol : str
+        As the camera announced them.
+    """
+
+    vendor: str
+    model: str
+    serial: str
+    address: str
+    protocol: str
+
+
+def aravis() -> ModuleType:
+    """Import Aravis.
+
+    Raises
+    ------
+    CameraError
+        If it, or PyGObject, is not installed; the message says how to install it.
+    """
+    try:
+        import gi
+
+        gi.require_version("Aravis", "0.8")
+        from gi.repository import Aravis
+    except (ImportError, ValueError) as error:
+        raise CameraError(
+            f"Aravis cannot be loaded ({error}): run 'apt install gir1.2-aravis-0.8 python3-gi' and use a virtual "
+            "environment made by /usr/bin/python3 with --system-site-packages"
+        ) from error
+    module: ModuleType = Aravis
+    return module
+
+
+def gerror() -> Any:
+    """Return the exception that Aravis' functions raise."""
+    from gi.repository import GLib
+
+    return GLib.Error
+
+
+def discover() -> list[CameraInfo]:
+    """List the cameras that answer within Aravis' discovery time, about a second.
+
+    Raises
+    ------
+    CameraError
+        If Aravis is not installed.
+    """
+    arv = aravis()
+    arv.update_device_list()
+    return [
+        CameraInfo(
+            vendor=arv.get_device_vendor(i) or "",
+            model=arv.get_device_model(i) or "",
+            serial=arv.get_device_serial_nbr(i) or "",
+            address=arv.get_device_address(i) or "",
+            protocol=arv.get_device_protocol(i) or "",
+        )
+        for i in range(arv.get_n_devices())
+    ]
+
+
+def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
+    """Return the camera with a serial number, address or model, or the only one.
+
+    Raises
+    ------
+    CameraNotFoundError
+        If none fits, or more than one.
+    """
+    listing = "; ".join(f"{i.vendor} {i.model}, serial {i.serial}, at {i.address}" for i in found) or "none"
+    fitting = [i for i in found if selector is None or selector in (i.serial, i.address, i.model)]
+    wanted = "camera" if selector is None else f"camera {selector!r} (serial number, address or model)"
+    if not fitting:
+        raise CameraNotFoundError(
+            f"no {wanted} answers; found: {listing}: check power, cable and that both are in one network"
+        )
+    if len(fitting) > 1:
+        raise CameraNotFoundError(f"more than one {wanted} answers: give a serial number; found: {listing}")
+    return fitting[0]
+
+
+@contextlib.contextmanager
+def camera_errors(message: str, kind: type[CameraError]) -> Iterator[None]:
+    """Convert Aravis' errors to those of labcdp, keeping the reason."""
+    try:
+        yield
+    except gerror() as error:
+        raise kind(f"{message} [{error.message}]") from error

@@ -1,0 +1,261 @@
+"""Link to an opened camera: control, detection of loss, quick release."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from ...core.frame import CameraIdentity
+from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
+from . import gvcp
+from .known_state import bring_to_known_state
+from .library import CameraInfo, aravis, camera_errors, gerror
+from .sockets import shut_down, udp_socket_numbers
+from .transport import find_packet_size, warn_of_small_receive_buffer
+
+#: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
+_FRESH_S = 0.02
+
+#: Duration of an access after which the camera is checked: Aravis itself gives up only after seconds.
+_LONG_S = 0.1
+
+#: Aravis' errors of the transport, as opposed to those of the request.
+_COMMUNICATION = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER", "PROTOCOL_ERROR_ACCESS_DENIED")
+
+#: New sockets of Aravis can be identified only while no other thread opens a camera.
+_opening = threading.Lock()
+
+
+class Link:
+    """A camera controlled by this process.
+
+    Parameters
+    ----------
+    camera : Aravis.Camera
+        Opened camera of Aravis.
+    info : CameraInfo
+        Network address.
+    sockets : frozenset of int
+        Inodes of the sockets by which Aravis controls it.
+    """
+
+    def __init__(self, camera: Any, info: CameraInfo, sockets: frozenset[int]) -> None:
+        self.camera = camera
+        self.info = info
+        self.identity = CameraIdentity(info.vendor, info.model, info.serial)
+        self.lost = False
+        # Destination of the stream, while there is one.
+        self.stream_port: int | None = None
+        self._arv = aravis()
+        self._is_gige = bool(camera.is_gv_device())
+        self._sockets = sockets
+        self._streams: list[Any] = []
+        self._controlled_by_others = False
+        self._alive_at_s = time.monotonic()
+
+    @contextlib.contextmanager
+    def using(self, what: str) -> Iterator[Any]:
+        """Context of an access to Aravis' camera: checks for loss before, and converts Aravis' errors.
+
+        Parameters
+        ----------
+        what : str
+            Name of the operation in error messages.
+
+        Raises
+        ------
+        CameraLostError
+            If the camera does not answer, or another program has taken control in the meantime.
+        CameraBusyError
+            If it answers, but another program controls it.
+        CameraSettingError
+            If it rejects the request.
+        """
+        if self.lost or time.monotonic() - self._alive_at_s > _FRESH_S:
+            self.require_life(what)
+        camera = self.camera
+        if camera is None:
+            raise CameraError(f"{self.identity} was closed ({what}): open it again")
+        try:
+            with self._watched():
+                yield camera
+        except gerror() as error:
+            raise self._explained(error, what) from error
+        self.seen_alive()
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Abort an access if the camera is lost during it."""
+        if not self._is_gige:
+            yield
+            return
+        done = threading.Event()
+        watcher = threading.Thread(target=self._watch, args=(done,), name="camera watcher", daemon=True)
+        watcher.start()
+        try:
+            yield
+        finally:
+            done.set()
+            watcher.join()
+
+    def _watch(self, done: threading.Event) -> None:
+        while not done.wait(_LONG_S):
+            if gvcp.read_register(self.info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE) is None and not done.is_set():
+                self.lost = True
+                shut_down(self._sockets)
+                return
+
+    def seen_alive(self) -> None:
+        """Record a sign of life of the camera."""
+        self._alive_at_s = time.monotonic()
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since its last sign of life."""
+        return time.monotonic() - self._alive_at_s
+
+    def require_life(self, what: str) -> None:
+        """Check that the camera answers, for up to 0.75 s; raises as `using`."""
+        if not self.answers():
+            raise self.give_up(what)
+        # Maintained by Aravis' heartbeat, whose signal control-lost arrives seconds later.
+        camera = self.camera
+        if self._is_gige and camera is not None and not camera.get_device().is_controller():
+            raise CameraBusyError(
+                f"{self.identity} was taken by another program ({what}): close that program, then open the camera again"
+            )
+
+    def answers(self) -> bool:
+        """Check that the camera answers and is still controlled by this process, for up to 0.75 s."""
+        if self.lost or not self._answers():
+            return False
+        self.seen_alive()
+        return True
+
+    def _answers(self) -> bool:
+        if not self._is_gige:
+            with contextlib.suppress(CameraError), camera_errors("", CameraLostError):
+                self.camera.get_payload()
+                return True
+            return False
+        answer = gvcp.read_register(self.info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
+        if answer is None:
+            return False
+        # Not controlled by any program: power-cycled, or unreachable for longer than its heartbeat.
+        self._controlled_by_others = answer.register == 0 or not self._sends_to_us()
+        return not self._controlled_by_others
+
+    def _sends_to_us(self) -> bool:
+        """Whether the camera still sends to this stream; a program that takes control redirects it."""
+        if self.stream_port is None:
+            return True
+        answer = gvcp.read_register(self.info.address, gvcp.STREAM_CHANNEL_PORT)
+        return answer is None or answer.register is None or answer.register & 0xFFFF == self.stream_port
+
+    def give_up(self, what: str) -> CameraLostError:
+        """Release a lost camera and return the error to raise; Aravis would try to reach it for seconds."""
+        self.lost = True
+        shut_down(self._sockets)
+        if self._controlled_by_others:
+            return CameraLostError(
+                f"{self.identity} is no longer controlled by this program ({what}): it was switched off and on, out of "
+                "reach, or taken by another program; open it again"
+            )
+        return CameraLostError(f"{self.identity} stopped answering ({what}): check power and cable, then open it again")
+
+    def _explained(self, error: Any, what: str) -> CameraError:
+        device_error = self._arv.DeviceError
+        codes = [int(getattr(device_error, name)) for name in _COMMUNICATION]
+        if error.domain != "arv-device-error-quark" or error.code not in codes:
+            return CameraSettingError(f"{self.identity} refuses: {what} [{error.message}]")
+        if not self.answers():
+            return self.give_up(f"{what} [{error.message}]")
+        return CameraBusyError(
+            f"{self.identity} answers, but refuses control ({what}): another program has taken control of it; close "
+            f"that program, then open the camera again [{error.message}]"
+        )
+
+    def defer_release(self, stream: Any) -> None:
+        """Keep a stream of a lost camera until `close`: Aravis takes half a second to stop it."""
+        self._streams = [*self._streams, stream]
+
+    def close(self) -> None:
+        """Release the camera for other programs."""
+        camera, self.camera, streams, self._streams = self.camera, None, self._streams, []
+        if camera is None:
+            return
+        if not self.lost and self._is_gige and gvcp.announce(self.info.address) is not None:
+            # Explicitly: a traceback may keep Aravis' object alive.
+            with contextlib.suppress(CameraError), camera_errors("", CameraError):
+                camera.get_device().leave_control()
+        self.lost = True
+        shut_down(self._sockets)
+        # Before the camera.
+        del streams
+
+
+def connect(info: CameraInfo) -> Link:
+    """Open a camera, take control, and bring it to a known state.
+
+    Raises
+    ------
+    CameraNotFoundError
+        If it cannot be opened, or differs from the announced one.
+    CameraBusyError
+        If another program controls it.
+    CameraLostError
+        If it stops answering in the meantime.
+    """
+    arv = aravis()
+    is_gige = info.protocol == "GigEVision"
+    if is_gige and gvcp.announce(info.address) is None:
+        raise CameraNotFoundError(
+            f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
+            "has an address of its network"
+        )
+    with _opening, camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
+        before = udp_socket_numbers()
+        camera = arv.Camera.new(info.address if is_gige else info.serial)
+        link = Link(camera, info, udp_socket_numbers() - before)
+    try:
+        _check_who(link)
+        _prepare(link)
+    except BaseException:
+        link.close()
+        raise
+    return link
+
+
+def _check_who(link: Link) -> None:
+    info = link.info
+    with link.using("it does not tell who it is") as camera:
+        if camera.is_gv_device() and not camera.get_device().is_controller():
+            raise CameraBusyError(
+                f"camera {info.serial} at {info.address} is controlled by another program: close that program, "
+                "or wait a few seconds if it was killed"
+            )
+        serial = camera.get_device_serial_number()
+        if serial != info.serial:
+            raise CameraNotFoundError(
+                f"the camera at {info.address} has serial number {serial}, not {info.serial}: two cameras "
+                "share the address; give each its own"
+            )
+        link.identity = CameraIdentity(info.vendor, info.model, info.serial, simulated=_says_simulated(camera))
+
+
+def _says_simulated(camera: Any) -> bool:
+    name = "DeviceManufacturerInfo"
+    text = camera.get_string(name) if camera.is_feature_available(name) else ""
+    return "simulated" in (text or "").lower() or camera.get_vendor_name() == "Aravis"
+
+
+def _prepare(link: Link) -> None:
+    """Reset settings left by other programs, and set up the stream."""
+    with link.using("it cannot be brought to a known state") as camera:
+        bring_to_known_state(camera)
+        if camera.is_gv_device():
+            find_packet_size(camera, link.info.address)
+            warn_of_small_receive_buffer(camera.get_payload())

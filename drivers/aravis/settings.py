@@ -1,0 +1,302 @@
+"""Settings of an Aravis camera, changed in an order that the camera accepts.
+
+Feature names are those of the GenICam Standard Features Naming Convention (SFNC 2.7) and the older ones of Prosilica
+used by the Allied Vision Manta (``ExposureTimeAbs``, ``AcquisitionFrameRateAbs``). Aravis supports both for exposure,
+gain, black level, binning and region.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from numbers import Real
+from typing import Any
+
+from ...core.errors import InputError
+from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
+from ..camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
+from .features import available, writable, write_feature
+from .known_state import show_whole_sensor
+from .link import Link
+
+_FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+_FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+_KINDS: dict[str, tuple[Any, str]] = {
+    "pixel_format": (str, "the name of a pixel format as text"),
+    "binning": (tuple, "a pair of whole numbers, (2, 2)"),
+    "region": (Region, "a Region"),
+    "exposure_s": (Real, "a number of seconds"),
+    "frame_rate_hz": (Real, "a number of frames per second"),
+    "gain_db": (Real, "a number of dB"),
+    "black_level_dn": (Real, "a number of DN"),
+    "trigger": (Trigger, "a Trigger"),
+}
+_TRIGGERS = ("FrameStart", "ExposureStart", "AcquisitionStart")
+
+
+def read_settings(camera: Any) -> CameraSettings:
+    """Read the settings in force; raises errors of Aravis."""
+    x, y, width, height = camera.get_region()
+    rate = available(camera, *_FRAME_RATES)
+    return CameraSettings(
+        exposure_s=camera.get_exposure_time() * 1e-6,
+        gain_db=camera.get_gain() if camera.is_gain_available() else 0.0,
+        pixel_format=camera.get_pixel_format_as_string(),
+        width=width,
+        height=height,
+        offset_x=x,
+        offset_y=y,
+        binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
+        black_level_dn=camera.get_black_level() if camera.is_black_level_available() else 0.0,
+        frame_rate_hz=None if rate is None else camera.get_float(rate),
+        trigger=_read_trigger(camera),
+    )
+
+
+def layout_of(settings: CameraSettings) -> PixelFormat:
+    """Return the current pixel format; raises CameraSettingError if labcdp does not support it."""
+    try:
+        return pixel_format(settings.pixel_format)
+    except InputError as error:
+        raise CameraSettingError(str(error)) from error
+
+
+def known_formats(camera: Any) -> list[str]:
+    """Return the names of the pixel formats supported by the camera and labcdp."""
+    return [name for name in camera.dup_available_pixel_formats_as_strings() if name in PIXEL_FORMATS]
+
+
+def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
+    """Change settings in a valid order; if the camera rejects one, all are restored.
+
+    Parameters
+    ----------
+    link : Link
+        Link to the camera, which must not be acquiring.
+    wanted : dict
+        Parameters of `AravisCamera.configure`.
+
+    Returns
+    -------
+    list of str
+        Names of the changed settings, in order.
+
+    Raises
+    ------
+    CameraSettingError
+        If the camera has no such setting, or rejects the value.
+    """
+    _check_types(wanted)
+    with link.using("its settings cannot be read") as camera:
+        before = read_settings(camera)
+    changed: list[str] = []
+    try:
+        for name in _in_order(wanted, before):
+            changed.append(name)
+            with link.using(f"{name} cannot be changed") as camera:
+                change_setting(camera, name, wanted[name])
+    except CameraSettingError as error:
+        _undo(link, changed, before)
+        raise CameraSettingError(f"{link.identity}: {error}") from error
+    return changed
+
+
+def _check_types(wanted: dict[str, Any]) -> None:
+    """Reject unknown settings before any change."""
+    for name, value in wanted.items():
+        kind, what = _KINDS[name]
+        pair = name == "binning" and not (isinstance(value, tuple) and len(value) == 2)
+        if pair or isinstance(value, bool) or not isinstance(value, kind):
+            raise CameraSettingError(f"{name} is {value!r}: give {what}")
+
+
+def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
+    order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level_dn", "trigger"]
+    # Frame rate and exposure limit each other: change the one that relaxes the other first.
+    if wanted.get("exposure_s", 0.0) > now.exposure_s:
+        order[3], order[4] = order[4], order[3]
+    return [name for name in order if name in wanted]
+
+
+def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
+    """Restore the settings changed before one was rejected."""
+    region = Region(before.offset_x, before.offset_y, before.width, before.height)
+    backwards = [name for name in reversed(changed) if name != "region"]
+    if "binning" in changed or "region" in changed:
+        # After the binning, which also changes the region.
+        backwards.append("region")
+    for name in backwards:
+        old = region if name == "region" else getattr(before, name)
+        if old is not None:
+            with contextlib.suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
+                change_setting(camera, name, old)
+
+
+def change_setting(camera: Any, name: str, value: Any) -> None:
+    """Change one setting; raises errors of Aravis.
+
+    Parameters
+    ----------
+    camera : Aravis.Camera
+        Open, not acquiring.
+    name : str
+        Parameter of `AravisCamera.configure`.
+    value : object
+        New value.
+
+    Raises
+    ------
+    CameraSettingError
+        If the camera has no such setting, or rejects the value; the message states the accepted values.
+    """
+    changers: dict[str, Callable[[Any, Any], None]] = {
+        "pixel_format": _change_pixel_format,
+        "binning": _change_binning,
+        "region": _change_region,
+        "exposure_s": _change_exposure,
+        "frame_rate_hz": _change_frame_rate,
+        "gain_db": _change_gain,
+        "black_level_dn": _change_black_level,
+        "trigger": _change_trigger,
+    }
+    changers[name](camera, value)
+
+
+def exposure_range_s(camera: Any) -> tuple[float, float]:
+    """Return the shortest and longest exposure in seconds; raises errors of Aravis."""
+    low_us, high_us = camera.get_exposure_time_bounds()
+    return low_us * 1e-6, high_us * 1e-6
+
+
+def _change_pixel_format(camera: Any, name: str) -> None:
+    known = known_formats(camera)
+    if name not in known:
+        raise CameraSettingError(f"the camera has no pixel format {name!r}: choose one of {', '.join(known)}")
+    camera.set_pixel_format_from_string(name)
+
+
+def _change_binning(camera: Any, binning: tuple[int, int]) -> None:
+    if not camera.is_binning_available():
+        if tuple(binning) != (1, 1):
+            raise CameraSettingError(f"the camera has no binning: ask for (1, 1), not {tuple(binning)}")
+        return
+    bounds = (camera.get_x_binning_bounds(), camera.get_y_binning_bounds())
+    steps = (camera.get_x_binning_increment(), camera.get_y_binning_increment())
+    for axis, value, limits, step in zip(("columns", "rows"), binning, bounds, steps, strict=True):
+        _check_steps(f"binning of {axis}", value, limits, step)
+    camera.set_binning(*binning)
+    show_whole_sensor(camera)
+
+
+def _change_region(camera: Any, region: Region) -> None:
+    whole = camera.get_region()
+    show_whole_sensor(camera)
+    try:
+        _check_steps("width", region.width, camera.get_width_bounds(), camera.get_width_increment())
+        _check_steps("height", region.height, camera.get_height_bounds(), camera.get_height_increment())
+        _, _, full_width, full_height = camera.get_region()
+        if (region.x, region.y) != (0, 0) and not camera.is_region_offset_available():
+            raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
+        _check_steps("x", region.x, (0, full_width - region.width), _step(camera.get_x_offset_increment))
+        _check_steps("y", region.y, (0, full_height - region.height), _step(camera.get_y_offset_increment))
+    except CameraSettingError:
+        camera.set_region(*whole)
+        raise
+    camera.set_region(region.x, region.y, region.width, region.height)
+
+
+def _step(increment: Callable[[], int]) -> int:
+    return max(1, increment())
+
+
+def _change_exposure(camera: Any, exposure_s: float) -> None:
+    _check_range("exposure_s", exposure_s, exposure_range_s(camera), "s")
+    # Rounded: a camera with whole microseconds would truncate 1000.9999999 to 1000.
+    camera.set_exposure_time(round(exposure_s * 1e6, 3))
+
+
+def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
+    name = available(camera, *_FRAME_RATES)
+    if name is None:
+        raise CameraSettingError(f"the camera has no frame rate to set: leave out frame_rate_hz {frame_rate_hz:g}")
+    switch = available(camera, *_FRAME_RATE_SWITCHES)
+    if switch is not None:
+        write_feature(camera, switch, True)
+    _check_range("frame_rate_hz", frame_rate_hz, camera.get_float_bounds(name), "Hz")
+    # Aravis' own function would switch triggers off.
+    camera.set_float(name, frame_rate_hz)
+
+
+def _change_gain(camera: Any, gain_db: float) -> None:
+    if not camera.is_gain_available():
+        if gain_db != 0:
+            raise CameraSettingError(f"the camera has no gain: ask for 0 dB, not {gain_db:g} dB")
+        return
+    _check_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
+    camera.set_gain(gain_db)
+
+
+def _change_black_level(camera: Any, black_level_dn: float) -> None:
+    name = available(camera, "BlackLevel", "BlackLevelRaw")
+    if name is None or not writable(camera, name):
+        now_dn = camera.get_black_level() if camera.is_black_level_available() else 0.0
+        if black_level_dn != now_dn:
+            raise CameraSettingError(
+                f"the camera's black level cannot be set: ask for {now_dn:g} DN, not {black_level_dn:g} DN"
+            )
+        return
+    _check_range("black_level_dn", black_level_dn, camera.get_black_level_bounds(), "DN")
+    camera.set_black_level(black_level_dn)
+
+
+def _change_trigger(camera: Any, trigger: Trigger) -> None:
+    if trigger.source is None:
+        camera.clear_triggers()
+        return
+    if available(camera, "TriggerMode") is None or available(camera, "TriggerSource") is None:
+        raise CameraSettingError(f"the camera has no trigger: leave it free-running, not on {trigger.source}")
+    sources = camera.dup_available_trigger_sources()
+    if trigger.source not in sources:
+        raise CameraSettingError(
+            f"the camera has no trigger source {trigger.source!r}: choose one of {', '.join(sources)}"
+        )
+    camera.clear_triggers()
+    _select_trigger(camera)
+    camera.set_string("TriggerSource", trigger.source)
+    if trigger != Trigger(trigger.source) or available(camera, "TriggerActivation") is not None:
+        write_feature(camera, "TriggerActivation", trigger.activation)
+    camera.set_string("TriggerMode", "On")
+
+
+def _read_trigger(camera: Any) -> Trigger:
+    if available(camera, "TriggerMode") is None:
+        return FREE_RUN
+    _select_trigger(camera)
+    if camera.get_string("TriggerMode") != "On":
+        return FREE_RUN
+    has_activation = available(camera, "TriggerActivation") is not None
+    activation: Any = camera.get_string("TriggerActivation") if has_activation else "RisingEdge"
+    return Trigger(camera.get_string("TriggerSource"), activation)
+
+
+def _select_trigger(camera: Any) -> None:
+    """Select the frame start trigger, where there are several triggers."""
+    if available(camera, "TriggerSelector") is None:
+        return
+    kinds = camera.dup_available_triggers()
+    wanted = next((kind for kind in _TRIGGERS if kind in kinds), None)
+    if wanted is not None and camera.get_string("TriggerSelector") != wanted:
+        camera.set_string("TriggerSelector", wanted)
+
+
+def _check_range(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
+    low, high = limits
+    if not low <= value <= high:
+        raise CameraSettingError(f"{name} is {value:g} {unit}: the camera takes {low:g} to {high:g} {unit}")
+
+
+def _check_steps(name: str, value: int, limits: tuple[int, int], step: int) -> None:
+    low, high = limits
+    if not low <= value <= high or (value - low) % max(1, step):
+        steps = f" in steps of {step}" if step > 1 else ""
+        raise CameraSettingError(f"{name} is {value}: the camera takes {low} to {high}{steps}")

@@ -1,0 +1,291 @@
+"""Receiving frames through Aravis: one stream from the start of acquisition to its stop."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from dataclasses import dataclass
+from typing import Any, NoReturn, Self
+
+from ...core.frame import Frame
+from ..camera import CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..host.stream import StreamFacts, stream_causes
+from .frames import FrameCheck, arrival, refusal
+from .library import aravis
+from .link import Link
+from .pool import BufferPool, pool_size
+from .settings import layout_of
+from .sockets import enlarge_receive_buffer, has_packet_sockets
+from .transport import set_up_transport
+
+_log = logging.getLogger(__name__)
+
+#: Longest single wait: the latency for noticing a close from another thread, or silence.
+_SLICE_S = 0.05
+
+#: Interval of checks of a silent camera.
+_PAUSE_S = 0.15
+
+#: Silence after which a camera is checked, also during an exposure.
+_ASKED_AFTER_S = 0.15
+
+#: Number of consecutive refused frames after which a grab fails.
+_MOST_REFUSED = 20
+
+#: Most causes named in an error.
+_MOST_CAUSES = 2
+
+#: Aravis' counters for `StreamStatistics`.
+_COUNTERS = {
+    "completed": "n_completed_buffers",
+    "failed": "n_failures",
+    "underruns": "n_underruns",
+    "resent": "n_resent_packets",
+    "missing": "n_missing_packets",
+}
+
+
+@dataclass(frozen=True)
+class AcquisitionState:
+    """Conditions of a camera's frames.
+
+    Parameters
+    ----------
+    settings : CameraSettings
+        In force.
+    temperature_c : float or None
+        Temperature of the device at the start.
+    chosen : frozenset of str
+        GenICam features set by the user, which must not be changed.
+    """
+
+    settings: CameraSettings
+    temperature_c: float | None
+    chosen: frozenset[str] = frozenset()
+
+
+class FrameStream:
+    """One stream and its buffers; a context manager.
+
+    Each stream has its own port and is created while the camera is stopped, so it receives no earlier frames.
+
+    Parameters
+    ----------
+    link : Link
+        Link to the camera, with its final settings.
+    acquisition_state : AcquisitionState
+        For the frames.
+    wait_s : float
+        Longest wait for a frame.
+    on_refused : callable or None
+        Called for incomplete frames; None raises them.
+    """
+
+    def __init__(
+        self, link: Link, acquisition_state: AcquisitionState, wait_s: float, on_refused: Refused | None
+    ) -> None:
+        settings = acquisition_state.settings
+        self._link = link
+        self._conditions = acquisition_state
+        self._on_refused = on_refused
+        self._layout = layout_of(settings)
+        self._wait_s = wait_s
+        self._stream: Any = None
+        self._pool: BufferPool | None = None
+        self._counted = StreamStatistics()
+        self._n_refused = 0
+        self._known_causes: str | None = None
+        self._granted_bytes: int | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            with self._link.using("no stream can be opened") as camera:
+                self._start(camera)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def _start(self, camera: Any) -> None:
+        settings = self._conditions.settings
+        is_gige = bool(camera.is_gv_device())
+        self._check = FrameCheck(settings, self._layout, reserves_zero=is_gige)
+        self._packet_bytes = None
+        if is_gige:
+            set_up_transport(camera, self._link.info.address, settings.frame_rate_hz, self._conditions.chosen)
+            self._packet_bytes = camera.gv_get_packet_size()
+        self._payload_bytes = camera.get_payload()
+        self._stream = camera.create_stream(None, None)
+        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz)
+        self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
+        if is_gige:
+            self._link.stream_port = self._stream.get_port()
+            # Aravis would do so only at the first packet, too late for the first frame.
+            granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
+            self._granted_bytes = None if has_packet_sockets() else granted
+        camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
+        camera.start_acquisition()
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Stop the acquisition and close the stream; may be called twice, and from another thread."""
+        stream, self._stream = self._stream, None
+        self._link.stream_port = None
+        if stream is not None:
+            # Closing during acquisition can abort the process; a lost camera cannot be stopped.
+            with contextlib.suppress(CameraError), self._link.using("acquisition cannot be stopped") as camera:
+                camera.stop_acquisition()
+            self._counted = _count(stream)
+            if self._link.lost:
+                self._link.defer_release(stream)
+        if self._pool is not None:
+            self._pool.close()
+
+    @property
+    def statistics(self) -> StreamStatistics:
+        """Counters of this stream."""
+        stream = self._stream
+        return self._counted if stream is None else _count(stream)
+
+    def next(self) -> Frame:
+        """Wait for the next complete frame.
+
+        Raises
+        ------
+        FrameTimeoutError, IncompleteFrameError, CameraLostError
+            As `AravisCamera.grab`.
+        """
+        while True:
+            self._running()
+            if self._conditions.settings.trigger.source == "Software":
+                with self._link.using("no trigger can be sent") as camera:
+                    camera.software_trigger()
+            buffer = self._received()
+            fault = self._check.fault(buffer)
+            if fault is None:
+                self._n_refused = 0
+                return self._frame(buffer)
+            self._refuse(buffer, fault)
+
+    def _received(self) -> Any:
+        """Wait for a frame, complete or not."""
+        began_s = time.monotonic()
+        while True:
+            waited_s = time.monotonic() - began_s
+            buffer = self._running().timeout_pop_buffer(int(max(0.0, min(self._wait_s - waited_s, _SLICE_S)) * 1e6))
+            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _PAUSE_S:
+                buffer = self._ask_after()
+            if buffer is not None and buffer.get_status() == aravis().BufferStatus.CLEARED:
+                # Without any packet it is not a frame: on a busy computer Aravis may return such a buffer.
+                self._lender().take_back(buffer)
+                buffer = None
+            if buffer is not None:
+                self._link.seen_alive()
+                return buffer
+            if waited_s >= self._wait_s:
+                self._explain_silence()
+
+    def _running(self) -> Any:
+        stream = self._stream
+        if stream is None:
+            raise CameraError(f"{self._link.identity} was closed while it was grabbing: open it again and grab anew")
+        return stream
+
+    def _ask_after(self) -> Any:
+        """Check that a late camera is alive; returns a frame that arrived in the meantime, if any."""
+        if self._link.answers():
+            return None
+        # A frame is a sign of life, too.
+        buffer = self._running().try_pop_buffer()
+        if buffer is None:
+            raise self._link.give_up("no frame came")
+        return buffer
+
+    def _explain_silence(self) -> NoReturn:
+        # Always checked: a short time-out may end before a frame is due.
+        self._link.require_life("no frame came")
+        source = self._conditions.settings.trigger.source
+        if source is None:
+            default = "check packet size and firewall"
+        elif source == "Software":
+            default = "it was sent a software trigger"
+        else:
+            default = f"it waits for an edge on {source}; check that line, or set the trigger to free-running"
+        causes = [] if source not in (None, "Software") else self._causes()
+        raise FrameTimeoutError(
+            f"no frame came from {self._link.identity} within {self._wait_s:.1f} s, although it answers: "
+            f"{'; '.join(causes) or default} ({self._counters()})"
+        )
+
+    def _refuse(self, buffer: Any, fault: tuple[str, str]) -> None:
+        """Report an incomplete frame, or raise; its buffer is returned."""
+        if self._known_causes is None:
+            # Only once: reading the computer's settings takes longer than some frames.
+            self._known_causes = "; ".join(self._causes())
+        causes = self._known_causes or "lower the frame rate or packet size, or raise net.core.rmem_max"
+        error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
+        self._lender().take_back(buffer)
+        self._n_refused += 1
+        if self._on_refused is None or self._n_refused >= _MOST_REFUSED:
+            raise error
+        self._on_refused(error)
+
+    def _causes(self) -> list[str]:
+        """Return possible transport problems, the most likely first, each with its remedy."""
+        counted = self.statistics
+        facts = StreamFacts(
+            address=self._link.info.address,
+            payload_bytes=self._payload_bytes,
+            packet_size_bytes=self._packet_bytes,
+            socket_buffer_bytes=self._granted_bytes,
+            completed=counted.completed,
+            failed=counted.failed,
+            underruns=counted.underruns,
+            missing=counted.missing,
+        )
+        return [str(finding) for finding in stream_causes(facts)[:_MOST_CAUSES]]
+
+    def _counters(self) -> str:
+        counted = self.statistics
+        return (
+            f"completed {counted.completed}, failed {counted.failed}, underruns {counted.underruns}, "
+            f"missing packets {counted.missing}, missing frames {self._check.n_left_out}"
+        )
+
+    def _lender(self) -> BufferPool:
+        self._running()
+        assert self._pool is not None
+        return self._pool
+
+    def _frame(self, buffer: Any) -> Frame:
+        settings = self._conditions.settings
+        layout = self._layout
+        frame_id, camera_timestamp_ns, timestamp = buffer.get_frame_id(), buffer.get_timestamp(), arrival(buffer)
+        shape = (settings.height, settings.width)
+        if layout.typestr is not None:
+            dn = self._lender().lend(buffer, layout.typestr, shape)
+        else:
+            dn = layout.unpack(self._lender().lend(buffer, "|u1", (self._payload_bytes,)), shape)
+        return Frame(
+            dn=dn,
+            exposure_s=settings.exposure_s,
+            gain_db=settings.gain_db,
+            bit_depth=layout.bit_depth,
+            saturation_dn=2**layout.bit_depth - 1,
+            black_level_dn=settings.black_level_dn,
+            pixel_format=layout.name,
+            colour_filter=layout.colour_filter,
+            temperature_c=self._conditions.temperature_c,
+            timestamp=timestamp,
+            camera_timestamp_ns=camera_timestamp_ns,
+            frame_id=frame_id,
+            camera=self._link.identity,
+        )
+
+
+def _count(stream: Any) -> StreamStatistics:
+    counters = {stream.get_info_name(i): stream.get_info_uint64(i) for i in range(stream.get_n_infos())}
+    return StreamStatistics(**{name: int(counters.get(counter, 0)) for name, counter in _COUNTERS.items()})

@@ -1,0 +1,176 @@
+"""Transport of frames: packet size, bandwidth, packet delay and receive buffer."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+from ..host.kernel import may_open_packet_sockets, raise_receive_limit
+from ..host.network import Interface, interface_to, interfaces
+from .features import available, writable
+from .library import aravis
+from .sockets import receive_buffer_limit
+
+_log = logging.getLogger(__name__)
+
+#: Bytes on an Ethernet wire in addition to an IP packet: preamble 8, header 14, checksum 4, gap 12 (IEEE 802.3).
+_ETHERNET_BYTES = 38
+
+#: Share of a link reserved for other traffic than the stream. With packets of 1500 bytes on a gigabit link the stream
+#: then gets 116 MB/s, about what an Allied Vision Manta has after switching on (115 MB/s).
+_RESERVED = 0.05
+
+#: Where the bandwidth of a camera cannot be set, packet delays stretch a frame over this share of its period.
+_STRETCH = 0.5
+
+
+@dataclass(frozen=True)
+class TransportFacts:
+    """Inputs of a transport plan.
+
+    Parameters
+    ----------
+    packet_size_bytes : int
+        Size of a stream packet now, headers of IP and above included (GevSCPSPacketSize).
+    payload_bytes : int
+        Bytes of a frame.
+    frame_rate_hz : float or None
+        Frame rate, if known.
+    interface : Interface or None
+        Interface that leads to the camera; None if unknown.
+    bandwidth_range : (int, int) or None
+        Bytes per second that the camera can be limited to; None if it cannot.
+    """
+
+    packet_size_bytes: int
+    payload_bytes: int
+    frame_rate_hz: float | None
+    interface: Interface | None
+    bandwidth_range: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class TransportPlan:
+    """Settings of the transport; None leaves the camera's value.
+
+    Parameters
+    ----------
+    packet_size_bytes : int or None
+        Size of a stream packet.
+    bytes_per_s : int or None
+        Bandwidth.
+    packet_delay_ns : int or None
+        Pause between packets.
+    """
+
+    packet_size_bytes: int | None = None
+    bytes_per_s: int | None = None
+    packet_delay_ns: int | None = None
+
+
+def plan_transport(facts: TransportFacts) -> TransportPlan:
+    """Choose packet size, bandwidth and packet delay.
+
+    Packets are never larger than the MTU of the interface. The bandwidth is that of the link; a camera with that
+    setting needs no delay. Other cameras send each frame at full speed whatever the frame rate: a delay then spreads
+    the packets over half the period, to relieve receiver and switches.
+
+    Parameters
+    ----------
+    facts : TransportFacts
+        Inputs of the plan.
+
+    Returns
+    -------
+    TransportPlan
+        Empty for loopback, where no packets are lost.
+    """
+    interface = facts.interface
+    if interface is None or interface.is_loopback:
+        return TransportPlan()
+    packet_bytes = min(facts.packet_size_bytes, interface.mtu_bytes)
+    size = packet_bytes if packet_bytes != facts.packet_size_bytes else None
+    if interface.speed_mbit_s is None:
+        return TransportPlan(size)
+    wire_bytes_per_s = interface.speed_mbit_s * 1e6 / 8
+    if facts.bandwidth_range is not None:
+        low, high = facts.bandwidth_range
+        carried = wire_bytes_per_s * packet_bytes / (packet_bytes + _ETHERNET_BYTES) * (1 - _RESERVED)
+        return TransportPlan(size, max(low, min(high, int(carried))), 0)
+    if not facts.frame_rate_hz:
+        return TransportPlan(size)
+    # 36 bytes of each packet are headers of IP, UDP and GVSP.
+    n_packets = -(-facts.payload_bytes // max(1, packet_bytes - 36))
+    sending_s = (packet_bytes + _ETHERNET_BYTES) / wire_bytes_per_s
+    pause_s = max(0.0, _STRETCH / facts.frame_rate_hz / n_packets - sending_s)
+    return TransportPlan(size, None, int(pause_s * 1e9))
+
+
+def set_up_transport(
+    camera: Any, address: str, frame_rate_hz: float | None, chosen: frozenset[str] = frozenset()
+) -> TransportPlan:
+    """Set a GigE Vision camera's transport as planned; raises errors of Aravis.
+
+    Parameters
+    ----------
+    camera : Aravis.Camera
+        Open, not acquiring, with its settings made.
+    address : str
+        Its network address.
+    frame_rate_hz : float or None
+        Its frame rate, if known.
+    chosen : frozenset of str
+        Features set by the user, which are not changed.
+
+    Returns
+    -------
+    TransportPlan
+        The applied plan.
+    """
+    interface = interface_to(address, interfaces())
+    bandwidth = available(camera, "StreamBytesPerSecond", "DeviceLinkThroughputLimit")
+    facts = TransportFacts(
+        packet_size_bytes=camera.gv_get_packet_size(),
+        payload_bytes=camera.get_payload(),
+        frame_rate_hz=frame_rate_hz,
+        interface=interface,
+        bandwidth_range=None if bandwidth is None else tuple(camera.get_integer_bounds(bandwidth)),
+    )
+    plan = plan_transport(facts)
+    if plan.packet_size_bytes is not None and "GevSCPSPacketSize" not in chosen:
+        camera.gv_set_packet_size(plan.packet_size_bytes)
+    mode = "DeviceLinkThroughputLimitMode"
+    if bandwidth is not None and plan.bytes_per_s is not None and bandwidth not in chosen:
+        if writable(camera, mode):
+            camera.set_string(mode, "On")
+        camera.set_integer(bandwidth, plan.bytes_per_s)
+    delay = available(camera, "GevSCPD")
+    if delay is not None and plan.packet_delay_ns is not None and delay not in chosen:
+        camera.gv_set_packet_delay(plan.packet_delay_ns)
+    if plan != TransportPlan():
+        _log.info("transport from %s by %s: %s", address, interface.name if interface else "?", plan)
+    return plan
+
+
+def find_packet_size(camera: Any, address: str) -> None:
+    """Let Aravis negotiate the largest packet size; raises errors of Aravis."""
+    interface = interface_to(address, interfaces())
+    if interface is not None and interface.is_loopback:
+        camera.gv_set_packet_size_adjustment(aravis().GvPacketSizeAdjustment.NEVER)
+    else:
+        camera.gv_auto_packet_size()
+
+
+def warn_of_small_receive_buffer(payload_bytes: int) -> None:
+    """Log a warning with its remedy if the kernel grants no receive buffer for a whole frame."""
+    if may_open_packet_sockets():
+        return
+    granted = receive_buffer_limit(payload_bytes)
+    if granted < payload_bytes:
+        _log.warning(
+            "the kernel grants a receive buffer of %d bytes, less than a frame of %d: frames may be lost; run '%s'",
+            granted,
+            payload_bytes,
+            raise_receive_limit(payload_bytes),
+        )

@@ -1,0 +1,1 @@
+"""Checks that find problems of a bench and their remedies."""

@@ -1,0 +1,168 @@
+"""Checks of this computer: buffers, interfaces, permissions, packages."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..host import kernel
+from ..host.finding import Finding
+from ..host.network import Interface, interface_findings, interfaces
+from ..host.units import size
+from .packages import AravisFacts, aravis_facts, aravis_finding
+from .serial_port import SerialPortFacts, serial_port_facts, serial_port_finding
+from .udp_port import PortUser, udp_port_users
+
+#: A 16-bit frame of a Manta G-505: 2452 x 2056 pixels.
+FRAME_BYTES = 2452 * 2056 * 2
+#: UDP port of the GigE Vision control protocol.
+GVCP_PORT = 3956
+
+
+@dataclass(frozen=True)
+class HostFacts:
+    """State of this computer; None for unknown values.
+
+    Parameters
+    ----------
+    frame_bytes : int
+        Bytes of a frame to receive.
+    receive_limit_bytes, receive_default_bytes : int or None
+        net.core.rmem_max and net.core.rmem_default.
+    kept_receive_limit_bytes : int or None
+        net.core.rmem_max in the files for the next start.
+    packet_sockets : bool or None
+        Whether this process has CAP_NET_RAW.
+    interpreter : str
+        The real file of the running Python.
+    interfaces : sequence of Interface
+        Those with an IPv4 address.
+    port_users : sequence of PortUser or None
+        Owners of the UDP port of GigE Vision.
+    clock_is_synchronised : bool or None
+        Whether a time service keeps the clock.
+    aravis : AravisFacts
+        Whether Aravis can be loaded.
+    serial_ports : sequence of SerialPortFacts
+        Those of the computer.
+    """
+
+    frame_bytes: int
+    receive_limit_bytes: int | None
+    receive_default_bytes: int | None
+    kept_receive_limit_bytes: int | None
+    packet_sockets: bool | None
+    interpreter: str
+    interfaces: Sequence[Interface]
+    port_users: Sequence[PortUser] | None
+    clock_is_synchronised: bool | None
+    aravis: AravisFacts
+    serial_ports: Sequence[SerialPortFacts]
+
+
+def host_facts(frame_bytes: int = FRAME_BYTES, root: Path = Path("/")) -> HostFacts:
+    """Inspect this computer without changing anything or opening a device.
+
+    Parameters
+    ----------
+    frame_bytes : int
+        Bytes of a frame to receive.
+    root : Path
+        Parent of ``proc``, ``sys``, ``etc`` and ``var``.
+    """
+    from ..minolta_ls.meter import find_meter_ports
+
+    return HostFacts(
+        frame_bytes=frame_bytes,
+        receive_limit_bytes=kernel.receive_limit_bytes(root),
+        receive_default_bytes=kernel.receive_default_bytes(root),
+        kept_receive_limit_bytes=kernel.kept_receive_limit_bytes(root),
+        packet_sockets=kernel.may_open_packet_sockets(root),
+        interpreter=kernel.interpreter(),
+        interfaces=interfaces(root),
+        port_users=udp_port_users(GVCP_PORT, root),
+        clock_is_synchronised=kernel.clock_is_synchronised(),
+        aravis=aravis_facts(root),
+        serial_ports=[serial_port_facts(port.device) for port in find_meter_ports()],
+    )
+
+
+def host_findings(facts: HostFacts) -> list[Finding]:
+    """Evaluate the state of this computer."""
+    optional = [_capabilities(facts), _port(facts), _clock(facts)]
+    return [
+        Finding("Python", "good", f"{platform.python_version()}, {facts.interpreter}, on {sys.platform}"),
+        aravis_finding(facts.aravis),
+        _receive_buffer(facts),
+        *(finding for finding in optional if finding is not None),
+        *interface_findings(facts.interfaces),
+        *(serial_port_finding(port, needed=False) for port in facts.serial_ports),
+    ]
+
+
+def _receive_buffer(facts: HostFacts) -> Finding:
+    topic, limit, frame = "receive buffer", facts.receive_limit_bytes, facts.frame_bytes
+    if limit is None:
+        return Finding(topic, "unknown", "net.core.rmem_max cannot be read here", "sysctl net.core.rmem_max tells it")
+    default = facts.receive_default_bytes
+    text = f"net.core.rmem_max is {size(limit)}, and a frame has up to {size(frame)}"
+    if default is not None:
+        text += f"; programs that ask for nothing get {size(default)} (rmem_default)"
+    keep = kernel.keep_receive_limit(frame)
+    if limit < frame:
+        remedy = f"{kernel.raise_receive_limit(frame)} (to keep it: {keep})"
+        # With CAP_NET_RAW Aravis receives through a packet socket, which this limit does not apply to.
+        return Finding(topic, "notice" if facts.packet_sockets else "fault", text, remedy)
+    kept = facts.kept_receive_limit_bytes
+    if kept is None or kept < frame:
+        return Finding(topic, "notice", f"until the computer starts again, {text}", keep)
+    return Finding(topic, "good", text)
+
+
+def _capabilities(facts: HostFacts) -> Finding | None:
+    topic, limit = "capabilities", facts.receive_limit_bytes
+    if facts.packet_sockets is None:
+        return None
+    if facts.packet_sockets:
+        return Finding(topic, "good", "this process has CAP_NET_RAW: frames can come through a packet socket")
+    if limit is not None and limit >= facts.frame_bytes:
+        return Finding(topic, "good", "no CAP_NET_RAW, which so large a receive buffer makes needless")
+    return Finding(
+        topic,
+        "notice",
+        "this process has no CAP_NET_RAW, with which frames come through a packet socket whatever the receive buffer",
+        f"raise the receive buffer; or sudo setcap cap_net_raw+ep {facts.interpreter}, which lets every program of "
+        "this Python read all packets",
+    )
+
+
+def _port(facts: HostFacts) -> Finding | None:
+    topic = f"UDP port {GVCP_PORT}"
+    if facts.port_users is None:
+        return None
+    if not facts.port_users:
+        return Finding(topic, "good", "free for a simulated camera")
+    known = sorted({user.pid for user in facts.port_users if user.pid is not None})
+    end = f"end it (kill {' '.join(map(str, known))})" if known else "end that program"
+    return Finding(
+        topic,
+        "notice",
+        f"taken by {', '.join(map(str, facts.port_users))}; real cameras do not need it",
+        f"for a simulated camera on the same address {end}, or give it another one (labcdp simulate-bench --address)",
+    )
+
+
+def _clock(facts: HostFacts) -> Finding | None:
+    if facts.clock_is_synchronised is None:
+        return None
+    if facts.clock_is_synchronised:
+        return Finding("clock", "good", "kept by a time service")
+    return Finding(
+        "clock",
+        "notice",
+        "no time service keeps the computer's clock: recorded times may be off, and may step",
+        "sudo timedatectl set-ntp true",
+    )

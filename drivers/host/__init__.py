@@ -1,0 +1,1 @@
+"""Properties of computer and network relevant for a camera stream, with remedies."""

@@ -1,0 +1,44 @@
+"""Finding: outcome of a check with cause and remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+State = Literal["good", "notice", "fault", "unknown"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one check.
+
+    Parameters
+    ----------
+    topic : str
+        Subject of the check, for example ``receive buffer``.
+    state : {'good', 'notice', 'fault', 'unknown'}
+        Good; works but could be better; does not work; unknown.
+    cause : str
+        Observation, with values and units.
+    remedy : str or None
+        Command or manual step that fixes it; None if good.
+    """
+
+    topic: str
+    state: State
+    cause: str
+    remedy: str | None = None
+
+    def __str__(self) -> str:
+        """Return cause and remedy on one line."""
+        return self.cause if self.remedy is None else f"{self.cause}: {self.remedy}"
+
+    @classmethod
+    def of_error(cls, topic: str, error: Exception, state: State = "fault") -> Self:
+        """Convert an error of labcdp, whose message ends with the remedy after its last colon."""
+        text = " ".join(str(error).split())
+        cause, colon, remedy = text.rpartition(": ")
+        # A reason by another program is in brackets at the end and may contain a colon.
+        if not colon or remedy.count("]") > remedy.count("["):
+            return cls(topic, state, text)
+        return cls(topic, state, cause, remedy)

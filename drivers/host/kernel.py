@@ -1,0 +1,110 @@
+"""Kernel settings relevant for a camera stream; None where they cannot be read."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import sys
+from pathlib import Path
+
+#: Limit of the receive buffer that ``make`` sets and the remedies name: three 16-bit frames of 2452 x 2056 pixels.
+RECEIVE_LIMIT_BYTES = 33_554_432
+
+#: Bit of CAP_NET_RAW in the capability sets, capabilities(7).
+_CAP_NET_RAW = 13
+#: State of the kernel's clock: not synchronised, adjtimex(2).
+_TIME_ERROR = 5
+#: Larger than ``struct timex`` on any machine (208 bytes on 64-bit ones).
+_TIMEX_BYTES = 512
+#: Where sysctl settings are kept, sysctl.d(5).
+_SYSCTL_FOLDERS = ("usr/lib/sysctl.d", "run/sysctl.d", "etc/sysctl.d")
+
+
+def read_text(path: Path) -> str | None:
+    """Return the content of a small file, None if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+
+
+def read_int(path: Path) -> int | None:
+    """Return the number in a file, None if there is none."""
+    text = read_text(path)
+    return int(text) if text is not None and re.fullmatch(r"\s*-?\d{1,18}\s*", text) else None
+
+
+def receive_limit_bytes(root: Path = Path("/")) -> int | None:
+    """Largest receive buffer that a program may request (net.core.rmem_max)."""
+    return read_int(root / "proc/sys/net/core/rmem_max")
+
+
+def receive_default_bytes(root: Path = Path("/")) -> int | None:
+    """Default receive buffer (net.core.rmem_default)."""
+    return read_int(root / "proc/sys/net/core/rmem_default")
+
+
+def kept_receive_limit_bytes(root: Path = Path("/")) -> int | None:
+    """Largest net.core.rmem_max in the files that are applied when the computer starts."""
+    files = [path for folder in _SYSCTL_FOLDERS for path in (root / folder).glob("*.conf")]
+    texts = [read_text(path) or "" for path in [*files, root / "etc/sysctl.conf"]]
+    pattern = re.compile(r"^\s*-?net[./]core[./]rmem_max\s*=\s*(\d{1,18})\s*$", re.MULTILINE)
+    return max((int(found) for text in texts for found in pattern.findall(text)), default=None)
+
+
+def raise_receive_limit(frame_bytes: int) -> str:
+    """Return the command that allows a receive buffer for a whole frame."""
+    return f"sudo sysctl -w net.core.rmem_max={_enough_bytes(frame_bytes)}"
+
+
+def keep_receive_limit(frame_bytes: int) -> str:
+    """Return the command that makes the limit persistent."""
+    return f"echo net.core.rmem_max={_enough_bytes(frame_bytes)} | sudo tee /etc/sysctl.d/90-camera.conf"
+
+
+def _enough_bytes(frame_bytes: int) -> int:
+    return max(RECEIVE_LIMIT_BYTES, 1 << max(0, frame_bytes - 1).bit_length())
+
+
+def may_open_packet_sockets(root: Path = Path("/")) -> bool | None:
+    """Whether this process has CAP_NET_RAW, with which Aravis bypasses the ordinary buffer."""
+    found = re.search(r"^CapEff:\s*([0-9a-f]{1,16})$", read_text(root / "proc/self/status") or "", re.MULTILINE)
+    return None if found is None else bool(int(found[1], 16) >> _CAP_NET_RAW & 1)
+
+
+def interpreter() -> str:
+    """Return the real file of the running Python; capabilities cannot be given to a link."""
+    return os.path.realpath(sys.executable)
+
+
+def clock_is_synchronised() -> bool | None:
+    """Whether a time service synchronises the computer's clock, according to the kernel (adjtimex)."""
+    try:
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
+    except (OSError, AttributeError):
+        return None
+    return None if state < 0 else state != _TIME_ERROR
+
+
+def firewall(root: Path = Path("/")) -> str | None:
+    """Name of an active firewall, as far as readable without privileges; None is inconclusive."""
+    if re.search(r"^ENABLED=yes\s*$", read_text(root / "etc/ufw/ufw.conf") or "", re.MULTILINE | re.IGNORECASE):
+        return "ufw"
+    if any(os.path.exists(root / "run" / name) for name in ("firewalld", "firewalld.pid")):
+        return "firewalld"
+    if "filter" in (read_text(root / "proc/net/ip_tables_names") or "").split():
+        return "iptables"
+    return None
+
+
+def open_firewall(name: str | None, address: str) -> str:
+    """Return the command that admits a camera's packets."""
+    match name:
+        case "ufw":
+            return f"sudo ufw allow proto udp from {address}"
+        case "firewalld":
+            return f"sudo firewall-cmd --zone=trusted --add-source={address}"
+        case "iptables":
+            return f"sudo iptables -I INPUT -p udp -s {address} -j ACCEPT"
+    return f"if there is a firewall, let UDP packets from {address} through"

@@ -1,0 +1,224 @@
+"""Network interfaces of this computer, and which of them leads to a camera."""
+
+from __future__ import annotations
+
+import array
+import fcntl
+import socket
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Interface
+from itertools import combinations
+from pathlib import Path
+
+from .finding import Finding
+from .kernel import read_int
+
+# Requests and flags of netdevice(7).
+_SIOCGIFCONF = 0x8912
+_SIOCGIFFLAGS = 0x8913
+_SIOCGIFNETMASK = 0x891B
+_SIOCGIFMTU = 0x8921
+_IFF_UP = 0x1
+_IFF_LOOPBACK = 0x8
+_IFF_RUNNING = 0x40
+_NAME_BYTES = 16
+#: Bytes of ``struct ifreq``: a name, and a union whose largest member is ``struct ifmap``.
+_REQUEST_BYTES = _NAME_BYTES + max(16, struct.calcsize("LLH3B3x"))
+_MOST_ADDRESSES = 256
+
+#: MTU of an interface with jumbo frames.
+JUMBO_BYTES = 9000
+#: Nominal speed of GigE Vision.
+GIGABIT_MBIT_S = 1000
+
+#: Arbitrary port: connecting a UDP socket sends nothing.
+_SOME_PORT = 3956
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A network interface with one of its IPv4 addresses.
+
+    Parameters
+    ----------
+    name : str
+        For example ``eth0``.
+    address : IPv4Interface
+        Address and network.
+    is_up, has_link : bool
+        Whether it is up, and whether it has a link.
+    is_loopback : bool
+        Whether it is a loopback interface.
+    mtu_bytes : int
+        Largest IP packet (MTU).
+    speed_mbit_s : int or None
+        Speed of the link; None if unknown (loopback, radio, no link).
+    strict_reverse_path : bool
+        Whether packets are dropped whose answer would leave by another interface (rp_filter = 1).
+    """
+
+    name: str
+    address: IPv4Interface
+    is_up: bool = True
+    has_link: bool = True
+    is_loopback: bool = False
+    mtu_bytes: int = 1500
+    speed_mbit_s: int | None = None
+    strict_reverse_path: bool = False
+
+
+def interfaces(root: Path = Path("/")) -> list[Interface]:
+    """List the interfaces that have an IPv4 address; one entry for each address."""
+    found = []
+    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        for label, address in _addresses(asking):
+            # It may be removed in between.
+            with suppress(OSError):
+                found.append(_interface(asking, label, address, root))
+    return found
+
+
+def interface_to(address: str, known: Sequence[Interface]) -> Interface | None:
+    """Return the interface by which the kernel reaches an IPv4 address, None if there is no way or it is no address."""
+    try:
+        wanted = IPv4Address(address)
+    except ValueError:
+        return None
+    if any(one.address.ip == wanted for one in known):
+        # Its own address is reached inside the computer.
+        return next((one for one in known if one.is_loopback), None)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+            asking.connect((str(wanted), _SOME_PORT))
+            own = IPv4Address(asking.getsockname()[0])
+    except OSError:
+        return None
+    exactly = [one for one in known if one.address.ip == own]
+    return next(iter(exactly or [one for one in known if own in one.address.network]), None)
+
+
+def network_finding(address: str, interface: Interface) -> Finding | None:
+    """Return a finding if a camera's address is outside the network of the interface that leads to it."""
+    try:
+        wanted = IPv4Address(address)
+    except ValueError:
+        return None
+    if interface.is_loopback or wanted in interface.address.network:
+        return None
+    strict = f", and {interface.name} drops what comes from elsewhere (rp_filter)"
+    return Finding(
+        "network",
+        "fault" if interface.strict_reverse_path else "notice",
+        f"the camera's address {address} is outside the network {interface.address.network} of {interface.name}"
+        f"{strict if interface.strict_reverse_path else ''}",
+        f"sudo ip addr add {_beside(wanted)} dev {interface.name}, or give the camera an address of that network",
+    )
+
+
+def _beside(camera: IPv4Address) -> IPv4Interface:
+    """Return an address for this computer in the likely network of a camera."""
+    # Cameras that find no server give themselves a link-local address (RFC 3927), whose network has 16 bits.
+    bits = 16 if camera.is_link_local else 24
+    network = IPv4Interface(f"{camera}/{bits}").network
+    own = network[10] if network[10] != camera else network[11]
+    return IPv4Interface(f"{own}/{bits}")
+
+
+def interface_findings(known: Sequence[Interface]) -> list[Finding]:
+    """Judge the network interfaces as ways to a GigE Vision camera; loopback is left out."""
+    real = [one for one in known if not one.is_loopback]
+    if not real:
+        return [
+            Finding(
+                "network",
+                "notice",
+                "no network interface has an IPv4 address: no GigE Vision camera can be reached",
+                "connect the camera's interface and give it an address of the camera's network, for example sudo ip "
+                "addr add 169.254.0.10/16 dev INTERFACE",
+            )
+        ]
+    found = [finding for one in real for finding in _judged(one)]
+    for one, other in combinations(real, 2):
+        if one.name != other.name and one.address.network.overlaps(other.address.network):
+            found.append(
+                Finding(
+                    f"interface {other.name}",
+                    "notice",
+                    f"{one.name} ({one.address}) and {other.name} ({other.address}) are in one network: a camera "
+                    "behind one of them may be looked for behind the other",
+                    f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}",
+                )
+            )
+    return found
+
+
+def _judged(one: Interface) -> list[Finding]:
+    topic = f"interface {one.name}"
+    if not one.is_up:
+        return [Finding(topic, "notice", f"{one.address} is switched off", f"sudo ip link set {one.name} up")]
+    if not one.has_link:
+        return [
+            Finding(topic, "notice", f"{one.address} has no link", "check the cable, and that the camera has power")
+        ]
+    found = []
+    if one.speed_mbit_s is not None and one.speed_mbit_s < GIGABIT_MBIT_S:
+        found.append(
+            Finding(
+                topic,
+                "notice",
+                f"{one.address} runs at {one.speed_mbit_s} Mbit/s: a GigE Vision camera needs {GIGABIT_MBIT_S}",
+                "use a cable of category 5e or better, and a gigabit port at both ends",
+            )
+        )
+    if one.mtu_bytes < JUMBO_BYTES:
+        found.append(
+            Finding(
+                topic,
+                "notice",
+                f"{one.address} takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} cost less "
+                "computing time and lose less",
+                f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch "
+                "between takes them",
+            )
+        )
+    if found:
+        return found
+    speed = "" if one.speed_mbit_s is None else f", {one.speed_mbit_s} Mbit/s"
+    return [Finding(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
+
+
+def _addresses(asking: socket.socket) -> Iterator[tuple[bytes, bytes]]:
+    """Yield label and address, as the kernel packs them, of all IPv4 addresses."""
+    space = array.array("B", bytes(_REQUEST_BYTES * _MOST_ADDRESSES))
+    where, length = space.buffer_info()
+    filled = fcntl.ioctl(asking, _SIOCGIFCONF, struct.pack("iP", length, where))
+    for start in range(0, struct.unpack("iP", filled)[0], _REQUEST_BYTES):
+        entry = space[start : start + _REQUEST_BYTES].tobytes()
+        yield entry[:_NAME_BYTES], entry[_NAME_BYTES : _NAME_BYTES + 16]
+
+
+def _interface(asking: socket.socket, label: bytes, address: bytes, root: Path) -> Interface:
+    def ask(request: int, name: bytes, argument: bytes = b"") -> bytes:
+        return fcntl.ioctl(asking, request, (name + argument).ljust(_REQUEST_BYTES, b"\0"))[_NAME_BYTES:]
+
+    # A label may be eth0:1; the netmask depends on it and on the address, the rest on the interface.
+    name = label.split(b"\0")[0].split(b":")[0].decode()
+    packed = name.encode().ljust(_NAME_BYTES, b"\0")
+    mask = socket.inet_ntoa(ask(_SIOCGIFNETMASK, label, address)[4:8])
+    (flags,) = struct.unpack_from("H", ask(_SIOCGIFFLAGS, packed))
+    (mtu,) = struct.unpack_from("i", ask(_SIOCGIFMTU, packed))
+    speed = read_int(root / "sys/class/net" / name / "speed")
+    filters = [read_int(root / "proc/sys/net/ipv4/conf" / which / "rp_filter") or 0 for which in ("all", name)]
+    return Interface(
+        name=name,
+        address=IPv4Interface(f"{socket.inet_ntoa(address[4:8])}/{mask}"),
+        is_up=bool(flags & _IFF_UP),
+        has_link=bool(flags & _IFF_RUNNING),
+        is_loopback=bool(flags & _IFF_LOOPBACK),
+        mtu_bytes=mtu,
+        speed_mbit_s=speed if speed is not None and speed > 0 else None,
+        strict_reverse_path=max(filters) == 1,
+    )

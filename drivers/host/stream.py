@@ -1,0 +1,175 @@
+"""Causes and remedies of missing frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .finding import Finding
+from .kernel import firewall, keep_receive_limit, open_firewall, raise_receive_limit, receive_limit_bytes
+from .network import Interface, interface_to, interfaces, network_finding
+from .units import size
+
+
+@dataclass(frozen=True)
+class StreamFacts:
+    """State of a stream with missing or incomplete frames.
+
+    Parameters
+    ----------
+    address : str
+        Network address of the camera; empty if it is not on a network.
+    payload_bytes : int
+        Bytes of a frame.
+    packet_size_bytes : int or None
+        Size of a stream packet as the camera has it (GevSCPSPacketSize), headers included.
+    socket_buffer_bytes : int or None
+        Receive buffer the kernel granted; None if unknown.
+    trigger_source : str or None
+        None for a free-running camera.
+    completed, failed, underruns, missing : int
+        The stream's counters.
+    """
+
+    address: str
+    payload_bytes: int
+    packet_size_bytes: int | None = None
+    socket_buffer_bytes: int | None = None
+    trigger_source: str | None = None
+    completed: int = 0
+    failed: int = 0
+    underruns: int = 0
+    missing: int = 0
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """State of the receiving computer.
+
+    Parameters
+    ----------
+    interface : Interface or None
+        Interface that leads to the camera; None if unknown.
+    receive_limit_bytes : int or None
+        net.core.rmem_max; None if unknown.
+    firewall : str or None
+        Name of an active firewall; empty if none is known.
+    """
+
+    interface: Interface | None = None
+    receive_limit_bytes: int | None = None
+    firewall: str | None = None
+
+
+def stream_causes(facts: StreamFacts) -> list[Finding]:
+    """List possible causes of missing frames, the most likely first; only reads the host's settings.
+
+    Parameters
+    ----------
+    facts : StreamFacts
+        State of the stream.
+
+    Returns
+    -------
+    list of Finding
+        Faults certainly prevent frames, notices may; empty if no problem is known.
+    """
+    if not facts.address:
+        return causes_at(facts, Receiver())
+    return causes_at(facts, Receiver(interface_to(facts.address, interfaces()), receive_limit_bytes(), firewall()))
+
+
+def causes_at(facts: StreamFacts, receiver: Receiver) -> list[Finding]:
+    """List possible causes as `stream_causes`, for a given state of the receiver."""
+    something_came = facts.completed + facts.failed + facts.missing > 0
+    trigger = _trigger(facts)
+    buffer, packets = _receive_buffer(facts, receiver), packet_size_finding(facts.packet_size_bytes, receiver.interface)
+    away = None if receiver.interface is None else network_finding(facts.address, receiver.interface)
+    if not something_came:
+        # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
+        found = [trigger, packets, away, buffer, _firewall(facts, receiver)]
+    else:
+        found = [buffer, packets, _missing(facts), away]
+    return [finding for finding in [*found, _underruns(facts)] if finding is not None]
+
+
+def _trigger(facts: StreamFacts) -> Finding | None:
+    if facts.trigger_source is None:
+        return None
+    if facts.trigger_source == "Software":
+        return Finding(
+            "trigger",
+            "notice",
+            "the camera exposes only when a program sends it a software trigger",
+            "send one for each frame, or set the trigger to free-running",
+        )
+    return Finding(
+        "trigger",
+        "notice",
+        f"the camera waits for a pulse on {facts.trigger_source}",
+        "check the cable of the trigger and that pulses come, or set the trigger to free-running",
+    )
+
+
+def _receive_buffer(facts: StreamFacts, receiver: Receiver) -> Finding | None:
+    granted, limit = facts.socket_buffer_bytes, receiver.receive_limit_bytes
+    if granted is None or granted >= facts.payload_bytes:
+        return None
+    cause = f"the receive buffer of {size(granted)} does not hold a frame of {size(facts.payload_bytes)}"
+    if limit is not None and limit >= facts.payload_bytes:
+        return Finding(
+            "receive buffer",
+            "fault",
+            f"{cause}, though net.core.rmem_max allows {size(limit)}",
+            "close the camera and open it again",
+        )
+    return Finding(
+        "receive buffer",
+        "fault",
+        cause,
+        f"{raise_receive_limit(facts.payload_bytes)} (to keep it: {keep_receive_limit(facts.payload_bytes)})",
+    )
+
+
+def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -> Finding | None:
+    """Return a finding if the camera's packets exceed the MTU of the interface."""
+    if packet_bytes is None or interface is None or packet_bytes <= interface.mtu_bytes:
+        return None
+    return Finding(
+        "packet size",
+        "fault",
+        f"the camera sends packets of {packet_bytes} bytes, but {interface.name} takes {interface.mtu_bytes}",
+        f"sudo ip link set {interface.name} mtu {packet_bytes}, or set the camera's GevSCPSPacketSize to "
+        f"{interface.mtu_bytes}",
+    )
+
+
+def _missing(facts: StreamFacts) -> Finding | None:
+    if facts.missing == 0:
+        return None
+    return Finding(
+        "packets",
+        "notice",
+        f"{facts.missing} packets are counted as missing",
+        "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay",
+    )
+
+
+def _underruns(facts: StreamFacts) -> Finding | None:
+    if facts.underruns == 0:
+        return None
+    return Finding(
+        "underruns",
+        "notice",
+        f"{facts.underruns} packets found no free buffer, since the program was too slow to take them",
+        "lower the frame rate, or do less between two frames",
+    )
+
+
+def _firewall(facts: StreamFacts, receiver: Receiver) -> Finding | None:
+    if not facts.address or (receiver.interface is not None and receiver.interface.is_loopback):
+        return None
+    if receiver.firewall is None:
+        cause = "a firewall may keep the camera's packets out"
+        return Finding("firewall", "unknown", cause, open_firewall(None, facts.address))
+    cause = f"the firewall {receiver.firewall} is on and may keep the camera's packets out"
+    return Finding("firewall", "notice", cause, open_firewall(receiver.firewall, facts.address))

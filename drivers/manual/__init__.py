@@ -1,0 +1,1 @@
+"""Readings typed by hand or read from a file."""

@@ -1,0 +1,155 @@
+"""Parsing of typed luminances: number, decimal point or comma, unit."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from decimal import Decimal
+from math import isfinite
+from typing import Final, Literal
+
+from ...core.disk.quoting import quoted, shortened
+from ...core.errors import InputError
+from ...core.reading import MeterIdentity, Reading
+
+WrittenUnit = Literal["cd/m2", "fL"]
+
+_WRITTEN: Final = re.compile(
+    r"\s*(?P<number>[-+]?[0-9.,]+(?:[eE][-+]?[0-9]{1,2})?)\s*(?P<unit>[^\s0-9.,+-][^,;]*?)?\s*"
+)
+_NUMBER: Final = re.compile(r"\+?(?:[0-9]{1,15}(?:[.,][0-9]{0,12})?|[.,][0-9]{1,12})(?:[eE][-+]?[0-9]{1,2})?")
+_MAYBE_THOUSANDS: Final = re.compile(r"\+?[1-9][0-9]{0,2},[0-9]{3}")
+_UNITS: Final[dict[str, WrittenUnit]] = {"cd/m2": "cd/m2", "cd/m^2": "cd/m2", "cd/m²": "cd/m2", "fl": "fL"}
+
+
+@dataclass(frozen=True)
+class MeterAccuracy:
+    """Accuracy of a meter, by its data sheet or certificate.
+
+    Parameters
+    ----------
+    scale_half_width_rel : float
+        Bound of the scale error, as a fraction: 0.02 for +-2 %.
+    repeatability_rel : float
+        Standard deviation of repeated readings, as a fraction.
+    digits : int
+        Bound of the digit error, in units of the last digit written.
+
+    Raises
+    ------
+    InputError
+        If a number is negative or not finite.
+    """
+
+    scale_half_width_rel: float
+    repeatability_rel: float
+    digits: int
+
+    def __post_init__(self) -> None:
+        for name in ("scale_half_width_rel", "repeatability_rel", "digits"):
+            value = getattr(self, name)
+            if not (isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value}: give a number of at least 0")
+
+
+@dataclass(frozen=True)
+class WrittenLuminance:
+    """A parsed luminance.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    unit : {'cd/m2', 'fL'} or None
+        Its unit, None if none was written.
+    resolution : float
+        Value of the last digit written.
+    """
+
+    value: float
+    unit: WrittenUnit | None
+    resolution: float
+
+
+def parse_written(text: str, *, comma_is_decimal: bool = False) -> WrittenLuminance:
+    """Read ``12.3``, ``12,3``, ``3.4 fL`` or ``12.3 cd/m2``.
+
+    Parameters
+    ----------
+    text : str
+        Text; blanks around number and unit are ignored.
+    comma_is_decimal : bool
+        True where a comma can only be the decimal comma. Otherwise ``1,234`` is refused: it may mean 1.234 or 1234.
+
+    Raises
+    ------
+    InputError
+        If it is not a number of at least 0, is ambiguous, or has another unit.
+    """
+    fields = _WRITTEN.fullmatch(text)
+    if fields is None:
+        raise InputError(f"{quoted(text.strip())} is not a number: write it like 12.3, 12,3 or 3.4 fL")
+    number, unit = fields["number"], fields["unit"]
+    if number.startswith("-"):
+        raise InputError(f"{shortened(number)} is negative: a luminance is at least 0")
+    if _NUMBER.fullmatch(number) is None:
+        raise InputError(f"{quoted(number)} is not a number: write it with one decimal point or comma, like 12.3")
+    if not comma_is_decimal and _MAYBE_THOUSANDS.fullmatch(number):
+        raise InputError(
+            f"{quoted(number)} can mean {number.replace(',', '.')} or {number.replace(',', '')}: write one of these"
+        )
+    exact = Decimal(number.replace(",", "."))
+    exponent = exact.as_tuple().exponent
+    assert isinstance(exponent, int)  # it is a letter only for NaN and infinity
+    resolution = float(Decimal(1).scaleb(exponent))
+    return WrittenLuminance(float(exact), None if unit is None else parse_unit(unit), resolution)
+
+
+def parse_unit(text: str) -> WrittenUnit:
+    """Read ``cd/m2``, ``cd/m^2``, ``cd/m²`` or ``fL``, in capitals or not; raises InputError for anything else."""
+    unit = text.strip()
+    if unit.lower() not in _UNITS:
+        raise InputError(f"the unit {quoted(unit)} is not known: give cd/m2 or fL")
+    return _UNITS[unit.lower()]
+
+
+def reading_of(
+    written: WrittenLuminance,
+    unit: WrittenUnit,
+    accuracy: MeterAccuracy,
+    meter: MeterIdentity,
+    timestamp: datetime,
+    raw: str,
+) -> Reading:
+    """Make a reading of a parsed luminance; the digit error is in units of the last digit written.
+
+    Parameters
+    ----------
+    written : WrittenLuminance
+        Number and resolution.
+    unit : {'cd/m2', 'fL'}
+        Its unit.
+    accuracy : MeterAccuracy
+        Of the meter.
+    meter : MeterIdentity
+        Identity of the meter.
+    timestamp : datetime
+        With time zone.
+    raw : str
+        The text, for the record.
+    """
+    return Reading(
+        value=written.value,
+        unit=unit,
+        resolution=written.resolution,
+        scale_half_width_rel=accuracy.scale_half_width_rel,
+        digits_half_width=accuracy.digits * written.resolution,
+        repeatability_rel=accuracy.repeatability_rel,
+        peak=False,
+        correction=None,
+        held=True,
+        meter=meter,
+        timestamp=timestamp,
+        raw=raw,
+    )

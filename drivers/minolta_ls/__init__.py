@@ -1,0 +1,1 @@
+"""Konica Minolta LS-100 and LS-110 luminance meters."""

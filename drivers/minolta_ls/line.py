@@ -1,0 +1,260 @@
+"""Serial line of a Konica Minolta LS-100 or LS-110: commands and replies with timeouts.
+
+Protocol: Minolta, *LS-100/LS-110 Communication Manual*, 9222-1842-12 (2000).
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import termios
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any, Final, TypeVar
+
+import serial
+
+from ..meter import (
+    MeterError,
+    MeterLostError,
+    MeterNotFoundError,
+    MeterProtocolError,
+    MeterReportedError,
+    MeterTimeoutError,
+)
+from .transcript import PortSettings, TranscriptWriter
+
+_log = logging.getLogger(__name__)
+
+_CRLF: Final = b"\r\n"
+#: In bytes; the longest reply of the manual has 17.
+LONGEST_REPLY: Final = 64
+#: Longest single read in seconds; the driver's time-outs are checked in between.
+_SLICE_S: Final = 0.05
+
+T = TypeVar("T")
+
+
+def port_settings(rtscts: bool) -> PortSettings:
+    """Return the manual's settings: 4800 baud, 7 data bits, even parity, 2 stop bits."""
+    return PortSettings(4800, serial.SEVENBITS, serial.PARITY_EVEN, serial.STOPBITS_TWO, rtscts)
+
+
+class MeterLine:
+    """A port, and its pending replies.
+
+    The meter sends one reply to each command it accepts, and accepts none while it measures. The reply of a failed
+    exchange may arrive late; it is awaited and dropped before the next command, unless the same command is repeated.
+
+    Parameters
+    ----------
+    port : str
+        Serial port.
+    timeout_s : float
+        Longest wait for a reply, in seconds.
+    rtscts : bool
+        Whether to use hardware handshake (RTS, CTS).
+    transcript : TranscriptWriter or None
+        Receives every byte.
+    """
+
+    def __init__(self, port: str, timeout_s: float, rtscts: bool, transcript: TranscriptWriter | None) -> None:
+        self.port = port
+        self.timeout_s = timeout_s
+        self._rtscts = rtscts
+        self._transcript = transcript
+        self._serial: Any = None
+        self._one_at_a_time = threading.Lock()
+        self._n_due = 0
+        self._due_until_s = 0.0  # on the monotonic clock
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Open the port exclusively.
+
+        Raises
+        ------
+        MeterNotFoundError
+            If the port is absent, in use, not permitted, or not a serial port.
+        InputError
+            If the transcript cannot be created.
+        """
+        self._serial = _open_port(self.port, self.timeout_s, self._rtscts)
+        if self._transcript is not None:
+            try:
+                self._transcript.start()
+            except BaseException:
+                self.close()
+                raise
+
+    def close(self) -> None:
+        """Close the port; may be called twice."""
+        port, self._serial = self._serial, None
+        if port is not None:
+            with suppress(OSError, termios.error):  # close the port even if the cable was pulled
+                # Bytes held back by RTS/CTS would delay closing and reach the meter at its next start.
+                port.reset_output_buffer()
+            port.close()
+        if self._transcript is not None:
+            self._transcript.close()
+
+    def exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, *, again: bool = False) -> T:
+        """Send one command and return its reply, parsed.
+
+        Parameters
+        ----------
+        command : str
+            Without CR LF.
+        parse : callable
+            Parses the reply, including CR LF.
+        until_s : float
+            Latest time on the monotonic clock at which to give up.
+        again : bool
+            True if the same command was sent just before: its late reply is then accepted.
+
+        Raises
+        ------
+        MeterError
+            If the port is not open, or as `MinoltaLS110.measure`. If the connection broke, the port is closed.
+        """
+        with self._one_at_a_time:
+            return self._exchange(command, parse, until_s, again)
+
+    def _exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, again: bool) -> T:
+        if self._serial is None:
+            raise MeterError(f"{self.port}: the meter is not open: call open(), or use it in a with statement")
+        try:
+            if not again:
+                self._drop_late_replies(until_s)
+            self._drain()
+            allowed_s = min(self.timeout_s, until_s - time.monotonic())
+            if allowed_s <= 0:
+                raise MeterTimeoutError(
+                    f"{self.port}: earlier failures left no time for {command}: check the cable, then repeat"
+                )
+            give_up_s = time.monotonic() + allowed_s
+            # If the exchange ends early by any exception, its reply stays pending.
+            self._n_due += 1
+            self._due_until_s = time.monotonic() + 2 * self.timeout_s
+            self._send(command)
+            reply = self._read_line(give_up_s)
+        except serial.SerialTimeoutException as error:
+            self._n_due -= 1
+            raise MeterTimeoutError(
+                f"{self.port}: the meter does not take {command}, it holds its RTS line low: check that it has power "
+                "and the cable carries RTS and CTS, or open it without rtscts"
+            ) from error
+        except (OSError, termios.error) as error:
+            self.close()
+            raise MeterLostError(
+                f"{self.port}: the connection to the meter broke ({error}): check cable and adapter, then open "
+                "the meter again"
+            ) from error
+        except (TypeError, AttributeError) as error:
+            if self._serial is not None:
+                raise
+            raise MeterError(f"{self.port}: the meter was closed while it was asked: open it again") from error
+        self._check_whole(reply, command, allowed_s)
+        try:
+            result = parse(reply)
+        except MeterReportedError:
+            self._n_due -= 1
+            raise
+        self._n_due -= 1
+        return result
+
+    def _drop_late_replies(self, until_s: float) -> None:
+        """Wait for pending replies, at most one time-out."""
+        until_s = min(until_s, self._due_until_s, time.monotonic() + self.timeout_s)
+        while self._n_due > 0 and time.monotonic() < until_s:
+            self._n_due -= self._read_line(until_s).endswith(_CRLF)
+        self._n_due = 0
+
+    def _drain(self) -> None:
+        """Clear both buffers."""
+        waiting = self._serial.in_waiting
+        if waiting:
+            data: bytes = self._serial.read(waiting)
+            self._record_received(data, time.monotonic())
+            self._n_due = max(0, self._n_due - data.count(_CRLF))
+        self._serial.reset_output_buffer()
+
+    def _send(self, command: str) -> None:
+        data = command.encode("ascii") + _CRLF
+        _log.debug("%s: sending %s", self.port, command)
+        sent_s = time.monotonic()
+        self._serial.write(data)
+        if self._transcript is not None:
+            self._transcript.record("sent", data, sent_s)
+
+    def _read_line(self, until_s: float) -> bytes:
+        """Read up to CR LF, or until the time-out."""
+        line = bytearray()
+        first_s = 0.0
+        try:
+            while True:
+                byte: bytes = self._serial.read(1)
+                if byte and not line:
+                    first_s = time.monotonic()
+                line += byte
+                if line.endswith(_CRLF) or len(line) >= LONGEST_REPLY or time.monotonic() >= until_s:
+                    return bytes(line)
+        finally:
+            if line:
+                self._record_received(bytes(line), first_s)
+
+    def _record_received(self, data: bytes, at_s: float) -> None:
+        _log.debug("%s: received %r", self.port, data)
+        if self._transcript is not None:
+            self._transcript.record("received", data, at_s)
+
+    def _check_whole(self, reply: bytes, command: str, allowed_s: float) -> None:
+        """Raise a specific error if a reply does not end with CR LF."""
+        if reply.endswith(_CRLF):
+            return
+        if len(reply) >= LONGEST_REPLY:
+            raise MeterProtocolError(
+                f"{self.port}: {command} was answered with {reply!r} and no CR LF: check that the meter is on this port"
+            )
+        if reply:
+            raise MeterTimeoutError(
+                f"{self.port}: the answer to {command} stopped after {len(reply)} bytes ({reply!r}) and did not "
+                f"continue within {allowed_s:.3g} s: check the cable, then repeat"
+            )
+        raise MeterTimeoutError(
+            f"{self.port}: no answer to {command} within {allowed_s:.3g} s: check that the meter has power and "
+            "shows C for remote mode (switch it off, hold F while switching it on), and check the cable"
+        )
+
+
+def _open_port(port: str, timeout_s: float, rtscts: bool) -> Any:
+    """Open a port exclusively among pyserial programs."""
+    try:
+        return serial.Serial(
+            port,
+            **asdict(port_settings(rtscts)),
+            timeout=min(timeout_s, _SLICE_S),
+            write_timeout=timeout_s,
+            exclusive=True,
+        )
+    except (OSError, termios.error) as error:
+        match getattr(error, "errno", None):
+            case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+                problem = "there is no such serial port: plug the adapter in, or choose another port"
+            case errno.EACCES | errno.EPERM:
+                problem = (
+                    "no permission to open it: join the group that owns it (on Debian 'sudo adduser $USER "
+                    "dialout') and log in again"
+                )
+            case errno.EBUSY | errno.EAGAIN:
+                problem = "another program uses it: end that program"
+            case _:
+                problem = f"it cannot be used as a serial port ({error}): choose another port"
+        raise MeterNotFoundError(f"{port}: {problem}") from error

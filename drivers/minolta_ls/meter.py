@@ -1,0 +1,260 @@
+"""Konica Minolta LS-100 and LS-110 luminance meters over RS-232C.
+
+Protocol: Minolta, *LS-100/LS-110 Communication Manual*, 9222-1842-12 (2000). The meter must be in remote mode:
+switch it off and hold F while switching it on; it then shows "C".
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import isfinite
+from os import PathLike
+from typing import Final, Self
+
+from serial.tools import list_ports
+
+from ...core.errors import InputError
+from ...core.reading import MeterIdentity, Reading
+from ..device import Device
+from .line import MeterLine, port_settings
+from .memory import MemoryCommands, Reference
+from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
+from .recovery import MeterLink
+from .transcript import TranscriptWriter
+
+__all__ = [
+    "LS100",
+    "LS110",
+    "LSDataSheet",
+    "MeterMode",
+    "MinoltaLS",
+    "MinoltaLS100",
+    "MinoltaLS110",
+    "Reference",
+    "SerialPort",
+    "find_meter_ports",
+    "parse_reading",
+]
+
+_log = logging.getLogger(__name__)
+
+_ON_OPENING: Final = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
+
+
+class MinoltaLS(MemoryCommands, Device):
+    """Base class of both models; use `MinoltaLS100` or `MinoltaLS110`, which have their data sheets.
+
+    Parameters
+    ----------
+    port : str
+        Serial port, for example ``/dev/ttyUSB0``; the names in ``/dev/serial/by-id`` persist when an adapter is
+        reconnected.
+    identity : MeterIdentity, optional
+        Serial number and calibration date to record; the meter cannot report them.
+    timeout_s : float
+        Longest wait for a reply, in seconds. The meter itself gives up after 5 s, so use more for a real one. After a
+        failed exchange the next one first waits as long again for a late reply, which is dropped.
+    rtscts : bool
+        True to use the RTS and CTS lines of the cable LS-A12.
+    attempts : int
+        Largest number of attempts for a command with a late, incomplete or invalid reply. A command not understood by
+        the meter (ER00) is repeated once; other error codes are not retried.
+    patience_s : float
+        How long to wait for a lost meter, in seconds: its port is closed and reopened when available, the modes are
+        restored and the command is repeated. A meter still silent after all attempts counts as lost.
+    transcript : path, optional
+        File to create with every byte sent and received; see `labcdp.drivers.minolta_ls.transcript`.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range.
+
+    Notes
+    -----
+    No method takes longer than timeout_s * (attempts + 1) + patience_s, and 0.05 s of polling. Every recovery is logged
+    as a warning. If the connection is lost permanently, the port is closed.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        identity: MeterIdentity | None = None,
+        *,
+        timeout_s: float = 6.0,
+        rtscts: bool = False,
+        attempts: int = 1,
+        patience_s: float = 0.0,
+        transcript: str | PathLike[str] | None = None,
+    ) -> None:
+        if not (isfinite(timeout_s) and timeout_s > 0):
+            raise InputError(f"timeout_s is {timeout_s}: give a positive number of seconds")
+        if attempts < 1:
+            raise InputError(f"attempts is {attempts}: give at least 1")
+        if not (isfinite(patience_s) and patience_s >= 0):
+            raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
+        self._port = port
+        self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
+        self._modes: tuple[MeterMode, ...] = _ON_OPENING
+        writer = transcript and TranscriptWriter(
+            transcript, self.data_sheet.model, port, port_settings(rtscts), timeout_s
+        )
+        self._line = MeterLine(port, timeout_s, rtscts, writer or None)
+        self._link = MeterLink(self._line, attempts, patience_s, lambda: [_command(mode) for mode in self._modes])
+
+    @property
+    def identity(self) -> MeterIdentity:
+        """Model, serial number and calibration date, as given: the meter cannot report them."""
+        return self._identity
+
+    @property
+    def port(self) -> str:
+        """Serial port, as given."""
+        return self._port
+
+    @property
+    def modes(self) -> tuple[MeterMode, ...]:
+        """The mode of each group as set by this driver; empty if the meter is not open.
+
+        The meter cannot report its modes, and its keys change them unnoticed.
+        """
+        return self._modes if self._line.is_open else ()
+
+    def open(self) -> Self:
+        """Open the port exclusively, and set PRESET, ABS, FAST and CONT.
+
+        The meter cannot identify itself and its modes cannot be read back, so one of each group is written; the answers
+        also confirm that a meter is connected. Opening an open meter does nothing.
+
+        Raises
+        ------
+        MeterNotFoundError
+            If the port is absent, in use, not permitted, or not a serial port.
+        MeterError
+            As `measure`, if the meter rejects the modes.
+        InputError
+            If the transcript cannot be created.
+        """
+        if not self._line.is_open:
+            self._modes = _ON_OPENING
+            self._link.connect()
+        return self
+
+    def close(self) -> None:
+        """Close the port; may be called twice."""
+        self._line.close()
+
+    def set_mode(self, mode: MeterMode) -> None:
+        """Set one mode until the next `open`; the other groups keep theirs.
+
+        Raises
+        ------
+        MeterError
+            As `measure`.
+        """
+        self._link.ask(_command(mode), parse_acknowledgement)
+        self._modes = tuple(
+            mode if mode in group else former for group, former in zip(MODE_GROUPS, self._modes, strict=True)
+        )
+
+    def measure(self) -> Reading:
+        """Take one reading in the modes that are set; in mode RATIO its unit is ``%``.
+
+        A first reading that is too dark can make the meter leave remote mode (reported by users of other programs); it
+        is then silent until restarted with F held.
+
+        Raises
+        ------
+        MeterReportedError
+            If the meter answers with an error code.
+        MeterTimeoutError
+            If it does not answer in time or completely.
+        MeterProtocolError
+            If the answer is not a reading.
+        MeterLostError
+            If the connection was lost; the port is then closed.
+        MeterError
+            If the meter is not open.
+        """
+        return self._reading("MES")
+
+    def read_held(self) -> Reading:
+        """Read the value on the display, without measuring.
+
+        Raises
+        ------
+        MeterError
+            As `measure`.
+        """
+        return self._reading("DSR")
+
+    def _reading(self, command: str) -> Reading:
+        def parse(reply: bytes) -> Reading:
+            return parse_reading(reply, self.data_sheet, self.identity, datetime.now(UTC))
+
+        reading = self._link.ask(command, parse)
+        if reading.unit == "fL":
+            _log.warning(
+                "%s: the meter is set to fL: %g fL is %g cd/m^2; set its unit switch to cd/m^2 if that is not meant",
+                self._port,
+                reading.value,
+                reading.luminance_cd_m2,
+            )
+        self._warn_if_out_of_range(reading)
+        return reading
+
+    def _warn_if_out_of_range(self, reading: Reading) -> None:
+        """Warn of a reading outside the data sheet's range, unless a user's correction hides the measured value."""
+        if reading.unit == "%" or reading.correction != "preset":
+            return
+        slow = MeterMode.SLOW in self._modes
+        low, high = self.data_sheet.slow_range_cd_m2 if slow else self.data_sheet.fast_range_cd_m2
+        if not low <= reading.luminance_cd_m2 <= high:
+            _log.warning(
+                "%s: %g cd/m^2 is outside the range of the %s with %s response, %g to %g cd/m^2: do not rely on it",
+                self._port,
+                reading.luminance_cd_m2,
+                self.data_sheet.model,
+                "SLOW" if slow else "FAST",
+                low,
+                high,
+            )
+
+
+class MinoltaLS100(MinoltaLS):
+    """Konica Minolta LS-100, acceptance angle 1 degree; a `Meter`. Parameters as of `MinoltaLS`."""
+
+    data_sheet = LS100
+
+
+class MinoltaLS110(MinoltaLS):
+    """Konica Minolta LS-110, acceptance angle 1/3 degree; a `Meter`. Parameters as of `MinoltaLS`."""
+
+    data_sheet = LS110
+
+
+@dataclass(frozen=True, order=True)
+class SerialPort:
+    """A serial port of this computer.
+
+    Parameters
+    ----------
+    device : str
+        Device name.
+    description : str
+        Description by the operating system.
+    """
+
+    device: str
+    description: str
+
+
+def find_meter_ports() -> list[SerialPort]:
+    """Return the serial ports by name; only opening one shows whether a meter is connected."""
+    return sorted(SerialPort(port.device, port.description) for port in list_ports.comports())
+
+
+def _command(mode: MeterMode) -> str:
+    return f"MDS,{mode.value}"

@@ -1,0 +1,143 @@
+r"""Wire transcript: every byte between this computer and a meter, as a file of JSON lines.
+
+The first line is the header; each further line is what was sent or received, ``t_s`` seconds after the start::
+
+    {"format": 1, "meter": "LS-110", "port": "/dev/ttyUSB0", "baudrate": 4800, "bytesize": 7, "parity": "E", ...}
+    {"t_s": 0.001204, "sent": "MDS,00\r\n"}
+    {"t_s": 0.041377, "received": "OK00\r\n"}
+
+Bytes are text in Latin-1, with JSON's escapes. The time of what was received is that of its first byte.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, Literal, TextIO
+
+from ...core.errors import InputError
+
+_log = logging.getLogger(__name__)
+
+_FORMAT: Final = 1
+
+
+@dataclass(frozen=True)
+class PortSettings:
+    """Settings of a serial port.
+
+    Parameters
+    ----------
+    baudrate : int
+        Bits per second.
+    bytesize : int
+        Data bits.
+    parity : str
+        ``E`` for even.
+    stopbits : int
+        Stop bits.
+    rtscts : bool
+        Whether the lines RTS and CTS are used.
+    """
+
+    baudrate: int
+    bytesize: int
+    parity: str
+    stopbits: int
+    rtscts: bool
+
+
+class TranscriptWriter:
+    """Writes a transcript, flushing each line immediately.
+
+    Parameters
+    ----------
+    path : path
+        File to create.
+    meter : str
+        Model of the meter.
+    port : str
+        Name of the port.
+    settings : PortSettings
+        Its settings.
+    timeout_s : float
+        How long the driver waits for a reply, in seconds.
+    """
+
+    def __init__(
+        self, path: str | PathLike[str], meter: str, port: str, settings: PortSettings, timeout_s: float
+    ) -> None:
+        self._path = Path(path)
+        self._about = (meter, port, settings, timeout_s)
+        self._started_s: float | None = None
+        self._file: TextIO | None = None
+
+    def start(self) -> None:
+        """Create the file; one this writer created before is continued.
+
+        Raises
+        ------
+        InputError
+            If the file exists already, or cannot be created.
+        """
+        is_new = self._started_s is None
+        try:
+            self._file = open(self._path, "x" if is_new else "a", encoding="ascii")  # noqa: SIM115
+        except OSError as error:
+            if not is_new:
+                self._give_up(error)
+            elif isinstance(error, FileExistsError):
+                raise InputError(f"{self._path} exists already: give the transcript another name") from None
+            else:
+                raise InputError(
+                    f"{self._path} cannot be written ({error.strerror}): give the transcript another name"
+                ) from error
+        if is_new:
+            self._started_s = time.monotonic()
+            self._write(self._header())
+
+    def record(self, direction: Literal["sent", "received"], data: bytes, at_s: float) -> None:
+        """Write one entry; `at_s` is the time on the monotonic clock."""
+        if self._started_s is not None:
+            self._write({"t_s": round(at_s - self._started_s, 6), direction: data.decode("latin-1")})
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _header(self) -> dict[str, Any]:
+        meter, port, settings, timeout_s = self._about
+        return {
+            "format": _FORMAT,
+            "meter": meter,
+            "port": port,
+            **asdict(settings),
+            "timeout_s": timeout_s,
+            "started": datetime.now(UTC).isoformat(),
+            "labcdp": version("labcdp"),
+        }
+
+    def _write(self, values: dict[str, Any]) -> None:
+        if self._file is None:
+            return
+        try:
+            self._file.write(json.dumps(values) + "\n")
+            self._file.flush()
+        except OSError as error:
+            file, self._file = self._file, None
+            with suppress(OSError):  # the rest of its buffer would fail again
+                file.close()
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        # Readings take precedence over their transcript.
+        _log.warning("%s cannot be written (%s): the transcript ends here", self._path, error.strerror)

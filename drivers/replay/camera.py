@@ -1,0 +1,234 @@
+"""Replay of a recorded session: camera.
+
+A replay is strict. It returns each recorded frame and reading once, in recorded order, and nothing else. Those not
+requested are listed in ``unused``; a procedure identical to the recorded one leaves none. Replay is immediate, at the
+recorded speed, or at a multiple of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from os import PathLike
+from typing import Self
+
+from ...core.clock import Clock
+from ...core.frame import CameraIdentity, Frame
+from ...session import EventRecord, FrameRecord, Session
+from ..camera import (
+    CameraError,
+    CameraNotFoundError,
+    CameraSettingError,
+    CameraSettings,
+    FeatureValue,
+    Gap,
+    Refused,
+    StreamStatistics,
+)
+from ..device import Device
+from .meter import ReplayMeter
+from .pace import Pace
+
+__all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]
+
+#: Relative tolerance of the exposure: cameras round exposures, so the nearest recorded one is used.
+EXPOSURE_TOLERANCE_REL = 0.01
+#: Tolerance of the gain in decibels: half a step of 0.1 dB.
+GAIN_TOLERANCE_DB = 0.05
+
+#: Kind of the event with a camera's GenICam features.
+FEATURES_EVENT = "camera features"
+
+
+class ReplayCamera(Device):
+    """The camera of a recorded session, with the protocol of `Camera`.
+
+    Light and dark frames come in recorded order for each setting, so a procedure that takes them in the same order gets
+    the same ones. A damaged frame is a SessionError. Frames are not repeated after closing and reopening.
+
+    Parameters
+    ----------
+    session : Session or path
+        The session, or its folder.
+    speed : float or None
+        None for no delays; 1 for the recorded intervals between frames, 10 for a tenth of them. Time between two calls
+        counts.
+    clock : Clock
+        Clock to wait with.
+
+    Raises
+    ------
+    InputError
+        If `speed` is not a number above 0.
+    """
+
+    def __init__(
+        self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
+    ) -> None:
+        self._source = session
+        self._pace = Pace(speed, clock)
+        self._session: Session | None = None
+        self._recorded: list[FrameRecord] = []
+        self._left: list[FrameRecord] = []
+        self._settings: CameraSettings | None = None
+        self._temperature_c: float | None = None
+        self._is_open = False
+
+    def open(self) -> Self:
+        """Read the session's journal.
+
+        Raises
+        ------
+        SessionError
+            If it is not a session, or its journal was altered.
+        CameraNotFoundError
+            If it contains no frame.
+        """
+        if self._session is None:
+            session = self._source if isinstance(self._source, Session) else Session.open(self._source)
+            frames = session.frames()
+            if not frames:
+                raise CameraNotFoundError(f"{session.path} holds no frames: give a session with frames")
+            self._session, self._recorded, self._left = session, frames, list(frames)
+            self._settings = _settings(frames[0])
+        self._is_open = True
+        return self
+
+    def close(self) -> None:
+        """Stop the replay; may be called twice."""
+        self._is_open = False
+
+    @property
+    def identity(self) -> CameraIdentity:
+        """Camera of the first frame; raises CameraError if not open."""
+        self._opened()
+        return self._recorded[0].camera
+
+    @property
+    def settings(self) -> CameraSettings:
+        """Settings in force: at first those of the first frame; raises CameraError if not open."""
+        self._opened()
+        assert self._settings is not None
+        first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
+        return replace(self._settings, black_level_dn=float(first.metadata["black_level_dn"]))
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure recorded, in seconds; raises CameraError if not open."""
+        self._opened()
+        exposures_s = [frame.exposure_s for frame in self._recorded]
+        return min(exposures_s), max(exposures_s)
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Recorded temperature of the last returned frame, in degrees Celsius; None before the first one."""
+        self._opened()
+        return self._temperature_c
+
+    @property
+    def statistics(self) -> StreamStatistics:
+        """Number of frames returned so far; recorded frames are always complete."""
+        self._opened()
+        return StreamStatistics(completed=len(self._recorded) - len(self._left))
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Empty: a replay has no interruptions."""
+        return ()
+
+    def features(self) -> dict[str, FeatureValue]:
+        """Return the last recorded GenICam features of the camera; empty if there are none.
+
+        Raises
+        ------
+        CameraError
+            If not open.
+        """
+        events = [
+            event for event in self._opened().records if isinstance(event, EventRecord) and event.kind == FEATURES_EVENT
+        ]
+        return dict(events[-1].content["features"]) if events else {}
+
+    @property
+    def unused(self) -> tuple[FrameRecord, ...]:
+        """Recorded frames not requested so far; none before the first `open`."""
+        return tuple(self._left)
+
+    def configure(
+        self,
+        *,
+        exposure_s: float | None = None,
+        gain_db: float | None = None,
+        pixel_format: str | None = None,
+    ) -> CameraSettings:
+        """Select among the recorded settings: change those given, keep the rest.
+
+        Raises
+        ------
+        CameraSettingError
+            If nothing was recorded with these settings; the message lists the recorded ones.
+        """
+        now = self.settings
+        exposure_s = now.exposure_s if exposure_s is None else exposure_s
+        gain_db = now.gain_db if gain_db is None else gain_db
+        pixel_format = pixel_format or now.pixel_format
+        recorded = dict.fromkeys(_settings(frame) for frame in self._recorded)
+        fitting = [
+            settings
+            for settings in recorded
+            if settings.pixel_format == pixel_format
+            and abs(settings.gain_db - gain_db) <= GAIN_TOLERANCE_DB
+            and abs(settings.exposure_s - exposure_s) <= EXPOSURE_TOLERANCE_REL * exposure_s
+        ]
+        if not fitting:
+            raise CameraSettingError(
+                f"nothing was recorded with {exposure_s:g} s, {gain_db:g} dB, {pixel_format}: this session has "
+                f"{'; '.join(map(_text, recorded))}"
+            )
+        self._settings = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
+        return self.settings
+
+    def snap(self, timeout_s: float | None = None) -> Frame:
+        """Return the next frame recorded with the current settings; never times out.
+
+        Raises
+        ------
+        CameraError
+            If all of them have been returned; the message states their number.
+        SessionError
+            If the frame's file is missing or damaged.
+        """
+        session = self._opened()
+        for index, record in enumerate(self._left):
+            if _settings(record) == self._settings:
+                frame = session.load(record)
+                self._pace.keep(frame.timestamp)
+                del self._left[index]
+                self._temperature_c = frame.temperature_c
+                return frame
+        settings = self._settings
+        assert settings is not None
+        n = sum(_settings(frame) == settings for frame in self._recorded)
+        raise CameraError(f"{n} frames were recorded with {_text(settings)}, and all were given: ask for at most {n}")
+
+    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
+        """Yield `n` consecutive frames, each as by `snap`; recorded frames are always complete."""
+        for _ in range(n):
+            yield self.snap(timeout_s)
+
+    def _opened(self) -> Session:
+        if self._session is None or not self._is_open:
+            raise CameraError("the replayed camera is not open: open it first")
+        return self._session
+
+
+def _settings(frame: FrameRecord) -> CameraSettings:
+    height, width = frame.shape
+    return CameraSettings(frame.exposure_s, frame.gain_db, frame.pixel_format, width, height)
+
+
+def _text(settings: CameraSettings) -> str:
+    return (
+        f"{settings.exposure_s:g} s, {settings.gain_db:g} dB, {settings.pixel_format}, "
+        f"{settings.width} x {settings.height} pixels"
+    )

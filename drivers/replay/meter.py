@@ -1,0 +1,97 @@
+"""Replay of a recorded session: luminance meter."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Self
+
+from ...core.clock import Clock
+from ...core.reading import MeterIdentity, Reading
+from ...session import ReadingRecord, Session
+from ..device import Device
+from ..meter import MeterError, MeterNotFoundError
+from .pace import Pace
+
+
+class ReplayMeter(Device):
+    """The luminance meter of a recorded session, with the protocol of `Meter`.
+
+    Readings are not repeated after closing and reopening.
+
+    Parameters
+    ----------
+    session : Session or path
+        The session, or its folder.
+    speed : float or None
+        None for no delays; 1 for the recorded intervals between readings, 10 for a tenth of them. Time between two
+        calls counts.
+    clock : Clock
+        Clock to wait with.
+
+    Raises
+    ------
+    InputError
+        If `speed` is not a number above 0.
+    """
+
+    def __init__(
+        self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
+    ) -> None:
+        self._source = session
+        self._pace = Pace(speed, clock)
+        self._recorded: list[ReadingRecord] = []
+        self._given = 0
+        self._is_open = False
+
+    def open(self) -> Self:
+        """Read the session's journal.
+
+        Raises
+        ------
+        SessionError
+            If it is not a session, or its journal was altered.
+        MeterNotFoundError
+            If it contains no reading.
+        """
+        if not self._recorded:
+            session = self._source if isinstance(self._source, Session) else Session.open(self._source)
+            self._recorded = session.readings()
+            if not self._recorded:
+                raise MeterNotFoundError(f"{session.path} holds no readings: give a session with readings")
+        self._is_open = True
+        return self
+
+    def close(self) -> None:
+        """Stop the replay; may be called twice."""
+        self._is_open = False
+
+    @property
+    def identity(self) -> MeterIdentity:
+        """The meter of the first reading; raises MeterError if not open."""
+        self._require_open()
+        return self._recorded[0].reading.meter
+
+    @property
+    def unused(self) -> tuple[ReadingRecord, ...]:
+        """Recorded readings not requested so far; none before the first `open`."""
+        return tuple(self._recorded[self._given :])
+
+    def measure(self) -> Reading:
+        """Return the next reading; never times out.
+
+        Raises
+        ------
+        MeterError
+            If all of them have been returned; the message states their number.
+        """
+        self._require_open()
+        if self._given == len(self._recorded):
+            raise MeterError(f"{self._given} readings were recorded, and all were given: ask for at most {self._given}")
+        reading = self._recorded[self._given].reading
+        self._pace.keep(reading.timestamp)
+        self._given += 1
+        return reading
+
+    def _require_open(self) -> None:
+        if not self._is_open:
+            raise MeterError("the replayed meter is not open: open it first")

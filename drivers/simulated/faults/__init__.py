@@ -1,0 +1,1 @@
+"""Faults and drifts of the simulated bench."""

@@ -1,0 +1,299 @@
+"""A GigE Vision camera on loopback whose pixels come from a frame source.
+
+The protocol side is Aravis' own GigE Vision simulator (``ArvGvFakeCamera``), with our GenICam description and
+our pixels.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import logging
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any, Final
+
+from ...aravis.gvcp import GVCP_PORT
+from ...aravis.library import aravis
+from ...camera import CameraError
+from ...device import Device
+from ..faults.trouble import NO_TROUBLE, CameraTrouble
+from .device import FORMATS, FrameSource, SimulatedDevice
+from .frame_pool import FramePool, Wanted
+from .genicam import TEMPERATURE_STEPS_PER_C, Address, description
+from .loopback import ControlPort, check_free
+from .registers import Registers
+from .second_controller import SecondController
+
+__all__ = ["SimulatedDevice", "SimulatedGigECamera"]
+
+_log = logging.getLogger(__name__)
+
+#: Offset of wrong frame ids: Aravis treats ids up to 100 behind the last one as late packets.
+_BACKWARD: Final = 1000
+
+#: Attempts to take control, as the other program may reconnect first.
+_ATTEMPTS_TO_TAKE: Final = 10
+
+_FillPattern = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
+)
+
+
+class SimulatedGigECamera(Device):
+    """Serve a frame source as a GigE Vision camera, from `start` to `stop`.
+
+    Frames are rendered on demand; once `pool_size` of them exist for an exposure, gain and state, they are sent in
+    turn, so that the camera maintains its frame rate. A frame is sent at the first tick of the frame rate after its
+    exposure.
+
+    Parameters
+    ----------
+    device : SimulatedDevice
+        Identity of the camera.
+    source : FrameSource
+        Source of the pixels.
+    address : str
+        Loopback address to serve; one camera each.
+    pool_size : int
+        Number of rendered frames to keep.
+    temperature : callable or None
+        Returns the temperature of the device in degrees Celsius; None for a constant one.
+    """
+
+    def __init__(
+        self,
+        device: SimulatedDevice,
+        source: FrameSource,
+        address: str = "127.0.0.1",
+        pool_size: int = 4,
+        temperature: Callable[[], float] | None = None,
+    ) -> None:
+        self.device = device
+        self.address = address
+        self._pool = FramePool(source, pool_size)
+        self._temperature = temperature
+        self._frame_id: int | None = None
+        self._exposing: Hashable = None
+        self._exposed_at_s = 0.0
+        self._triggered_at_s: float | None = None
+        self._trouble = NO_TROUBLE
+        self._right_height: int | None = None
+        self._started = False
+        self._other: SecondController | None = None
+        # Held by all users of the camera: its last reference must not be dropped in the thread that its destruction
+        # joins.
+        self._lock = threading.RLock()
+        self._gv: Any = None
+        self._registers: Registers | None = None
+        self._control: ControlPort | None = None
+        self._lib: Any = None
+        # Aravis keeps only the pointer: the callback must live as long as the camera.
+        self._callback = _FillPattern(self._fill)
+
+    def open(self) -> SimulatedGigECamera:
+        """Start, as a context manager does."""
+        return self if self._started else self.start()
+
+    def close(self) -> None:
+        """Stop, as a context manager does."""
+        self.stop()
+
+    def start(self) -> SimulatedGigECamera:
+        """Start answering, in the current trouble.
+
+        Raises
+        ------
+        CameraError
+            If Aravis is missing, or another camera or program has the address.
+        """
+        trouble, self._trouble = self._trouble, NO_TROUBLE
+        if not trouble.gone:
+            self._switch_on()
+        self._pool.open()
+        self._started = True
+        self.set_faults(trouble)
+        return self
+
+    def stop(self) -> None:
+        """Stop answering, as with the cable pulled; may be called twice."""
+        self._started = False
+        self._let_go()
+        self._switch_off()
+        self._pool.close()
+
+    def set_packet_loss(self, ratio: float) -> None:
+        """Drop this share of the stream's packets, 0 to 1, to simulate a bad network."""
+        self.set_faults(CameraTrouble(loss=float(ratio)))
+
+    def set_faults(self, trouble: CameraTrouble) -> None:
+        """Replace the current trouble.
+
+        Raises
+        ------
+        CameraError
+            If it is to be restored but its address is in use.
+        """
+        before, self._trouble = self._trouble, trouble
+        if not self._started:
+            return
+        if before.taken and not trouble.taken:
+            self._let_go()
+        if trouble.gone and not before.gone:
+            self._switch_off()
+        elif before.gone and not trouble.gone:
+            self._switch_on()
+        if trouble.taken and not trouble.gone and self._other is None:
+            self._be_taken()
+        with self._lock:
+            if self._control is not None:
+                self._control.deaf(trouble.frozen)
+            self._set_height(trouble.wrong_size)
+            self._lose(self._share_lost())
+
+    def follow_temperature(self) -> None:
+        """Update the temperature register."""
+        with self._lock:
+            if self._temperature is not None and self._registers is not None:
+                self._registers.write(Address.TEMPERATURE, round(self._temperature() * TEMPERATURE_STEPS_PER_C))
+
+    def _switch_on(self) -> None:
+        arv = aravis()
+        check_free(self.address)
+        device = self.device
+        control = ControlPort(self.address)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "camera.xml")
+            path.write_text(description(device.vendor, device.model, FORMATS, device.naming), encoding="utf-8")
+            gv = arv.GvFakeCamera.new_full(self.address, device.serial, str(path))
+        if not gv.is_running():
+            raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
+        control.find()
+        self._lib = ctypes.CDLL("libaravis-0.8.so.0")
+        self._lib.arv_buffer_get_data.restype = ctypes.c_void_p
+        self._lib.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        self._lib.arv_buffer_get_frame_id.restype = ctypes.c_uint64
+        self._lib.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
+        self._lib.arv_buffer_set_frame_id.restype = None
+        self._lib.arv_buffer_set_frame_id.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
+        with self._lock:
+            self._gv, self._control = gv, control
+            self._registers = Registers(gv.get_fake_camera())
+            self._registers.switch_on(device)
+            self._frame_id, self._exposing, self._triggered_at_s = None, None, None
+            self._right_height = None
+            self.follow_temperature()
+            self._set_fill_pattern(self._callback)
+
+    def _switch_off(self) -> None:
+        with self._lock:
+            gone, self._gv = self._gv, None
+            self._registers = self._control = None
+        # Aravis' thread, which may wait for the lock, ends with the last reference, possibly in a reference cycle.
+        del gone
+        gc.collect()
+
+    def _be_taken(self) -> None:
+        """Let another program take control, after a power cycle if the camera is controlled."""
+        for _ in range(_ATTEMPTS_TO_TAKE):
+            other = SecondController((self.address, GVCP_PORT))
+            if other.take():
+                self._other = other
+                return
+            other.release()
+            self._switch_off()
+            self._switch_on()
+        raise CameraError(
+            f"no second program could take the simulated camera at {self.address}: end the program that uses it first"
+        )
+
+    def _let_go(self) -> None:
+        if self._other is not None:
+            self._other.release()
+            self._other = None
+
+    def _share_lost(self) -> float:
+        return 1.0 if self._trouble.stalled or self._trouble.frozen else self._trouble.loss
+
+    def _lose(self, share: float) -> None:
+        if self._gv is not None:
+            self._gv.set_property("gvsp-lost-ratio", share)
+
+    def _set_height(self, wrong: bool) -> None:
+        """Halve or restore the height of the frames."""
+        if self._registers is None:
+            return
+        if wrong and self._right_height is None:
+            self._right_height = self._registers.read(Address.HEIGHT)
+            self._registers.write(Address.HEIGHT, max(1, self._right_height // 2))
+        elif not wrong and self._right_height is not None:
+            self._registers.write(Address.HEIGHT, self._right_height)
+            self._right_height = None
+
+    def _set_fill_pattern(self, callback: Any) -> None:
+        # PyGObject's binding of this function crashes (wrong annotation); the C function works.
+        function = self._lib.arv_fake_camera_set_fill_pattern
+        function.argtypes = [ctypes.c_void_p, _FillPattern, ctypes.c_void_p]
+        function.restype = None
+        function(hash(self._gv.get_fake_camera()), callback, None)
+
+    def _fill(self, buffer: int, _user_data: int | None, exposure_us: int, gain_steps: int, format_code: int) -> None:
+        """Write the pixels of the next frame; called in Aravis' thread before it is sent."""
+        with self._lock:
+            if self._registers is None:
+                return  # being stopped
+            try:
+                self._send(self._registers, buffer, exposure_us, gain_steps, format_code)
+            except Exception:
+                _log.exception("the simulated camera could not render a frame")
+
+    def _send(self, registers: Registers, buffer: int, exposure_us: int, gain_steps: int, format_code: int) -> None:
+        triggered = registers.read(Address.TRIGGER_MODE) != 0
+        payload = None
+        if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
+            payload = self._pool.next(Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device)))
+        if payload is None:
+            self._lose(1.0)
+            if triggered:  # repeat
+                registers.write(Address.TRIGGER_SOFTWARE, 1)
+            return
+        self._triggered_at_s = None
+        self._exposed_at_s = time.monotonic()
+        self._lose(self._share_lost())
+        self.follow_temperature()
+        ctypes.memmove(self._lib.arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
+        self._lib.arv_buffer_set_frame_id(buffer, self._next_id(buffer))
+
+    def _exposing_triggered(self, exposure_us: int) -> bool:
+        """Whether the exposure of a triggered frame is in progress; triggers are ignored meanwhile."""
+        now_s = time.monotonic()
+        if self._triggered_at_s is None:
+            self._triggered_at_s = now_s
+        return now_s - self._triggered_at_s < exposure_us * 1e-6
+
+    def _exposing_freely(self, registers: Registers, exposure_us: int) -> bool:
+        """Whether a frame of this exposure cannot be ready yet; in between, the camera sends nothing."""
+        now_s = time.monotonic()
+        period_us = registers.read(Address.FRAME_PERIOD_US)
+        # A stream has its own port.
+        exposing = (registers.read(Address.STREAM_PORT), exposure_us)
+        if exposing != self._exposing:
+            self._exposing, self._exposed_at_s = exposing, now_s
+            return exposure_us > period_us
+        # Tolerance of half a period: ticks are not exactly equidistant.
+        return now_s - self._exposed_at_s < (exposure_us - period_us / 2) * 1e-6
+
+    def _next_id(self, buffer: int) -> int:
+        """Return the id to send; ids of GigE Vision have 16 bits and leave out 0."""
+        if self._frame_id is None:
+            self._frame_id = int(self._lib.arv_buffer_get_frame_id(buffer))
+        else:
+            self._frame_id = self._frame_id % 0xFFFF + 1
+        if not self._trouble.wrong_ids:
+            return self._frame_id
+        # Alternately the previous id, and one far behind.
+        back = 1 if self._frame_id % 2 else _BACKWARD
+        return (self._frame_id - 1 - back) % 0xFFFF + 1

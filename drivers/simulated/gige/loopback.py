@@ -1,0 +1,103 @@
+"""The control port of a simulated camera: availability, access, and simulated deafness."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+
+from ...aravis.gvcp import GVCP_PORT
+from ...aravis.sockets import own_udp_sockets
+from ...camera import CameraError
+
+#: Socket options of Linux (asm-generic/socket.h) that Python's socket module has no names for.
+_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
+
+
+class _Instruction(ctypes.Structure):
+    """One instruction of the classic Berkeley packet filter (struct sock_filter)."""
+
+    _fields_ = (("code", ctypes.c_uint16), ("jt", ctypes.c_uint8), ("jf", ctypes.c_uint8), ("k", ctypes.c_uint32))
+
+
+class _Program(ctypes.Structure):
+    """A filter (struct sock_fprog)."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.POINTER(_Instruction)))
+
+
+#: "Return 0": keep no byte of any packet.
+_KEEP_NOTHING = _Instruction(code=0x06, jt=0, jf=0, k=0)
+
+
+def check_free(address: str) -> None:
+    """Refuse a port in use, which Aravis does not notice: requests would reach another camera.
+
+    Raises
+    ------
+    CameraError
+        If the port of that address is taken, or the address is not one of this machine.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, GVCP_PORT))
+        except OSError as error:
+            remedy = (
+                "end the other simulated camera or program that uses it"
+                if error.errno == errno.EADDRINUSE
+                else "give an address of this machine, best a loopback one"
+            )
+            raise CameraError(
+                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): {remedy}"
+            ) from error
+
+
+class ControlPort:
+    """The sockets on which a simulated camera receives requests; created before the camera.
+
+    Parameters
+    ----------
+    address : str
+        Loopback address of the camera.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._others = {_inode(listener) for listener, _ in self._bound()}
+        self._own: set[int] = set()
+
+    def find(self) -> None:
+        """Find the sockets that the camera has opened, and let only loopback discover it.
+
+        Aravis' simulator also listens to broadcasts, which come from every network. Answering there would show the
+        camera to other machines, and make clients on this one look for its frames on the wrong interface.
+        """
+        for listener, address in self._bound():
+            if _inode(listener) not in self._others:
+                self._own.add(_inode(listener))
+                if address == "255.255.255.255":
+                    listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+
+    def deaf(self, deaf: bool) -> None:
+        """Drop all requests, or receive them again."""
+        program = _Program(1, ctypes.pointer(_KEEP_NOTHING))
+        for listener, _ in self._bound():
+            if _inode(listener) in self._own:
+                if deaf:
+                    listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, bytes(program))
+                else:
+                    with suppress(FileNotFoundError):  # it was not deaf
+                        listener.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, b"\0\0\0\0")
+
+    @staticmethod
+    def _bound() -> Iterator[tuple[socket.socket, str]]:
+        for listener, (host, port) in own_udp_sockets():
+            if port == GVCP_PORT:
+                yield listener, host
+
+
+def _inode(listener: socket.socket) -> int:
+    return os.fstat(listener.fileno()).st_ino

@@ -1,0 +1,1 @@
+"""Sessions imported from files of other programs."""

@@ -1,0 +1,149 @@
+"""Import of a session: pictures by another program or a still camera, and a list of meter readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...core.errors import InputError, SessionError
+from ...core.finding import Finding
+from ...core.frame import Frame
+from ...core.reading import Reading
+from ...session import Session, SessionConfiguration
+from ...session.records import EXPOSURES
+from .check import CheckedFile, ImportFile, check_files, frame_key, read_picture
+from .readings import read_readings
+
+#: Number of frames written together.
+_BATCH = 4
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Summary of an import.
+
+    Parameters
+    ----------
+    frames, readings : int
+        Numbers added to the session.
+    known_frames, known_readings : int
+        Numbers already in the session.
+    findings : tuple of Finding
+        Findings for the user.
+    """
+
+    frames: int
+    readings: int
+    known_frames: int
+    known_readings: int
+    findings: tuple[Finding, ...]
+
+
+def import_session(
+    configuration: SessionConfiguration,
+    path: Path,
+    files: Sequence[ImportFile],
+    readings: Path,
+    report: Callable[[str, int, int], None] = lambda _what, _done, _total: None,
+) -> Imported:
+    """Create a session from pictures and meter readings, or complete an existing one.
+
+    Everything is read and checked before the first byte is written. Frames with the same pixels and readings with the
+    same line are not added twice, so an interrupted import can be repeated.
+
+    Parameters
+    ----------
+    configuration : SessionConfiguration
+        Bench and target. Its ``plan.pixel_format`` applies to TIFF and PNG files; RAW files contain theirs.
+    path : Path
+        The session's folder; new, or created with the same configuration.
+    files : sequence of ImportFile
+        The pictures.
+    readings : Path
+        CSV file of readings, as `labcdp.drivers.manual.csv.CsvMeter` reads it.
+    report : callable
+        Called with a description, the amount done and the total.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, files do not belong together or do not fit the configuration, or patches and readings
+        do not match; nothing is then written.
+    SessionError
+        If the session cannot be written, or was created with another configuration.
+    """
+    given, findings = read_readings(configuration, readings)
+    checked, frame, more = check_files(configuration, files, report)
+    findings += more
+    exists = path.is_dir() and any(path.iterdir())
+    with Session.open(path, writable=True) if exists else Session.create(path, configuration) as session:
+        if session.configuration != configuration:
+            raise SessionError(
+                f"{path} was made with another configuration: give that one ({path / 'session.toml'}), or a new folder"
+            )
+        known = _known(session, frame, report)
+        lacking = [one for one in checked if one.key not in known]
+        _write_frames(session, lacking, configuration, frame, report)
+        new_readings = _lacking(session, given)
+        for patch, reading in new_readings:
+            session.add_reading(reading, patch)
+        exposures_s = sorted({record.exposure_s for record in session.frames("light")})
+        if configuration.plan.exposures_s is None and session.exposures_s != tuple(exposures_s):
+            session.add_event(EXPOSURES, {"exposures_s": exposures_s})
+    return Imported(
+        frames=len(lacking),
+        readings=len(new_readings),
+        known_frames=len(checked) - len(lacking),
+        known_readings=len(given) - len(new_readings),
+        findings=tuple(findings),
+    )
+
+
+def _known(session: Session, frame: Frame, report: Callable[[str, int, int], None]) -> set[str]:
+    """Keys of the frames in a session, which must have the same settings."""
+    records = session.frames()
+    for record in records[:1]:
+        height, width = record.shape
+        there = f"{record.camera}, {width} x {height} pixels, {record.pixel_format}"
+        here = f"{frame.camera}, {frame.shape[1]} x {frame.shape[0]} pixels, {frame.pixel_format}"
+        if there != here:
+            raise InputError(f"{session.path} holds frames of {there}, the pictures are of {here}: give a new folder")
+    keys = set()
+    for done, record in enumerate(records, start=1):
+        keys.add(frame_key(session.load(record)))
+        report("comparing", done, len(records))
+    return keys
+
+
+def _write_frames(
+    session: Session,
+    lacking: Sequence[CheckedFile],
+    configuration: SessionConfiguration,
+    first: Frame,
+    report: Callable[[str, int, int], None],
+) -> None:
+    begun = len(session.frames())
+    for start in range(0, len(lacking), _BATCH):
+        batch = lacking[start : start + _BATCH]
+        frames, sources = [], []
+        for number, one in enumerate(batch, start=begun + start + 1):
+            read = read_picture(one.file, configuration)
+            if frame_key(read.frame) != one.key:
+                raise SessionError(f"{one.file.path} changed while it was imported: import it again")
+            sources.append({"file": str(one.file.path), "sha256": read.sha256})
+            frames.append((_levelled(read.numbered(number).frame, first), one.file.role, one.file.patch))
+        records = session.add_frames(frames)
+        numbered = [{"number": r.number, **source} for r, source in zip(records, sources, strict=True)]
+        session.add_event("imported", {"files": numbered})
+        report("writing", start + len(batch), len(lacking))
+
+
+def _levelled(frame: Frame, first: Frame) -> Frame:
+    """Give all frames the nominal black level of the first; the dark signal is taken from the dark frames."""
+    return replace(frame, black_level_dn=first.black_level_dn, plane_black_levels_dn=first.plane_black_levels_dn)
+
+
+def _lacking(session: Session, given: Iterable[tuple[str, Reading]]) -> list[tuple[str, Reading]]:
+    known = {(record.patch, record.reading.raw) for record in session.readings()}
+    return [(patch, reading) for patch, reading in given if (patch, reading.raw) not in known]

@@ -1,0 +1,1 @@
+"""Recording of frames and readings into a session."""

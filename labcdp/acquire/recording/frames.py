@@ -1,0 +1,168 @@
+"""Frames of a plan: set the camera, take frames, write them and keep their statistics."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import asdict
+from typing import Any
+
+from ...core.clock import Clock
+from ...core.errors import SessionError
+from ...core.frame import Frame
+from ...core.roi import Roi
+from ...drivers.camera import Camera, CameraLostError, CameraSettings
+from ...session import Role, Session
+from ..control import Control
+from ..frames import Refusals, Schedule, take_frames
+from ..live import Live, LiveNumbers, PatchNumbers
+from ..progress import Progress, Report
+from ..steps import frames_at, remaining, same_exposure, shown_patches
+from .writer import FrameWriter
+
+_log = logging.getLogger(__name__)
+
+#: Most frames per exposure that a resumed run reads again for its statistics, to limit the time.
+_LOOKED_BACK = 16
+
+
+class FrameRecorder:
+    """Takes the frames of a session's plan.
+
+    Parameters
+    ----------
+    session : Session
+        Open for writing.
+    camera : Camera
+        Open.
+    report : callable
+        Called after each frame.
+    clock : Clock
+        Clock for the schedule of the frames.
+    control : Control
+        Polled between frames.
+    """
+
+    def __init__(self, session: Session, camera: Camera, report: Report, clock: Clock, control: Control) -> None:
+        self._session = session
+        self._camera = camera
+        self._report = report
+        self._clock = clock
+        self._control = control
+        self._plan = session.configuration.plan
+        self._gaps_noted = len(camera.gaps)
+        self._numbers: dict[tuple[Role, str | None, float], LiveNumbers] = {}
+
+    def look(self, exposure_s: float) -> Frame:
+        """Take a frame without recording it; raises AcquisitionStoppedError."""
+        self.configure(exposure_s)
+        refusals = Refusals(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
+        with closing(take_frames(self._camera, 1, None, self._control, refusals)) as frames:
+            return next(frames)
+
+    def configure(self, exposure_s: float) -> CameraSettings:
+        """Apply the planned settings with an exposure, and return the settings in effect."""
+        plan = self._plan
+        return self._camera.configure(exposure_s=exposure_s, gain_db=plan.gain_db, pixel_format=plan.pixel_format)
+
+    def record(self, role: Role, shown: str | None, lacking: Mapping[float, int]) -> None:
+        """Take frames; they are on the disk when this returns or raises.
+
+        Parameters
+        ----------
+        role : {'light', 'dark'}
+            Whether the target is seen.
+        shown : str or None
+            The patch shown alone; None for all together.
+        lacking : mapping of float to int
+            Number of frames by exposure in seconds.
+
+        Raises
+        ------
+        SessionError
+            If they cannot be recorded, or the camera does not keep an exposure.
+        """
+        live = {exposure_s: self._live_numbers(role, shown, exposure_s) for exposure_s in lacking}
+        done, total = self._done(role)
+        self._report(Progress(f"{role} frames", done, total))
+        try:
+            with FrameWriter(self._session, self._clock) as writer:
+                for exposure_s, n in lacking.items():
+                    self._apply(exposure_s, role, writer)
+                    refusals = Refusals(writer.put_event, {"role": role, "exposure_s": exposure_s})
+                    with closing(take_frames(self._camera, n, self._schedule(), self._control, refusals)) as frames:
+                        for taken, frame in enumerate(frames, start=1):
+                            writer.put(frame, role, shown)
+                            self._note_gaps(writer.put_event)
+                            done += 1
+                            numbers = live[exposure_s].add(frame)
+                            now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
+                            self._report(Progress(f"{role} frames", done, total, now))
+        except CameraLostError as error:
+            self._session.add_event("camera lost", {"reason": str(error)})
+            raise
+        finally:
+            self._note_gaps(self._session.add_event)
+        self._note_throughput(writer)
+
+    def numbers(self, shown: str | None, role: Role = "light") -> list[PatchNumbers]:
+        """Return the statistics of all exposures."""
+        exposures_s = self._session.exposures_s or ()
+        return [n for t in exposures_s for n in self._live_numbers(role, shown, t).numbers]
+
+    def regions(self, shown: str | None) -> list[Roi]:
+        """Regions of the visible patches."""
+        patches = self._session.configuration.target.patches
+        return [patch.region() for patch in patches if shown in (None, patch.name)]
+
+    def forget(self) -> None:
+        """Drop the statistics of frames that no longer count."""
+        self._numbers.clear()
+
+    def _live_numbers(self, role: Role, shown: str | None, exposure_s: float) -> LiveNumbers:
+        """Statistics of an exposure, initialised with the last frames of an earlier run."""
+        key = (role, shown, exposure_s)
+        if key not in self._numbers:
+            numbers = LiveNumbers(self.regions(shown))
+            for record in frames_at(self._session.frames(role), exposure_s, shown)[-_LOOKED_BACK:]:
+                numbers.add(self._session.load(record))
+            self._numbers[key] = numbers
+        return self._numbers[key]
+
+    def _done(self, role: Role) -> tuple[int, int]:
+        plan, rest = self._plan, remaining(self._session)
+        exposures = len(self._session.exposures_s or ())
+        if role == "dark":
+            total = plan.dark_frames_per_exposure * exposures
+            return total - sum(rest.dark.values()), total
+        total = plan.frames_per_exposure * exposures * len(shown_patches(self._session.configuration))
+        return total - sum(rest.light.values()), total
+
+    def _schedule(self) -> Schedule | None:
+        interval_s = self._plan.interval_s
+        return Schedule(interval_s, self._clock, self._control) if interval_s > 0 else None
+
+    def _apply(self, exposure_s: float, role: Role, writer: FrameWriter) -> None:
+        applied = self.configure(exposure_s)
+        if not same_exposure(applied.exposure_s, exposure_s):
+            raise SessionError(
+                f"the camera applied {applied.exposure_s:g} s where the plan asks for {exposure_s:g} s: put an "
+                "exposure it can keep into plan.exposures_s"
+            )
+        writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
+
+    def _note_gaps(self, add_event: Callable[[str, Mapping[str, Any]], object]) -> None:
+        for gap in self._camera.gaps[self._gaps_noted :]:
+            self._gaps_noted += 1
+            times = {"lost_at": gap.lost_at.isoformat(), "back_at": gap.back_at.isoformat()}
+            content = times | {"duration_s": gap.duration_s, "reason": gap.reason}
+            add_event("camera lost and back", content)
+            _log.warning("the camera was lost for %.1f s and is connected again (%s)", gap.duration_s, gap.reason)
+
+    def _note_throughput(self, writer: FrameWriter) -> None:
+        went = writer.throughput
+        if went.limited_by_disk:
+            rate = went.frames_per_s
+            _log.warning("limited by the disk: %.3g frames/s, none was lost", rate)
+            self._session.add_event("limited by the disk", asdict(went) | {"frames_per_s": rate})

@@ -1,0 +1,167 @@
+"""The accessor ``labcdp`` of xarray datasets: usable ranges, isolines and plots of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from ..evaluate.sweep.maps.dips import SnrDip
+from ..evaluate.sweep.maps.isolines import LEVELS, Isoline, isolines
+from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
+from ..evaluate.sweep.maps.ranges import UsableRange
+from ..output import write_file
+from ..report.netcdf import dataset_bytes
+from ..report.netcdf import read_dataset as read_netcdf
+from .arguments import PathArgument, as_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def read_dataset(path: PathArgument) -> xr.Dataset:
+    """Read a dataset that labcdp saved as NetCDF: a map of a sweep, or results of pictures, videos or sessions.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or is damaged.
+    """
+    return read_netcdf(as_path(path, "the dataset"), "dataset")
+
+
+@xr.register_dataset_accessor("labcdp")  # type: ignore[no-untyped-call]
+class LabcdpAccessor:
+    """Usable ranges, isolines and plots of a sweep; ``dataset.labcdp`` of any dataset once labcdp has made one.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        With CDP as `cdp`.
+    """
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        self._dataset = dataset
+
+    def analysis(self, level: float = 0.9, expected: Sequence[float] = ()) -> MapAnalysis:
+        """Return usable ranges, isolines and dips of a sweep.
+
+        Parameters
+        ----------
+        level : float
+            CDP that is high enough, above 0, up to 1.
+        expected : sequence of float
+            Luminances at which the sensor changes exposure.
+
+        Raises
+        ------
+        InputError
+            If the dataset is no map of a sweep, or the level is out of range.
+        """
+        return analyse_map(self._dataset, level, expected)
+
+    def usable_range(self, level: float = 0.9) -> xr.Dataset:
+        """Find where CDP is high enough, along the luminance or else the first axis of numbers.
+
+        Parameters
+        ----------
+        level : float
+            CDP that is high enough, above 0, up to 1.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over the other axes: `low` and `high`, the ends of the widest interval, nan where there is none; `decades`
+            and `range_db`; `intervals`, how many there are; `open_low` and `open_high`, whether the range may continue
+            beyond the map.
+
+        Raises
+        ------
+        InputError
+            If the dataset is no map of a sweep, or the level is out of range.
+        """
+        ranges = self.analysis(level).usable_ranges
+        axis = ranges[0].axis if ranges else ""
+        others = [str(name) for name in self._dataset["cdp"].dims if name != axis]
+        shape = tuple(self._dataset.sizes[name] for name in others)
+        rows = np.full((len(ranges), 7), np.nan)
+        for row, one in zip(rows, ranges, strict=True):
+            row[:] = _widest(one)
+        names = ("low", "high", "decades", "range_db", "intervals", "open_low", "open_high")
+        # In the order of the other axes, the last one fastest.
+        places = [tuple(int(np.flatnonzero(self._dataset[n].values == one.at[n])[0]) for n in others) for one in ranges]
+        result = xr.Dataset(coords={name: self._dataset[name] for name in others}, attrs={"axis": axis, "level": level})
+        unit = str(self._dataset[axis].attrs.get("unit", "")) if axis else ""
+        units = {"low": unit, "high": unit, "range_db": "dB"}
+        for name, column in zip(names, rows.T, strict=True):
+            values = np.full(shape, np.nan)
+            for place, value in zip(places, column, strict=True):
+                values[place] = value
+            typed = values.astype(int) if name == "intervals" else values.astype(bool) if "open" in name else values
+            result[name] = (others, typed, {"units": units.get(name, "1")})
+        return result
+
+    def isolines(
+        self, x: str | None = None, y: str | None = None, levels: Sequence[float] = LEVELS, variable: str = "cdp"
+    ) -> tuple[Isoline, ...]:
+        """Find the lines along which a variable of a sweep over two axes has given values.
+
+        Parameters
+        ----------
+        x, y : str or None
+            Axes; None for those of the plot.
+        levels : sequence of float
+            Values of the variable.
+        variable : str
+            Which variable.
+
+        Raises
+        ------
+        InputError
+            If the dataset has not two such axes, or no such variable.
+        """
+        if x is None or y is None:
+            found = self.analysis()
+            x, y = x or found.x, y or found.y
+        return isolines(self._dataset, x, y, levels, variable)
+
+    def dips(self, expected: Sequence[float] = ()) -> tuple[SnrDip, ...]:
+        """Find where SNR or CDP falls although there is more light, as at the transitions of a merge."""
+        return self.analysis(expected=expected).dips
+
+    def plot(self, level: float = 0.9) -> Figure:
+        """Draw the map of a sweep as ``labcdp sweep`` does: heat maps with isolines, or curves.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Save it with ``savefig``; a notebook shows it.
+        """
+        from ..evaluate.sweep.report.static import draw_map
+        from ..evaluate.sweep.report.view import MapView
+
+        return draw_map(MapView.of(self._dataset, self.analysis(level)))
+
+    def save(self, path: PathArgument, *, force: bool = False) -> Path:
+        """Write the dataset as NetCDF; equal datasets give equal bytes. With `force` an existing file is replaced.
+
+        Raises
+        ------
+        InputError
+            If the file exists or cannot be written, or NetCDF cannot hold the dataset.
+        """
+        file = as_path(path, "the file")
+        write_file(file, dataset_bytes(self._dataset, "dataset"), force=force)
+        return file
+
+
+def _widest(one: UsableRange) -> tuple[float, ...]:
+    """Return the ends of the widest interval, decades, dB, number of intervals and open ends."""
+    widest = one.widest
+    if widest is None:
+        return (np.nan, np.nan, np.nan, np.nan, 0, 0, 0)
+    numbers = (widest.low, widest.high, widest.decades, widest.range_db)
+    return (*numbers, len(one.intervals), widest.low_open, widest.high_open)

@@ -1,0 +1,161 @@
+"""What users pass to the API, checked before any work: paths, regions, pairs and contrasts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.errors import InputError
+from ..core.roi import Roi
+from ..evaluate.picture.request import ImageRequest
+from ..files.picture.options import PictureOptions
+from ..metrics import Epsilon
+from ..metrics.probability import asked_contrasts
+from ..regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, image_size_of, load_regions, rois_of
+
+#: A path as users write it.
+PathArgument: TypeAlias = str | PathLike[str]
+#: Contrasts as fractions: one, or several.
+Contrasts: TypeAlias = float | Sequence[float] | NDArray[Any]
+#: Regions: a region file; regions; or by name four numbers x, y, width, height, or the corners.
+Regions: TypeAlias = PathArgument | Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]
+#: Pairs of regions by name, the brighter one first; or a single one.
+Pairs: TypeAlias = tuple[str, str] | Sequence[tuple[str, str]]
+
+_HOW = "give a region file, a list of Roi, or a dict of names with (x, y, width, height) or corners"
+
+
+def as_path(value: PathArgument, what: str) -> Path:
+    """Return a path; raises InputError for anything else."""
+    text = fspath(value) if isinstance(value, str | PathLike) else None
+    if not isinstance(text, str) or not text:
+        also = "; labcdp.cdp takes arrays" if isinstance(value, np.ndarray) else ""
+        raise InputError(f"{what} is {_shown(value)}: give the path of a file{also}")
+    return Path(text)
+
+
+def as_rois(regions: Regions, size: tuple[int, int]) -> tuple[Roi, ...]:
+    """Return regions that lie inside an image.
+
+    Parameters
+    ----------
+    regions : Regions
+        As a user gives them.
+    size : (int, int)
+        Width and height of the image in pixels.
+
+    Raises
+    ------
+    InputError
+        If they are no regions, two have one name, or one lies outside the image.
+    """
+    if isinstance(regions, str | PathLike):
+        return rois_of(load_regions(as_path(regions, "regions"), size))
+    rois = rois_of(_shapes(regions))
+    for roi in rois:
+        roi.window((size[1], size[0]))
+    return rois
+
+
+def drawn_on(regions: Regions) -> tuple[int, int] | None:
+    """Width and height of the image that the regions of a file were drawn on, if that is known."""
+    return image_size_of(regions) if isinstance(regions, str | PathLike) else None
+
+
+def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that are evaluated: those given, or all of up to six regions; raises InputError."""
+    given: list[tuple[str, str]] | None = None
+    if pairs is not None:
+        listed: list[Any] = [pairs] if len(pairs) == 2 and all(isinstance(one, str) for one in pairs) else [*pairs]
+        for one in listed:
+            if isinstance(one, str) or len(one) != 2 or not all(isinstance(name, str) for name in one):
+                raise InputError(f"pairs has {_shown(one)}: give two names of regions, the brighter one first")
+        given = [(one[0], one[1]) for one in listed]
+    return ImageRequest((), 0.5, rois, None if given is None else tuple(given)).chosen_pairs
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Contrasts to be detected.
+
+    Parameters
+    ----------
+    values : tuple of float or None
+        Fractions, each once; None for the measured contrast of each pair.
+    scalar : bool
+        Whether one number was given, so that the result has no dimension of contrasts.
+    """
+
+    values: tuple[float, ...] | None
+    scalar: bool
+
+
+def as_contrasts(contrasts: Contrasts | None, epsilon: Epsilon) -> Asked:
+    """Return the target contrasts; raises InputError."""
+    if contrasts is None:
+        # The tolerance is checked as with any contrast.
+        asked_contrasts(1.0, epsilon, "weber")
+        return Asked(None, scalar=False)
+    asked, shape = asked_contrasts(contrasts, epsilon, "weber")
+    values = tuple(one.contrast for one in asked)
+    if len(shape) > 1 or not values:
+        raise InputError(f"contrasts have the shape {shape}: give a number, or a list of at least one")
+    if len(set(values)) < len(values):
+        raise InputError("a contrast is given twice: give each once")
+    return Asked(values, scalar=shape == ())
+
+
+def with_given(options: PictureOptions, **values: Any) -> PictureOptions:
+    """Return options with what the user states, which counts before what files say; None states nothing."""
+    for name in ("exposure_s", "gain_db", "bit_depth"):
+        value = values.get(name)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
+            raise InputError(f"{name} is {_shown(value)}: give a number")
+    given = {name: value for name, value in values.items() if value is not None}
+    return replace(options, **given, overrides=options.overrides | given.keys())
+
+
+def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:
+    if isinstance(regions, Roi):
+        return [PolygonShape(regions.name, regions.corners)]
+    if isinstance(regions, Mapping):
+        return [_named(name, value) for name, value in regions.items()]
+    if not isinstance(regions, Iterable):
+        raise InputError(f"regions is {_shown(regions)}: {_HOW}")
+    shapes: list[Shape] = []
+    for one in regions:
+        if isinstance(one, Roi):
+            shapes.append(PolygonShape(one.name, one.corners))
+        elif isinstance(one, PolygonShape | RectangleShape | EllipseShape | GridShape):
+            shapes.append(one)
+        else:
+            raise InputError(f"regions has {_shown(one)}: {_HOW}")
+    return shapes
+
+
+def _named(name: str, value: Any) -> Shape:
+    if isinstance(value, Roi):
+        return PolygonShape(name, value.corners)
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape == (4,):
+        x, y, width, height = numbers.tolist()
+        return PolygonShape(name, Roi.rectangle(name, x, y, width, height).corners)
+    if numbers.ndim == 2 and numbers.shape[1] == 2:
+        return PolygonShape(name, tuple((x, y) for x, y in numbers.tolist()))
+    raise InputError(
+        f"region {name!r} is {_shown(value)}: give (x, y, width, height), or at least three (x, y) corners"
+    )
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

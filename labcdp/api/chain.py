@@ -1,0 +1,109 @@
+"""Imaging chains with sweeps as datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..chain import Chain as _Chain
+from ..core.errors import InputError
+from .arguments import PathArgument, as_path
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+@dataclass(frozen=True, repr=False)
+class Chain(_Chain):
+    """An imaging chain: scene, windscreen, optics, sensors, merge and tone curve, frozen dataclasses of parameters.
+
+    ``Chain.load("manta-g505")`` loads a preset (`labcdp.chain.preset_names`) or a chain file, `with_` changes
+    parameters, `run` simulates, `sweep` maps CDP over parameters, `save` writes a chain file. See
+    `labcdp.chain.parts.ChainParts` for the fields.
+    """
+
+    def sweep(
+        self,
+        *,
+        exact: bool = False,
+        stage: str | None = None,
+        contrast: float | None = None,
+        epsilon: float = 0.5,
+        seed: int = 0,
+        folder: PathArgument | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        **axes: Any,
+    ) -> Dataset:
+        """Map CDP, contrast and signal-to-noise ratios over parameters.
+
+        Parameters
+        ----------
+        exact : bool
+            Predict without random numbers, on the optical axis, behind an EMVA 1288 sensor, instead of simulating.
+        stage : str or None
+            Stage that is evaluated, for example ``sensor`` or ``hdr``; None for the last.
+        contrast : float or None
+            Weber contrast to be detected, a fraction; None for that of the scene.
+        epsilon : float
+            Its relative tolerance.
+        seed : int
+            Random seed of a simulated sweep.
+        folder : path or None
+            Folder for a journal, from which an interrupted sweep is resumed; None for none.
+        progress : callable or None
+            Called with the number of cells that are done, and of all.
+        **axes
+            Parameters and their values, named as for `with_`: ``scene__luminance_cd_m2=np.geomspace(0.1, 1e4, 200)``.
+
+        Returns
+        -------
+        xarray.Dataset
+            With a dimension for each parameter, ``scene.luminance_cd_m2``. Its accessor ``labcdp`` finds usable
+            ranges and isolines, and draws the map.
+
+        Raises
+        ------
+        InputError
+            If a parameter is unknown, a value out of range, or the chain cannot be predicted.
+        """
+        from ..evaluate.sweep.plan import Sweep
+        from ..evaluate.sweep.run import run_sweep
+        from . import accessor as accessor  # registers it
+
+        for name, value in (("contrast", contrast), ("epsilon", epsilon)):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
+                raise InputError(f"{name} is {value!r}: give a number, as a fraction")
+        wanted = Sweep(
+            chain=self,
+            axes=tuple(_axis(name, values) for name, values in axes.items()),
+            exact=exact,
+            stage=stage,
+            contrast=None if contrast is None else float(contrast),
+            epsilon=float(epsilon),
+            seed=seed,
+        )
+        return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
+
+    def __repr__(self) -> str:
+        height, width = self.scene.shape
+        return f"<labcdp.Chain {self.name or self.source!r}: {width} x {height} pixels, {' > '.join(self.stage_names)}>"
+
+    def _repr_html_(self) -> str:
+        """Chain file for notebooks."""
+        from html import escape
+
+        return f"<details><summary>{escape(repr(self))}</summary><pre>{escape(self.to_toml())}</pre></details>"
+
+
+def _axis(name: str, values: Any) -> Any:
+    from ..evaluate.sweep.axis import Axis
+
+    array = np.asarray(values)
+    if array.ndim != 1 or array.dtype.kind not in "iufU":
+        raise InputError(f"{name} has the shape {array.shape} of {array.dtype}: give a list of numbers or texts")
+    if not array.size:
+        raise InputError(f"{name} has no values: give a list of numbers or texts")
+    return Axis(name if "." in name else name.replace("__", "."), tuple(array.tolist()))

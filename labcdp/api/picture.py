@@ -1,0 +1,364 @@
+"""Pictures: luminance, and CDP of regions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..calibration import AnyCalibration, Calibration, ColourCalibration
+from ..core.errors import InputError
+from ..core.finding import Finding, info, unique
+from ..core.luminance import LuminanceMap
+from ..core.notebook import html_table
+from ..core.roi import Roi
+from ..evaluate.picture.light.picture import PictureConversion, calibrated_conversion, picture_conversion
+from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
+from ..files.picture.picture import Picture
+from ..files.picture.read import read_picture
+from ..metrics import Epsilon
+from ..metrics.regions.pair import PairResult, evaluate_pair
+from ..report.findings import finding_text
+from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois, with_given
+from .variables import described
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+_BY_CONTRAST = ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined")
+_BY_PAIR = ("measured_contrast", "u_measured_contrast", "csnr", "u_csnr")
+_BY_SIDE = ("mean", "u_mean", "std", "snr", "u_snr", "pixels", "saturated")
+
+
+def read_image(
+    path: PathArgument,
+    *,
+    calibration: PathArgument | AnyCalibration | None = None,
+    camera_spec: PathArgument | None = None,
+    encoding: Literal["linear", "srgb"] | None = None,
+    exposure_s: float | None = None,
+    gain_db: float | None = None,
+    bit_depth: int | None = None,
+    pixel_format: str | None = None,
+    size: tuple[int, int] | None = None,
+) -> Image:
+    """Read a picture for evaluation.
+
+    Without calibration and camera specification the values are relative luminance; contrasts are unaffected.
+
+    Parameters
+    ----------
+    path : path
+        PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, a raw dump, or luminance that labcdp saved.
+    calibration : path or Calibration
+        For luminance in cd/m^2.
+    camera_spec : path
+        Camera specification (TOML), for luminance in cd/m^2 by guessed parameters.
+    encoding : {'linear', 'srgb'}
+        How values are encoded; None for what the kind of file suggests.
+    exposure_s, gain_db, bit_depth
+        What the user states about the picture; it counts before what the file says.
+    pixel_format, size
+        GenICam pixel format, and width and height, of raw dumps.
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or an argument cannot be used.
+    CalibrationError
+        If the calibration is not for this picture.
+    """
+    file = as_path(path, "the picture")
+    conversion = conversion_of(calibration, camera_spec, encoding)
+    options = with_given(
+        conversion.options,
+        exposure_s=exposure_s,
+        gain_db=gain_db,
+        bit_depth=bit_depth,
+        pixel_format=pixel_format,
+        size=None if size is None else tuple(size),
+    )
+    picture = read_picture(file, options)
+    return Image(picture, conversion, conversion.luminance(picture))
+
+
+def conversion_of(
+    calibration: PathArgument | AnyCalibration | None,
+    camera_spec: PathArgument | None,
+    encoding: Literal["linear", "srgb"] | None,
+) -> PictureConversion:
+    """Return the conversion to luminance that the arguments of `read_image` ask for; raises InputError."""
+    if encoding not in (None, "linear", "srgb"):
+        raise InputError(f"encoding is {encoding!r}: give 'linear' or 'srgb'")
+    if isinstance(calibration, Calibration | ColourCalibration):
+        if camera_spec is not None or encoding == "srgb":
+            raise InputError("a calibration has a conversion of its own: leave camera_spec and encoding out")
+        return calibrated_conversion(calibration, "in memory", encoding)
+    return picture_conversion(
+        None if calibration is None else as_path(calibration, "calibration"),
+        None if camera_spec is None else as_path(camera_spec, "camera_spec"),
+        encoding,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Image:
+    """A picture as luminance; made by `labcdp.read_image`.
+
+    Parameters
+    ----------
+    picture : Picture
+        The file that was read.
+    conversion : PictureConversion
+        How its values become luminance.
+    luminance : LuminanceMap
+        Luminance of each pixel with uncertainty and flags; ``numpy.asarray(image.luminance)`` gives the values alone.
+    """
+
+    picture: Picture
+    conversion: PictureConversion
+    luminance: LuminanceMap
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.picture.path
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.picture.shape
+
+    @property
+    def unit(self) -> str:
+        """Unit of the luminance: ``cd/m^2``, or ``relative``."""
+        return self.conversion.unit_of(self.picture)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a user should know about the luminance."""
+        frame = self.picture.frame
+        simulated = [info("camera-simulated")] if frame is not None and frame.camera.simulated else []
+        return unique([*simulated, *self.conversion.findings(self.picture)])
+
+    def regions(self, regions: Regions, pairs: Pairs | None = None) -> ImageRegions:
+        """Choose regions.
+
+        Parameters
+        ----------
+        regions : path, list of Roi, or dict
+            A region file (JSON of ``labcdp rois``, ImageJ's .roi or .zip); regions; or by name (x, y, width, height)
+            or an array of corners, in pixels.
+        pairs : list of (str, str) or None
+            Bright and dark region by name; None for all pairs of up to six regions.
+
+        Raises
+        ------
+        InputError
+            If a region lies outside the picture, or a pair names an unknown region.
+        """
+        height, width = self.shape
+        rois = as_rois(regions, (width, height))
+        return ImageRegions(self, rois, as_pairs(rois, pairs))
+
+    def cdp_neighbours(
+        self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5, *, rectangle: Rectangle | None = None
+    ) -> Dataset:
+        """Compute the CDP of each pixel against its right and lower neighbour, for patterns one pixel wide.
+
+        Parameters
+        ----------
+        contrasts : float or array_like of float or None
+            Contrasts to be detected, fractions; None for the measured contrast of the neighbours: mean of the brighter
+            over mean of the darker pixels of all pairs, minus 1.
+        epsilon : float or DetectionInterval
+            Their relative tolerance.
+        rectangle : (int, int, int, int) or None
+            Two corner pixels x0, y0, x1, y1, both included; None for the whole picture.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over contrast; without this dimension for a number or None.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used.
+        """
+        import xarray as xr
+
+        asked = as_contrasts(contrasts, epsilon)
+        found = evaluate_neighbours(self.luminance, asked.values, epsilon, rectangle)
+        measured = asked.values is None
+        rows = [_of_contrast(one) for one in found.results] or [(nan,) * len(_BY_CONTRAST)]
+        data = {
+            name: ("contrast", np.array(column))
+            for name, column in zip(_BY_CONTRAST, zip(*rows, strict=True), strict=True)
+        }
+        coordinate = np.array((found.contrast,) if asked.values is None else asked.values)
+        dataset = xr.Dataset(data, {"contrast": coordinate}, self._attributes(epsilon, found.findings))
+        return described(dataset.isel(contrast=0) if asked.scalar or measured else dataset, self.unit)
+
+    def to_dataset(self) -> Dataset:
+        """Return luminance, its standard uncertainty and flags over y and x."""
+        import xarray as xr
+
+        luminance = self.luminance.luminance_cd_m2
+        data = {
+            "luminance": (("y", "x"), luminance),
+            "u_luminance": (("y", "x"), np.abs(luminance) * self.luminance.random_rel),
+            "invalid": (("y", "x"), self.luminance.invalid),
+        }
+        return described(xr.Dataset(data, attrs=self._attributes(None)), self.unit)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the luminance."""
+        return np.array(self.luminance.luminance_cd_m2, dtype=dtype)
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<labcdp.Image {self.path.name}: {width} x {height} pixels, {self.unit}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        height, width = self.shape
+        rows = [("pixels", f"{width} x {height}"), ("unit", self.unit), ("conversion", self.conversion.description)]
+        return html_table(
+            ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
+        )
+
+    def _attributes(self, epsilon: Epsilon | None, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+        found = unique([*self.findings, *findings])
+        return {
+            "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
+            "file": str(self.path),
+            "sha256": self.picture.sha256,
+            "unit": self.unit,
+            "conversion": self.conversion.description,
+            **({} if epsilon is None else {"epsilon": epsilon if isinstance(epsilon, int | float) else str(epsilon)}),
+            "notes": "\n".join(finding_text(one) for one in found if one.severity == "info"),
+            "warnings": "\n".join(finding_text(one) for one in found if one.severity != "info"),
+            "labcdp_version": version("labcdp"),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ImageRegions:
+    """Regions of a picture; made by `Image.regions`.
+
+    Parameters
+    ----------
+    image : Image
+        The picture.
+    rois : tuple of Roi
+        The regions.
+    pairs : tuple of (str, str)
+        Names of the pairs that are evaluated.
+    """
+
+    image: Image
+    rois: tuple[Roi, ...]
+    pairs: tuple[tuple[str, str], ...]
+
+    def cdp(self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5) -> Dataset:
+        """Compute the contrast detection probability of each pair.
+
+        Parameters
+        ----------
+        contrasts : float or array_like of float or None
+            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair.
+        epsilon : float or DetectionInterval
+            Their relative tolerance.
+
+        Returns
+        -------
+        xarray.Dataset
+            CDP with its 95 % interval and standard uncertainty over pair and contrast; measured contrast and CSNR
+            over pair; mean and SNR over pair and side (bright, dark). Without the dimension of contrasts for a number
+            or None; with None `contrast` is a coordinate of the pairs.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, or regions overlap or hold no light.
+        """
+        import xarray as xr
+
+        asked = as_contrasts(contrasts, epsilon)
+        found = [self._pair(a, b, asked.values, epsilon) for a, b in self.pairs]
+        results = [pair for pair, _ in found]
+        by_contrast = np.array([rows for _, rows in found], dtype=float)
+        sides = [(pair.bright_region, pair.dark_region) for pair in results]
+        names = [[region.roi.name for region in pair] for pair in sides]
+        data: dict[str, Any] = {
+            name: (("pair", "contrast"), by_contrast[:, :, place]) for place, name in enumerate(_BY_CONTRAST)
+        }
+        of_pairs = np.array([_of_pair(pair) for pair in results])
+        data |= {name: ("pair", of_pairs[:, place]) for place, name in enumerate(_BY_PAIR)}
+        for place, name in enumerate(_BY_SIDE):
+            data[name] = (("pair", "side"), np.array([[_of_region(one)[place] for one in pair] for pair in sides]))
+        data["pixels"] = (data["pixels"][0], data["pixels"][1].astype(np.int64))
+        coordinates = {
+            "pair": [f"{bright} / {dark}" for bright, dark in names],
+            "side": ["bright", "dark"],
+            "region": (("pair", "side"), names),
+        }
+        attributes = self.image._attributes(epsilon, [one for pair in results for one in pair.findings])
+        dataset = xr.Dataset(data, coordinates, attributes)
+        if asked.values is None:
+            measured = dataset["measured_contrast"].values
+            dataset = dataset.isel(contrast=0).assign_coords(contrast=("pair", measured))
+        else:
+            dataset = dataset.assign_coords(contrast=np.array(asked.values))
+        return described(dataset.isel(contrast=0) if asked.scalar else dataset, self.image.unit)
+
+    def _pair(
+        self, a: str, b: str, contrasts: Sequence[float] | None, epsilon: Epsilon
+    ) -> tuple[PairResult, list[tuple[float, ...]]]:
+        rois = {roi.name: roi for roi in self.rois}
+        pair = evaluate_pair(self.image.luminance, rois[a], rois[b], contrasts, epsilon)
+        return pair, [_of_contrast(one) for one in pair.results] or [(nan,) * len(_BY_CONTRAST)]
+
+    def __repr__(self) -> str:
+        return f"<labcdp.ImageRegions of {self.image.path.name}: {len(self.rois)} regions, {len(self.pairs)} pairs>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        rows = [(roi.name, f"{roi.area:.0f}", ", ".join(f"{edge:.4g}" for edge in roi.bounds)) for roi in self.rois]
+        return html_table(("region", "area in pixels", "left, top, right, bottom"), rows, self.image.path.name)
+
+
+def _of_contrast(one: Any) -> tuple[float, ...]:
+    result = one.result
+    low, high = one.confidence_interval
+    return (result.cdp, one.standard_uncertainty, low, high, result.below, result.above, result.undefined)
+
+
+def _of_pair(pair: PairResult) -> tuple[float, ...]:
+    return (pair.contrast.value, pair.contrast.standard_error, pair.csnr.value, pair.csnr.standard_error)
+
+
+def _of_region(region: Any) -> tuple[float, ...]:
+    snr = region.snr
+    saturated = region.invalid_shares.get("saturated", 0.0)
+    return (
+        region.mean,
+        region.standard_uncertainty,
+        region.std,
+        snr.value,
+        snr.standard_error,
+        region.n_pixels,
+        saturated,
+    )

@@ -1,0 +1,355 @@
+"""Recorded sessions of a bench: calibration, evaluation, and results as a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_any, save
+from ..core.errors import InputError
+from ..core.notebook import html_table, number
+from ..core.result import InputFile
+from ..evaluate.bench.corrections import corrections_of
+from ..evaluate.bench.flat import UniformLight, require_same_optics
+from ..evaluate.bench.observe import observe_session
+from ..evaluate.bench.recorded import certificate_of
+from ..evaluate.bench.recorded_calibration import calibrate_recorded
+from ..evaluate.bench.report.result import session_input, session_result
+from ..evaluate.bench.session import SessionEvaluation, evaluate_session
+from ..report.envelope import envelope
+from ..report.findings import warning_texts
+from ..session import ContrastConfiguration
+from ..session import Session as _Session
+from .arguments import Contrasts, PathArgument, as_contrasts, as_path
+from .variables import described
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+class Session(_Session):
+    """A recorded session; ``Session.open("my-session")`` opens one, `labcdp.session.Session` has its records."""
+
+    def calibrate(
+        self,
+        *more: Session | PathArgument,
+        without: Sequence[str] = (),
+        hold_out: Sequence[str] = (),
+        flat_field: Session | PathArgument | None = None,
+        nonuniformity_rel: float = 0.01,
+        response: Literal["debevec"] | None = None,
+    ) -> CalibratedSession:
+        """Fit the camera's conversion from DN to cd/m^2, as ``labcdp calibrate`` does.
+
+        Parameters
+        ----------
+        *more : Session or path
+            Further sessions of the same camera and lens, at other gains or temperatures.
+        without : sequence of str
+            Patches to leave out.
+        hold_out : sequence of str
+            Patches that the fit is tested with instead of using them.
+        flat_field : Session, path or None
+            Session recorded with uniform light that fills the image; None for cos^4 of the lens.
+        nonuniformity_rel : float
+            Standard uncertainty of the uniform light across the image, a fraction.
+        response : {'debevec'} or None
+            Find the camera's response from the session's exposures as a bracket; None for linear, or as the readings
+            ask for.
+
+        Returns
+        -------
+        CalibratedSession
+
+        Raises
+        ------
+        CalibrationError
+            If the session does not support a calibration.
+        SessionError
+            If a file is missing or altered.
+        InputError
+            If an argument cannot be used.
+        """
+        others = [one if isinstance(one, _Session) else Session.open(as_path(one, "a session")) for one in more]
+        if response not in (None, "debevec"):
+            raise InputError(f"response is {response!r}: give 'debevec' or None")
+        uniform = None
+        if flat_field is not None:
+            flat = flat_field if isinstance(flat_field, _Session) else Session.open(as_path(flat_field, "flat_field"))
+            require_same_optics(self, flat)
+            uniform = UniformLight.read(flat, nonuniformity_rel, _silent)
+        calibration, _ = calibrate_recorded(
+            [self, *others],
+            uniform,
+            without=_names(without, "without"),
+            held_out=_names(hold_out, "hold_out"),
+            bracket=response is not None,
+        )
+        return CalibratedSession(self, calibration, tuple(without))
+
+    def evaluate(
+        self,
+        calibration: AnyCalibration | PathArgument,
+        contrasts: Contrasts | None = None,
+        epsilon: float | None = None,
+        *,
+        pairs: Sequence[tuple[str, str]] | None = None,
+        without: Sequence[str] = (),
+    ) -> SessionResult:
+        """Evaluate luminance and CDP of the patches, as ``labcdp evaluate`` does.
+
+        Parameters
+        ----------
+        calibration : Calibration or path
+            Of the same camera and settings.
+        contrasts : float, array_like of float, or None
+            Contrasts to be detected, fractions; None for those of the session's configuration.
+        epsilon : float or None
+            Their relative tolerance; None for that of the configuration, and 0.5 for `pairs`.
+        pairs : sequence of (str, str) or None
+            Bright and dark patch; None for those of the configuration. They need `contrasts`.
+        without : sequence of str
+            Patches to leave out.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration is not for these frames.
+        SessionError
+            If a file is missing or altered.
+        InputError
+            If an argument cannot be used.
+        """
+        asked, inputs = self._asked(contrasts, epsilon, pairs), [session_input(self)]
+        if not isinstance(calibration, Calibration | ColourCalibration):
+            path = as_path(calibration, "calibration")
+            calibration = load_any(path)
+            inputs.append(InputFile.of("calibration", path))
+        observed = observe_session(
+            self, _names(without, "without"), _silent, corrections_of(calibration), certificate_of(calibration, self)
+        )
+        return SessionResult(evaluate_session(self, observed, calibration, asked), tuple(inputs))
+
+    def _asked(
+        self, contrasts: Contrasts | None, epsilon: float | None, pairs: Sequence[tuple[str, str]] | None
+    ) -> list[ContrastConfiguration]:
+        if pairs is not None and contrasts is None:
+            raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
+        values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
+        chosen = list(self.configuration.contrasts)
+        if pairs is not None:
+            for pair in pairs:
+                if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+                    raise InputError(f"pairs has {pair!r}: give two names of patches, the brighter one first")
+            chosen = [
+                ContrastConfiguration.model_validate({"bright": bright, "dark": dark, "contrast": 1.0})
+                for bright, dark in pairs
+            ]
+        if epsilon is not None:
+            chosen = [one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen]
+        if values is None:
+            return chosen
+        different = {(one.bright, one.dark, one.epsilon): one for one in chosen}.values()
+        return [one.model_copy(update={"contrast": value}) for one in different for value in values]
+
+    def __repr__(self) -> str:
+        patches = len(self.configuration.target.patches)
+        return f"<labcdp.Session {self.path.name}: {self.configuration.name}, {patches} patches>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        configuration = self.configuration
+        rows = [("contrast", f"{one.bright} / {one.dark}, {one.contrast:g}") for one in configuration.contrasts]
+        patches = ", ".join(patch.name for patch in configuration.target.patches)
+        return html_table(("", ""), [("folder", str(self.path)), ("patches", patches), *rows], configuration.name)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedSession:
+    """A session with the calibration made from it; made by `Session.calibrate`.
+
+    Parameters
+    ----------
+    session : Session
+        The session.
+    calibration : Calibration or ColourCalibration
+        Converts frames of this camera to cd/m^2.
+    without : tuple of str
+        Patches that were left out.
+    """
+
+    session: Session
+    calibration: AnyCalibration
+    without: tuple[str, ...] = ()
+
+    def evaluate(
+        self,
+        contrasts: Contrasts | None = None,
+        epsilon: float | None = None,
+        *,
+        pairs: Sequence[tuple[str, str]] | None = None,
+    ) -> SessionResult:
+        """Evaluate the session with its calibration; parameters as for `Session.evaluate`."""
+        return self.session.evaluate(self.calibration, contrasts, epsilon, pairs=pairs, without=self.without)
+
+    def save(self, path: PathArgument) -> Path:
+        """Write the calibration file; raises InputError if it exists or cannot be written."""
+        file = as_path(path, "the calibration")
+        if file.exists():
+            raise InputError(f"{file} exists: give another name")
+        save(self.calibration, file)
+        return file
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the calibration."""
+        return warning_texts(self.calibration.findings)
+
+    def __repr__(self) -> str:
+        low, high = self.calibration.range_cd_m2
+        return f"<labcdp.CalibratedSession {self.session.path.name}: {low:.3g} to {high:.3g} cd/m^2>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        residuals = self.calibration.residuals
+        rows = [(row.patch, f"{100 * row.residual_rel:+.2f} %") for row in residuals]
+        return html_table(("patch", "camera from meter"), rows, repr(self)[1:-1])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SessionResult:
+    """Luminance and CDP of a session's patches; made by `Session.evaluate`.
+
+    Parameters
+    ----------
+    evaluation : SessionEvaluation
+        All results; its `map` is the target in cd/m^2.
+    inputs : tuple of InputFile
+        What it was made from.
+    """
+
+    evaluation: SessionEvaluation
+    inputs: tuple[InputFile, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the results."""
+        return warning_texts(self.evaluation.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of results.json."""
+        return envelope(session_result(self.evaluation, self.inputs))
+
+    def to_dataset(self) -> Dataset:
+        """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""
+        import xarray as xr
+
+        found = self.evaluation
+        patches = [row.region.name for row in found.patches]
+        data: dict[str, Any] = {name: ("patch", column) for name, column in _patch_columns(found).items()}
+        pairs = list(dict.fromkeys((row.bright, row.dark) for row in found.contrasts))
+        contrasts = sorted({row.cdp.contrast for row in found.contrasts})
+        table = {
+            name: np.full((len(pairs), len(contrasts)), nan)
+            for name in ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined", "epsilon")
+        }
+        by_pair = {
+            name: np.full(len(pairs), nan)
+            for name in ("measured_contrast", "u_measured_contrast", "meter_contrast", "u_meter_contrast", "exposure_s")
+        }
+        for row in found.contrasts:
+            at = pairs.index((row.bright, row.dark))
+            for name, value in _of_pair(row).items():
+                by_pair[name][at] = value
+            for name, value in _of_contrast(row).items():
+                table[name][at, contrasts.index(row.cdp.contrast)] = value
+        data |= {name: (("pair", "contrast"), values) for name, values in table.items()}
+        data |= {name: ("pair", values) for name, values in by_pair.items()}
+        coordinates = {
+            "patch": patches,
+            "pair": [f"{bright} / {dark}" for bright, dark in pairs],
+            "contrast": np.array(contrasts, dtype=float),
+            "side": ["bright", "dark"],
+            "region": (("pair", "side"), np.array(pairs, dtype=object).reshape(-1, 2)),
+        }
+        return described(xr.Dataset(data, coordinates, self._attributes()))
+
+    def _attributes(self) -> dict[str, Any]:
+        found = self.evaluation
+        return {
+            "title": "luminance and contrast detection probability of a session",
+            "session": found.observed.configuration.name,
+            "camera": str(found.calibration.state.camera),
+            "unit": "cd/m^2",
+            "simulated": ", ".join(found.simulated),
+            "input_sha256": found.observed.input_sha256,
+            "warnings": "\n".join(self.warnings),
+            "labcdp_version": version("labcdp"),
+        }
+
+    def __repr__(self) -> str:
+        found = self.evaluation
+        name = found.observed.configuration.name
+        return f"<labcdp.SessionResult {name}: {len(found.patches)} patches, {len(found.contrasts)} contrasts>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        rows = []
+        for row in self.evaluation.contrasts:
+            low, high = row.cdp.confidence_interval
+            values = (row.cdp.contrast, row.camera_contrast, row.cdp.cdp, low, high)
+            rows.append((f"{row.bright} / {row.dark}", *(number(value) for value in values)))
+        return html_table(("pair", "contrast", "measured", "CDP", "95 % from", "to"), rows, repr(self)[1:-1])
+
+
+def _patch_columns(found: SessionEvaluation) -> dict[str, list[float]]:
+    rows = found.patches
+    return {
+        "meter_luminance": [row.measured_cd_m2 for row in rows],
+        "meter_U": [row.measured_half_width_95_rel * row.measured_cd_m2 for row in rows],
+        "camera_luminance": [row.calibrated.luminance_cd_m2 for row in rows],
+        "camera_low": [row.calibrated.interval_95_cd_m2[0] for row in rows],
+        "camera_high": [row.calibrated.interval_95_cd_m2[1] for row in rows],
+        "deviation": [row.deviation_rel for row in rows],
+    }
+
+
+def _of_pair(row: Any) -> dict[str, float]:
+    return {
+        "measured_contrast": row.camera_contrast,
+        "u_measured_contrast": row.camera_standard_uncertainty,
+        "meter_contrast": row.measured_contrast,
+        "u_meter_contrast": row.measured_standard_uncertainty,
+        "exposure_s": row.exposure_s,
+    }
+
+
+def _of_contrast(row: Any) -> dict[str, float]:
+    result = row.cdp
+    low, high = result.confidence_interval
+    return {
+        "cdp": result.cdp,
+        "u_cdp": row.calibrated_cdp.standard_uncertainty,
+        "cdp_low": low,
+        "cdp_high": high,
+        "below": result.below,
+        "above": result.above,
+        "undefined": result.undefined,
+        "epsilon": result.epsilon,
+    }
+
+
+def _names(names: Sequence[str], what: str) -> list[str]:
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{what} is {names!r}: give a list of names of patches")
+    return list(names)
+
+
+def _silent(_done: int, _total: int) -> None:
+    """Report nothing."""

@@ -1,0 +1,1 @@
+"""Several exposures and how they are merged."""

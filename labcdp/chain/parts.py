@@ -1,0 +1,207 @@
+"""The parts of an imaging chain: frozen dataclasses of parameters, which chain files serialise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from ..core.disk import parse_toml
+from ..core.errors import ConfigurationError, InputError
+from ..core.photometry import photon_radiance_per_cd_m2
+from ..core.toml_text import toml_text
+from ..output import write_file
+from .capture import SensorModel
+from .chain_file import parts_of_document
+from .consistency import require_consistent
+from .document import changed, scene_table, sensor_tables, settings_table, stage_table
+from .exposure import ExposureSettings
+from .hdr.exposures import Hdr
+from .presets import chain_text
+from .scene.flat import Scene
+from .signal import Stage
+
+
+@dataclass(frozen=True)
+class ChainParts:
+    """What a chain consists of: the scene, the stages with their parameters, the settings of the exposures.
+
+    A chain is its parts, frozen dataclasses of their parameters. TOML only serialises them: a chain with other values,
+    by `with_` or `dataclasses.replace`, has them in a run, a prediction and a saved file alike.
+
+    Parameters
+    ----------
+    name, description : str
+        What the chain is.
+    spectrum : str
+        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
+    scene : Scene
+        What the camera looks at.
+    before : tuple of (str, Stage)
+        Stages between scene and sensor with their names, in order.
+    sensors : tuple of (str, SensorModel)
+        None, one, or several sensors that look at the same scene, with their names.
+    settings : ExposureSettings or None
+        How the sensors are exposed; None without sensors.
+    hdr : Hdr or None
+        How the exposures of a sensor are merged.
+    behind : tuple of (str, Stage)
+        Stages behind sensor and merge, in order.
+    source : str
+        What messages call the chain: its preset or file.
+    folder : Path
+        Folder that paths in `document` are relative to.
+
+    Raises
+    ------
+    InputError
+        If the parts do not fit together.
+    """
+
+    name: str
+    description: str
+    spectrum: str
+    scene: Scene
+    before: tuple[tuple[str, Stage], ...]
+    sensors: tuple[tuple[str, SensorModel], ...]
+    settings: ExposureSettings | None
+    hdr: Hdr | None
+    behind: tuple[tuple[str, Stage], ...]
+    source: str = field(default="chain", compare=False)
+    folder: Path = field(default=Path(), compare=False)
+
+    def __post_init__(self) -> None:
+        photon_radiance_per_cd_m2(self.spectrum)
+        require_consistent(self.scene, self.before, self.sensors, self.settings, self.hdr, self.behind)
+        names = self.stage_names
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(
+                f"two signals would have the name {twice[0]!r}: give each its own, and exposure times that differ in "
+                "their first six digits"
+            )
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> Self:
+        """Load a chain by the name of a preset (`preset_names`) or the path of a chain file (``.toml``).
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such preset or file, or its content cannot be used.
+        """
+        return cls.from_toml(*chain_text(name_or_path))
+
+    @classmethod
+    def from_toml(cls, text: str, source: str = "chain", folder: Path = Path()) -> Self:
+        """Make a chain of the text of a chain file; everything else as `from_document`."""
+        try:
+            document = parse_toml(text)
+        except InputError as error:
+            raise ConfigurationError(f"{source}: {error}") from error
+        return cls.from_document(document, source, folder)
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any], source: str = "chain", folder: Path = Path()) -> Self:
+        """Make a chain of the tables of a chain file.
+
+        Parameters
+        ----------
+        document : mapping
+            The tables; those between scene and sensor, and those behind, are stages in their order.
+        source : str
+            What messages call the document.
+        folder : Path
+            Folder that paths in it are relative to.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming source, table and key of the first thing that cannot be used.
+        """
+        try:
+            return cls(**parts_of_document(document, folder), source=source, folder=folder)
+        except InputError as error:
+            raise ConfigurationError(f"{source}: {error}") from error
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The tables of a chain file for this chain, made anew each time; all parameters, the size in the scene."""
+        return self._document(self.folder)
+
+    def to_toml(self) -> str:
+        """Return the text of a chain file for this chain."""
+        return toml_text(self.document)
+
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write a chain file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file (``.toml``). Paths in the chain become relative to its folder where they lie in it.
+        force : bool
+            Whether a file that exists may be replaced; its comments are lost.
+
+        Raises
+        ------
+        InputError
+            If the file exists, or cannot be written.
+        ConfigurationError
+            If a part is not registered for chain files.
+        """
+        path = Path(path)
+        text = toml_text(self._document(path.parent))
+        write_file(path, text.encode(), force=force)
+
+    def with_(self, **changes: Any) -> Self:
+        """Return the chain with other parameters.
+
+        Parameters
+        ----------
+        **changes
+            Parameters as table and key, ``scene__luminance_cd_m2=5.0`` or, in a mapping, ``scene.luminance_cd_m2``;
+            ``spectrum``, ``name`` and ``description`` stand alone. With several sensors ``sensor.key`` means all of
+            them, ``sensor.NAME.key`` one. The size is that of scene and sensors, whichever is named. None stands for
+            the default.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such parameter, or the value cannot be used.
+        """
+        return self.from_document(changed(self.document, changes), self.source, self.folder)
+
+    @property
+    def recorded_names(self) -> tuple[str, ...]:
+        """Names of what one sensor gives: its exposures, their merge and the stages behind; () without a sensor."""
+        if self.settings is None:
+            return ()
+        times = self.settings.exposure_s
+        captures = ("sensor",) if len(times) == 1 else tuple(f"sensor {1e3 * time:g} ms" for time in times)
+        merged = () if self.hdr is None else ("hdr",)
+        return (*captures, *merged, *(name for name, _ in self.behind))
+
+    @property
+    def stage_names(self) -> tuple[str, ...]:
+        """Names of the signals of a run, in order."""
+        front = ("scene", *(name for name, _ in self.before))
+        return (*front, *(self.of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
+
+    def of_sensor(self, name: str, sensor_name: str) -> str:
+        """Name in a run of what one sensor gives."""
+        return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name
+
+    def _document(self, folder: Path) -> dict[str, Any]:
+        texts = {"name": self.name, "description": self.description, "spectrum": self.spectrum}
+        document: dict[str, Any] = {key: text for key, text in texts.items() if text}
+        document["scene"] = scene_table(self.scene, folder)
+        document |= {name: stage_table(name, stage, folder) for name, stage in self.before}
+        if self.settings is not None:
+            document["exposure"] = settings_table(self.settings, folder)
+        if self.sensors:
+            document["sensor"] = sensor_tables(self.sensors, folder)
+        if self.hdr is not None:
+            document["hdr"] = settings_table(self.hdr, folder)
+        return document | {name: stage_table(name, stage, folder) for name, stage in self.behind}

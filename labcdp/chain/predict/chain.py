@@ -1,0 +1,184 @@
+"""Prediction of a whole chain without random numbers, for its first pair of regions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ..camera_model import CameraModel
+from ..chain import Chain
+from ..isp import ToneCurve
+from ..scene.flat import Scene
+from ..sensor.emva import Sensor
+from ..signal import Signal
+from .prediction import ExactPrediction, PatchRates, predict
+
+FloatArray = NDArray[np.float64]
+
+
+def predict_chain(
+    chain: Chain,
+    scenes: Mapping[str, Sequence[Any]] | None = None,
+    *,
+    stage: str | None = None,
+    contrast: float | None = None,
+    epsilon: float = 0.5,
+) -> ExactPrediction:
+    """Predict CDP and its relatives behind one stage, on the optical axis.
+
+    Parameters
+    ----------
+    chain : Chain
+        With one EMVA 1288 sensor; the stages before it must be linear in luminance, the only one behind it may be a
+        tone curve.
+    scenes : mapping of str to sequence, or None
+        Fields of the scene with a value for each of n cells, for example ``luminance_cd_m2``; None for the scene as
+        it is, one cell.
+    stage : str or None
+        A stage at or behind the sensor, None for the last.
+    contrast : float or None
+        Weber contrast to be detected, a fraction; None for that of each cell's scene.
+    epsilon : float
+        Its tolerance.
+
+    Returns
+    -------
+    ExactPrediction
+        Arrays of shape (n,).
+
+    Raises
+    ------
+    InputError
+        If the chain cannot be predicted so, or a value is out of its range.
+    """
+    sensor, name = _sensor(chain, stage or chain.stage_names[-1])
+    camera = _camera(chain, sensor, name)
+    levels, shares, pair = _levels(_scenes(chain.scene, scenes or {}))
+    front = chain.front(levels, shares)
+    per_lx_s = sensor.electrons_per_lx_s(chain.spectrum)
+    dark, bright = (front.values[:, index] * per_lx_s for index in pair)
+    rates = PatchRates(dark, bright, _veil_lx(front, len(levels)) * per_lx_s)
+    asked = _own_contrast(*(levels[:, index] for index in pair)) if contrast is None else np.full(len(levels), contrast)
+    return predict(camera, rates, asked, epsilon)
+
+
+def transition_luminances(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
+    """Luminances of the dark region at which a merge leaves each exposure but the shortest; () without a merge.
+
+    Parameters
+    ----------
+    chain : Chain
+        As for `predict_chain`.
+    stage : str or None
+        Which stage, None for the last.
+
+    Raises
+    ------
+    InputError
+        If the chain cannot be predicted.
+    """
+    if chain.hdr is None or chain.settings is None:
+        return ()
+    sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
+    camera = CameraModel(sensor, chain.settings, chain.hdr)
+    levels, shares, (dark, _) = _levels([chain.scene])
+    front = chain.front(levels, shares)
+    electrons_s = float(front.values[0, dark]) * sensor.electrons_per_lx_s(chain.spectrum)
+    if electrons_s == 0:
+        return ()
+    count = len(camera.exposures_s)
+    found = []
+    for place, time in enumerate(camera.exposures_s[:-1]):
+        net_dn = camera.ladder.saturation_dn
+        if chain.hdr.method == "normal":
+            net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (place + 1)) * time / camera.exposures_s[0])
+        rate = net_dn / camera.k_dn_per_e / time - camera.dark_e_s
+        # Light and glare grow with the scene.
+        found.append(float(levels[0, dark]) * rate / electrons_s)
+    return tuple(luminance for luminance in found if luminance > 0)
+
+
+def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
+    """Return `transition_luminances`, or none of a chain that cannot be predicted."""
+    try:
+        return transition_luminances(chain, stage)
+    except InputError:
+        return ()
+
+
+def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
+    """Sensor that a stage belongs to, and the stage's name without the sensor's."""
+    for own, sensor in chain.sensors:
+        for name in chain.recorded_names:
+            if chain.of_sensor(name, own) == stage:
+                if isinstance(sensor, Sensor):
+                    return sensor, name
+                raise InputError(
+                    f"sensor {own!r} is no EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
+                )
+    known = [chain.of_sensor(name, own) for own, _ in chain.sensors for name in chain.recorded_names]
+    raise InputError(f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}")
+
+
+def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
+    """Sensor, exposures, merge and tone curve up to a stage."""
+    assert chain.settings is not None
+    names = chain.recorded_names
+    place = names.index(stage)
+    if place < len(chain.settings.exposure_s):
+        return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[place],)))
+    curves = [one for name, one in chain.behind if names.index(name) <= place]
+    if len(curves) > 1 or not all(isinstance(curve, ToneCurve) for curve in curves):
+        raise InputError(f"{stage} is behind other stages than one tone curve: simulate, or give an earlier stage")
+    curve = curves[0] if curves else None
+    return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, ToneCurve) else None)
+
+
+def _scenes(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:
+    if not fields:
+        return [scene]
+    cells = zip(*fields.values(), strict=True)
+    return [replace(scene, **dict(zip(fields, values, strict=True))) for values in cells]  # type: ignore[type-var]
+
+
+def _levels(scenes: Sequence[Scene]) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+    """Levels and their shares, shapes (cells, levels), and the places of the dark and the bright one."""
+    pairs = scenes[0].pairs()
+    cells = [scene.levels() for scene in scenes]
+    if not pairs or not cells[0]:
+        raise InputError(
+            "the scene has no two regions of known, different luminance: give a checkerboard, step chart or patches"
+        )
+    names = [level.name for level in cells[0]]
+    if any([level.name for level in levels] != names for levels in cells):
+        raise InputError("the scenes have different regions: sweep over their luminance only, or simulate")
+    luminances = np.array([[level.luminance_cd_m2 for level in levels] for levels in cells])
+    shares = np.array([[level.share for level in levels] for levels in cells])
+    dark, bright = pairs[0]
+    return luminances, shares, (names.index(dark), names.index(bright))
+
+
+def _veil_lx(front: Signal, cells: int) -> FloatArray:
+    """Illuminance that the inverse maps to luminance 0, shape (cells,)."""
+    scale = float(front.values.max()) or 1.0
+    points = np.array([[0.0, scale / 2, scale]])
+    luminance = np.broadcast_to(front.to_luminance(np.broadcast_to(points, (cells, 3))), (cells, 3))
+    slope = (luminance[:, 2] - luminance[:, 0]) / scale
+    middle = (luminance[:, 2] + luminance[:, 0]) / 2
+    if not np.allclose(luminance[:, 1], middle, rtol=1e-9, atol=1e-9 * np.abs(luminance).max()):
+        raise InputError("a stage before the sensor is not linear in luminance: simulate instead")
+    # What is subtracted cannot be negative; where nothing is, rounding could make it so.
+    veil: FloatArray = np.maximum(-luminance[:, 0] / slope, 0.0)
+    return veil
+
+
+def _own_contrast(dark: FloatArray, bright: FloatArray) -> FloatArray:
+    if not (dark > 0).all():
+        raise InputError("the dark region has a luminance of 0 and its contrast is infinite: give a contrast to detect")
+    # 1.3 / 1 - 1 is not 0.3 in binary.
+    return np.round(bright / dark - 1, 12)

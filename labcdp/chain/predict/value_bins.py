@@ -1,0 +1,207 @@
+"""Values that a merge of several exposures can have, and the bins its distribution is tabulated in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, hypot, lcm
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hdr.merge import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
+
+FloatArray = NDArray[np.float64]
+
+#: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
+BINS = 28
+
+#: Most values a zone is given for the sake of another.
+_MOST = 20_000
+
+#: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
+#: interval then matter less than 2e-4.
+_FINE = 200
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of read noise and of the offsets over the pixels, DN, and the black level."""
+
+    read_dn: float
+    offset_dn: float
+    black_level_dn: float
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A range of luminance in which the merged value is a sum of the DN of some exposures, with constant factors.
+
+    Parameters
+    ----------
+    first : int
+        Longest exposure that is not clipped; it and all shorter ones enter.
+    steps : tuple of int
+        Factors of their DN, in units.
+    unit : float
+        Distance of the values, DN of the merge.
+    origin : float
+        Value of DN 0 in all exposures.
+    low, high : float
+        Range of the merged value.
+    """
+
+    first: int
+    steps: tuple[int, ...]
+    unit: float
+    origin: float
+    low: float
+    high: float
+
+
+def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list[Zone]:
+    """List the zones of "linear" or "weighted"; those whose factors have no common unit are left out."""
+    found = []
+    end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
+    for first in range(len(ladder)):
+        factors = _factors(method, ladder, first)
+        relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
+        if any(
+            abs(float(one) * factors[0] / factor - 1) > 1e-12 for one, factor in zip(relative, factors, strict=True)
+        ):
+            continue
+        common = lcm(*(one.denominator for one in relative))
+        low = -np.inf if first == 0 else ladder.saturation_dn * ladder.ratios[first - 1]
+        high = (ladder.saturation_dn if first == len(ladder) - 1 else end) * ladder.ratios[first]
+        steps = tuple(int(one * common) for one in relative)
+        found.append(Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
+    return found
+
+
+def _common_unit(found: Sequence[Zone]) -> float | None:
+    """Largest unit that those of all zones are multiples of; None without zones."""
+    if not found:
+        return None
+    return found[0].unit / lcm(
+        *(Fraction(zone.unit / found[0].unit).limit_denominator(1000).denominator for zone in found)
+    )
+
+
+def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
+    """Whether the distribution of a sum of DN has no lumps.
+
+    The values of each exposure, its step apart, must be filled by the noise of the others. At half a step of standard
+    deviation a ripple of exp(-2 (pi / 2)^2) = 0.7 % is left.
+    """
+    parts = [step**2 * variance for step, variance in zip(steps, variances, strict=True)]
+    smooth: Any = True
+    for step, part in zip(steps, parts, strict=True):
+        smooth = smooth & (sum(parts) - part >= step**2 / 4)
+    return smooth
+
+
+def _factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
+    """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
+    ratios = ladder.ratios[first:]
+    if method == "linear":
+        return [ratio / len(ratios) for ratio in ratios]
+    left, factors = 1.0, []
+    for ratio, share in zip(ratios, ladder.shares[first:], strict=True):
+        factors.append(left * share * ratio)
+        left *= 1 - share
+    return factors
+
+
+@dataclass(frozen=True, eq=False)
+class ValueBins:
+    """Bins of the merged value.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (k + 1,)
+        Rising.
+    values : ndarray, shape (k,)
+        Middles of the bins, or their only values.
+    exact : ndarray of bool, shape (k,)
+        Which bins hold a single value; over the others a probability is spread evenly.
+    """
+
+    edges: FloatArray
+    values: FloatArray
+    exact: NDArray[np.bool_]
+
+    @classmethod
+    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise, *, start: int = 0) -> ValueBins:
+        """Bins of the value merged from the exposures from `start` on.
+
+        They are even in standard deviations of the value, and hold one value each where these are far apart. The last
+        bin holds what is clipped in all exposures. From a `start` above 0 on, the bins suit pixels of one offset.
+        """
+        top = ladder.merged_saturation_dn
+        dn = np.linspace(0, 1, 4001) ** 2 * top
+        all_dn = hypot(noise.read_dn, noise.offset_dn)
+        spread = _spread(method, ladder, start, dn, noise.read_dn if start else all_dn)
+        place = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
+        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * BINS) + 1), place, dn)
+        inner[-1] = top
+        # No value is below that of the least DN of all exposures.
+        depth = (9 * all_dn + 1) * ladder.ratios[-1]
+        below = np.arange(ceil(depth / spread[0] * BINS), 0, -1) * (spread[0] / BINS)
+        bins: ValueBins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
+        bins.values[-1], bins.exact[-1] = top, True
+        bins.values[below.size], bins.exact[below.size] = 0.0, True
+        if start == 0:
+            found = zones(method, ladder, noise.black_level_dn)
+            # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
+            shared = _common_unit(found) if method == "linear" else None
+            for zone in found:
+                shorter = ladder.ratios[zone.first :]
+                variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
+                coarse = (spread > _FINE * zone.unit) & is_smooth(zone.steps, variances)
+                fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
+                low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
+                unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
+                bins = bins._with_lattice(zone.origin, unit, low, high)
+        return bins
+
+    @classmethod
+    def _between(cls, edges: FloatArray) -> Self:
+        return cls(edges, (edges[1:] + edges[:-1]) / 2, np.zeros(edges.size - 1, dtype=np.bool_))
+
+    def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> ValueBins:
+        """Replace the bins between two limits by one for each value of a lattice."""
+        if high <= max(low, 0.0):
+            return self
+        number = np.arange(ceil((low - origin) / unit), ceil((high - origin) / unit))
+        if number.size == 0:
+            return self
+        values = origin + number * unit
+        values[np.abs(values) < ZERO_DN] = 0.0
+        edges = origin + (np.append(number, number[-1] + 1) - 0.5) * unit
+        before = int(np.searchsorted(self.edges, edges[0] - 1e-6 * unit))
+        after = int(np.searchsorted(self.edges, edges[-1] + 1e-6 * unit))
+        bins = self._between(np.concatenate([self.edges[:before], edges, self.edges[after:]]))
+        filled = slice(before, before + number.size)
+        bins.values[filled], bins.exact[filled] = values, True
+        bins.values[-1], bins.exact[-1] = self.values[-1], True
+        # The bin before is as it was, unless the lattice cuts it.
+        touches = before < self.edges.size and self.edges[before] - edges[0] < 1e-6 * unit
+        kept = before if touches else max(before - 1, 0)
+        bins.values[:kept], bins.exact[:kept] = self.values[:kept], self.exact[:kept]
+        return bins
+
+
+def _spread(method: Method, ladder: ExposureLadder, start: int, dn: FloatArray, dark_dn: float) -> FloatArray:
+    """Return the standard deviation of the merged value over its mean."""
+    own = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
+    last = len(ladder) - 1
+    variance = own[last]
+    for i in reversed(range(start, last)):
+        if method == "weighted":
+            share = faded_share(dn / ladder.ratios[i], i, ladder)
+        else:
+            share = np.where(dn / ladder.ratios[i] < ladder.saturation_dn, 1 / (len(ladder) - i), 0.0)
+        variance = share**2 * own[i] + (1 - share) ** 2 * variance
+    return np.sqrt(variance)

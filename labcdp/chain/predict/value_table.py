@@ -1,0 +1,283 @@
+"""Exact distribution of the value of a pixel over the rate of photo-electrons, tabulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera_model import CameraModel
+from ..hdr.merge import merge_dn, normal_stage
+from ..isp import ToneCurve
+from .merged_rows import ExposureRows, merged_rows
+from .quadrature import gamma_nodes, normal_nodes
+from .rate_grid import RateGrid
+from .readout_matrix import Readout, offset_spread_e, total_noise_e
+from .sparse_rows import dense_rows, indicator, spread_rows
+from .value_bins import Noise, ValueBins
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+FloatArray = NDArray[np.float64]
+
+#: Rates whose distributions are calculated in one matrix product.
+_BLOCK = 64
+
+
+@dataclass(frozen=True, eq=False)
+class ValueTable:
+    """Distributions of the values of pixels, without random numbers.
+
+    Parameters
+    ----------
+    values : ndarray, shape (k,)
+        Values, rising: DN as the camera gives them (see `CameraModel`), the middles of bins, or decoded codes.
+    bins : ValueBins or None
+        The bins; None where all values are exact.
+    rows : csr_array, shape (nodes, k)
+        Probabilities at the nodes of the grid that are used.
+    saturated : ndarray, shape (nodes,)
+        Share of saturated pixels at each node.
+    grid : RateGrid
+        Rates of photo-electrons of the nodes.
+    prnu : tuple of ndarray
+        Gains of pixels, and how frequent each is.
+    """
+
+    values: FloatArray
+    bins: ValueBins | None
+    rows: csr_array
+    saturated: FloatArray
+    grid: RateGrid
+    prnu: tuple[FloatArray, FloatArray]
+
+    def blocks(self, rates_e_s: FloatArray) -> Iterator[tuple[slice, int, FloatArray, FloatArray]]:
+        """Distributions at rates of photo-electrons, some at a time.
+
+        Parameters
+        ----------
+        rates_e_s : ndarray, shape (n,)
+            Mean rates; the closer together neighbours are, the quicker.
+
+        Yields
+        ------
+        part : slice
+            Which rates.
+        first : int
+            First value that occurs.
+        share : ndarray, shape (rates, m)
+            Probability of the values from it on.
+        saturated : ndarray, shape (rates,)
+            Share of saturated pixels.
+        """
+        gains, frequency = self.prnu
+        for begin in range(0, rates_e_s.size, _BLOCK):
+            part = slice(begin, min(begin + _BLOCK, rates_e_s.size))
+            count = part.stop - begin
+            index, weight = self.grid.stencil(np.outer(rates_e_s[part], gains).ravel())
+            weight *= np.tile(frequency, count)[:, None]
+            low, high = int(index.min()), int(index.max()) + 1
+            place = index - low + np.repeat(np.arange(count) * (high - low), gains.size)[:, None]
+            mix = np.bincount(place.ravel(), weight.ravel(), minlength=count * (high - low)).reshape(count, -1)
+            first, rows = dense_rows(self.rows, low, high)
+            yield part, first, mix @ rows, mix @ self.saturated[low:high]
+
+
+def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
+    """Tabulate what is needed for given rates of photo-electrons.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        The camera.
+    rates_e_s : ndarray
+        Mean rates of photo-electrons per second, of any shape.
+    """
+    return _TableMaker(camera).table(np.unique(rates_e_s))
+
+
+@dataclass(frozen=True, eq=False)
+class _TableMaker:
+    camera: CameraModel
+
+    def table(self, rates_e_s: FloatArray) -> ValueTable:
+        from scipy.sparse import csr_array
+
+        camera, grid = self.camera, self._grid
+        gains, frequency = self._gains
+        used = self._between(rates_e_s * gains.min(), rates_e_s * gains.max())
+        dark, dark_frequency = self._dark
+        if dark.size == 1:
+            pick, totals = None, grid.rates_e_s + camera.dark_e_s
+        else:
+            mean = np.add.outer(grid.rates_e_s[used], camera.dark_e_s * dark)
+            index, weight = grid.stencil(mean.ravel())
+            weight = weight * np.tile(dark_frequency, used.size)[:, None]
+            node = np.repeat(used, dark.size * index.shape[1])
+            shape = (grid.roots.size, grid.roots.size)
+            pick = csr_array((weight.ravel(), (node, index.ravel())), shape=shape)
+            used, totals = np.unique(index), grid.rates_e_s
+        values, bins, rows, saturated = self._rows(totals, used)
+        if pick is not None:
+            rows, saturated = pick @ rows, np.asarray(pick @ saturated)
+        return ValueTable(values, bins, rows, saturated, grid, (gains, frequency))
+
+    @cached_property
+    def _grid(self) -> RateGrid:
+        sensor = self.camera.sensor
+        readout = Readout.of(sensor, self.camera.settings.gain_db, total_noise_e(sensor))
+        return RateGrid(self.camera.exposures_s, readout.certain_e(0.0))
+
+    @cached_property
+    def _gains(self) -> tuple[FloatArray, FloatArray]:
+        """Gains of pixels for light (PRNU)."""
+        spread = self.camera.sensor.prnu_rel
+        # Rates just beyond saturation reach back to it.
+        nodes, frequency = normal_nodes(spread * (1 + 8 * spread) * self._largest_root)
+        return 1 + spread * nodes, frequency
+
+    @cached_property
+    def _dark(self) -> tuple[FloatArray, FloatArray]:
+        """Dark currents of pixels over the mean one."""
+        sensor = self.camera.sensor
+        if sensor.dsnu_e_s == 0:
+            return np.ones(1), np.ones(1)
+        order = (sensor.dark_current_e_s / sensor.dsnu_e_s) ** 2
+        dark_e = self.camera.dark_e_s * self.camera.exposures_s[0]
+        # Shot noise of the dark current itself is the least there is.
+        return gamma_nodes(order, sqrt(dark_e))
+
+    @property
+    def _largest_root(self) -> float:
+        """Square root of the most electrons that all exposures not saturated hold together."""
+        exposures_s, certain_e = self.camera.exposures_s, self._grid.certain_e
+        return max(sqrt(certain_e / t * sum(exposures_s[i:])) for i, t in enumerate(exposures_s))
+
+    def _between(self, low_e_s: FloatArray, high_e_s: FloatArray) -> NDArray[np.intp]:
+        """Nodes that interpolation anywhere between some limits uses."""
+        first = self._grid.stencil(low_e_s)[0].min(axis=1)
+        last = self._grid.stencil(high_e_s)[0].max(axis=1)
+        change = np.bincount(first, minlength=self._grid.roots.size + 1)
+        change = change - np.bincount(last + 1, minlength=self._grid.roots.size + 1)
+        return np.flatnonzero(np.cumsum(change) > 0)
+
+    def _rows(
+        self, totals_e_s: FloatArray, used: NDArray[np.intp]
+    ) -> tuple[FloatArray, ValueBins | None, csr_array, FloatArray]:
+        """Values, bins, probabilities and saturated share at total rates, dark current included."""
+        camera, tone_curve = self.camera, self.camera.tone_curve
+        if camera.hdr is not None and camera.hdr.method != "normal" and len(camera.exposures_s) > 1:
+            bins, rows, saturated = self._binned_rows(totals_e_s, used)
+            values = _decoded(tone_curve) if bins is None else bins.values
+            return values, bins, rows, saturated
+        values, rows = self._exact_rows(totals_e_s, used)
+        saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
+        if tone_curve is not None:
+            rows = rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits)
+            values = _decoded(tone_curve)
+        return values, None, rows, saturated
+
+    def _exact_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[FloatArray, csr_array]:
+        """Whole DN of a single exposure, or of a merge that takes one of them."""
+        from scipy.sparse import csr_array
+
+        camera, count = self.camera, len(self.camera.exposures_s)
+        if count == 1:
+            readout = Readout.of(camera.sensor, camera.settings.gain_db, total_noise_e(camera.sensor))
+            rows = readout.dn_rows(totals_e_s[used] * camera.exposures_s[0])
+            values: FloatArray = np.arange(2.0**camera.sensor.bits)
+            if camera.hdr is not None:
+                net_dn = values - camera.sensor.black_level_dn
+                values = merge_dn(camera.hdr.method, camera.hdr.bits, [net_dn], camera.ladder).astype(np.float64)
+            return values, spread_rows(rows, used, totals_e_s.size)
+        assert camera.hdr is not None
+        net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
+        stages = [normal_stage(net_dn, i, camera.hdr.bits, camera.ladder) for i in range(count)]
+        values = np.concatenate([value[taken] for value, taken in stages]).astype(np.float64)
+        order = np.argsort(values, kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        starts = np.cumsum([0, *(taken.sum() for _, taken in stages)])
+        total = csr_array((used.size, values.size))
+        for offset_e, frequency in zip(*self._offsets, strict=True):
+            left = np.full(used.size, frequency)
+            for i, (_, taken) in enumerate(stages):
+                share = self._temporal.dn_rows(totals_e_s[used] * camera.exposures_s[i], offset_e)
+                place = rank[starts[i] + np.cumsum(taken) - 1]
+                chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
+                chosen = chosen.multiply(left[:, None]).tocsr()
+                total = total + chosen
+                left = left * (share @ np.where(taken, 0.0, 1.0))
+        return values[order], spread_rows(total, used, totals_e_s.size)
+
+    def _binned_rows(
+        self, totals_e_s: FloatArray, used: NDArray[np.intp]
+    ) -> tuple[ValueBins | None, csr_array, FloatArray]:
+        """Bins of a merge that mixes exposures (None for codes), probabilities, and the share clipped in all."""
+        from scipy.sparse import csr_array
+
+        camera = self.camera
+        assert camera.hdr is not None
+        offsets_e, frequency = self._offsets
+        sensor, ladder = camera.sensor, camera.ladder
+        noise = Noise(
+            ladder.k_dn_per_e * sensor.read_noise_e,
+            ladder.k_dn_per_e * offset_spread_e(sensor),
+            sensor.black_level_dn,
+        )
+        exposures = ExposureRows(
+            [
+                [self._temporal.dn_rows(totals_e_s[used] * t, offset_e) for t in camera.exposures_s]
+                for offset_e in offsets_e
+            ],
+            frequency,
+            np.arange(2.0**sensor.bits) - sensor.black_level_dn,
+            noise,
+        )
+        bins = None
+        if camera.tone_curve is None:
+            bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
+            edges = bins.edges
+        else:
+            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [1e18]])
+        merged = merged_rows(camera.hdr.method, ladder, exposures, edges, used)
+        sizes = [share.size for _, share in merged]
+        column = np.concatenate([first + np.arange(share.size) for first, share in merged])
+        data = np.concatenate([share for _, share in merged])
+        rows = csr_array((data, column, np.concatenate([[0], np.cumsum(sizes)])), shape=(used.size, edges.size - 1))
+        saturated = np.zeros(totals_e_s.size)
+        clipped = (exposures.net_dn >= ladder.saturation_dn).astype(np.float64)
+        for share, exposure_rows in zip(frequency, exposures.rows, strict=True):
+            saturated[used] += share * (exposure_rows[-1] @ clipped)
+        return bins, spread_rows(rows, used, totals_e_s.size), saturated
+
+    @cached_property
+    def _temporal(self) -> Readout:
+        """Readout of a pixel whose fixed pattern is known."""
+        return Readout.of(self.camera.sensor, self.camera.settings.gain_db, self.camera.sensor.read_noise_e)
+
+    @cached_property
+    def _offsets(self) -> tuple[FloatArray, FloatArray]:
+        """Offsets of pixels in electrons, and how frequent each is."""
+        spread_e = offset_spread_e(self.camera.sensor)
+        if spread_e == 0:
+            return np.zeros(1), np.ones(1)
+        read_noise_e, step_e = self.camera.sensor.read_noise_e, 1 / self.camera.k_dn_per_e
+        smooth_e = max(read_noise_e, spread_e / 4)
+        if read_noise_e < 0.15 * step_e:
+            # Nothing smooths the rounding: nodes closer than its step average over it.
+            smooth_e = min(smooth_e, max(0.1 * step_e, spread_e / 40))
+        nodes, frequency = normal_nodes(spread_e / smooth_e)
+        return spread_e * nodes, frequency
+
+
+def _decoded(tone_curve: ToneCurve | None) -> FloatArray:
+    """Values of all codes, rising."""
+    assert tone_curve is not None
+    return tone_curve.decode(np.arange(2**tone_curve.bits))

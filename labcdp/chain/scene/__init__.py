@@ -1,0 +1,1 @@
+"""Scenes: targets and patches, checkerboards, step charts, images."""

@@ -1,0 +1,329 @@
+"""Scenes: what is in front of the camera, as a map of luminance with named uniform regions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk.quoting import shown
+from ...core.errors import InputError
+from ..parameters import LARGEST_SIDE, check_number, check_whole
+from .patches import HIGHEST_CD_M2, FloatMap, Patch, with_patches
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Level:
+    """One of the luminances a scene consists of.
+
+    Parameters
+    ----------
+    name : str
+        Name of its region.
+    luminance_cd_m2 : float
+        Luminance in cd/m^2.
+    share : float
+        Share of the scene's area.
+    """
+
+    name: str
+    luminance_cd_m2: float
+    share: float
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """Protocol of scenes: frozen dataclasses of their parameters with a size and these methods."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Regions to be evaluated by name, masks of shape (height, width); may be empty."""
+
+    def levels(self) -> Sequence[Level]:
+        """All luminances of the scene with their share of its area; empty if they are not a few.
+
+        A level of a region has the region's name.
+        """
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Names of the regions whose contrast is evaluated, the darker one first."""
+
+
+def _check_size(width: Any, height: Any) -> None:
+    check_whole("width", width, "pixels", 1, LARGEST_SIDE)
+    check_whole("height", height, "pixels", 1, LARGEST_SIDE)
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A field of one luminance.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    luminance_cd_m2 : float
+        Luminance in cd/m^2.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    width: int
+    height: int
+    luminance_cd_m2: float
+
+    def __post_init__(self) -> None:
+        _check_size(self.width, self.height)
+        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        return np.full(self.shape, self.luminance_cd_m2, np.float32)
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return the whole field as ``field``."""
+        return {"field": np.ones(self.shape, bool)}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the one level."""
+        return (Level("field", self.luminance_cd_m2, 1.0),)
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return nothing: one luminance has no contrast."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """Dark and bright squares; the upper left one is dark. With squares of one pixel, the scene of the 2018 thesis.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    luminance_cd_m2 : float
+        Luminance of the dark squares in cd/m^2.
+    contrast : float
+        Weber contrast K, above 0 (1.0 is 100 %); the bright squares have (1 + K) times the dark luminance.
+    square_px : int
+        Side of a square in pixels.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or the scene is too small for a bright square.
+    """
+
+    width: int
+    height: int
+    luminance_cd_m2: float
+    contrast: float
+    square_px: int = 1
+
+    def __post_init__(self) -> None:
+        _check_size(self.width, self.height)
+        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
+        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 1e6, above=True)
+        check_whole("square_px", self.square_px, "pixels", 1)
+        if self.bright_cd_m2 > HIGHEST_CD_M2:
+            raise InputError(
+                f"contrast is {self.contrast}: the bright squares would have {self.bright_cd_m2:g} cd/m^2, give at "
+                f"most {HIGHEST_CD_M2:g}"
+            )
+        if max(self.width, self.height) <= self.square_px:
+            raise InputError(
+                f"square_px is {self.square_px}, and a scene of {self.width} x {self.height} pixels then is one "
+                "square: give smaller squares"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
+
+    @property
+    def bright_cd_m2(self) -> float:
+        """Luminance of the bright squares in cd/m^2."""
+        return self.luminance_cd_m2 * (1 + self.contrast)
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        dark, bright = np.float32(self.luminance_cd_m2), np.float32(self.bright_cd_m2)
+        return np.where(self._is_bright(), bright, dark)
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return all dark squares as ``dark`` and all bright ones as ``bright``."""
+        bright = self._is_bright()
+        return {"dark": ~bright, "bright": bright}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the level of the dark and that of the bright squares."""
+        # Pixels in odd rows and columns of squares; a square is bright where one of the two is odd.
+        odd_rows, odd_columns = (self._odd(size) for size in self.shape)
+        bright = odd_rows * (self.width - odd_columns) + odd_columns * (self.height - odd_rows)
+        share = bright / (self.width * self.height)
+        return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return the one pair; dark signal has none."""
+        return (("dark", "bright"),) if self.luminance_cd_m2 > 0 else ()
+
+    def _odd(self, size: int) -> int:
+        """Pixels of a side that lie in every second square."""
+        whole, rest = divmod(size, 2 * self.square_px)
+        return whole * self.square_px + max(0, rest - self.square_px)
+
+    def _is_bright(self) -> Mask:
+        rows, columns = (np.arange(size) // self.square_px % 2 for size in self.shape)
+        return (rows[:, None] ^ columns).astype(bool)
+
+
+@dataclass(frozen=True)
+class StepChart:
+    """Upright stripes of equal width, each of one luminance; neighbours are the pairs that are evaluated.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    luminances_cd_m2 : sequence of float
+        Luminance of each stripe from left to right in cd/m^2, at least one.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or there are more stripes than columns.
+    """
+
+    width: int
+    height: int
+    luminances_cd_m2: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _check_size(self.width, self.height)
+        given: Any = self.luminances_cd_m2
+        given = given.tolist() if isinstance(given, np.ndarray) else given
+        if isinstance(given, str) or not isinstance(given, Sequence) or not 1 <= len(given) <= self.width:
+            raise InputError(
+                f"luminances_cd_m2 is {shown(given)}: give a list of 1 to {self.width} luminances, one a stripe"
+            )
+        for luminance in given:
+            check_number("luminances_cd_m2", luminance, "cd/m^2", 0, HIGHEST_CD_M2)
+        object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        stripes = np.array(self.luminances_cd_m2, np.float32)
+        return np.broadcast_to(stripes[self._stripe_of_column()], self.shape).copy()
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return each stripe as ``step 1``, ``step 2``, ..."""
+        stripe = self._stripe_of_column()
+        return {name: np.broadcast_to(stripe == index, self.shape).copy() for index, name in enumerate(self._names())}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the level of each stripe."""
+        columns = np.bincount(self._stripe_of_column(), minlength=len(self.luminances_cd_m2))
+        rows = zip(self._names(), self.luminances_cd_m2, columns, strict=True)
+        return tuple(Level(name, luminance, float(count) / self.width) for name, luminance, count in rows)
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return each stripe with its right neighbour where their luminances differ."""
+        steps = list(zip(self._names(), self.luminances_cd_m2, strict=True))
+        ordered = [sorted(pair, key=lambda step: step[1]) for pair in pairwise(steps)]
+        return tuple((dark[0], bright[0]) for dark, bright in ordered if dark[1] < bright[1])
+
+    def _names(self) -> list[str]:
+        return [f"step {number}" for number in range(1, len(self.luminances_cd_m2) + 1)]
+
+    def _stripe_of_column(self) -> NDArray[np.int64]:
+        return np.arange(self.width) * len(self.luminances_cd_m2) // self.width
+
+
+@dataclass(frozen=True)
+class PatchScene:
+    """A target of rectangular patches on a uniform background.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    background_cd_m2 : float
+        Luminance of the background in cd/m^2.
+    patches : tuple of Patch
+        The rectangles; a later one covers an earlier one.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range or a patch does not lie inside the scene.
+    """
+
+    width: int
+    height: int
+    background_cd_m2: float
+    patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
+
+    def __post_init__(self) -> None:
+        _check_size(self.width, self.height)
+        check_number("background_cd_m2", self.background_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
+        for patch in self.patches:
+            patch.check_inside(self.width, self.height)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        return with_patches(np.full(self.shape, self.background_cd_m2, np.float32), self.patches)
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return what is seen of the background and of each patch, as ``background``, ``patch 1``, ``patch 2``, ..."""
+        owner = np.zeros(self.shape, np.int32)
+        for number, patch in enumerate(self.patches, 1):
+            owner[patch.rows, patch.columns] = number
+        seen = {number: owner == number for number in range(len(self.patches) + 1)}
+        return {self._name(number): mask for number, mask in seen.items() if mask.any()}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the level of each region."""
+        luminances = (self.background_cd_m2, *(patch.luminance_cd_m2 for patch in self.patches))
+        levels = {self._name(number): luminance for number, luminance in enumerate(luminances)}
+        return tuple(Level(name, levels[name], float(mask.mean())) for name, mask in self.regions().items())
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return each region with the next brighter one, patches only if two or more are seen."""
+        levels = self.levels()
+        patches = [level for level in levels if level.name != "background"]
+        neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
+        return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)
+
+    def _name(self, number: int) -> str:
+        return f"patch {number}" if number else "background"

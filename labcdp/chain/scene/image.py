@@ -1,0 +1,136 @@
+"""A scene from a file: any image whose values are luminance, or proportional to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk import read_bytes
+from ...core.disk.arrays import parse_npy
+from ...core.disk.quoting import shortened, shown
+from ...core.disk.tiff import open_tiff, pixels_of
+from ...core.errors import InputError
+from ..parameters import check_number
+from .flat import Level, Mask
+from .patches import FloatMap, Patch, luminance_map
+
+#: Size from which an image is refused.
+_MOST_BYTES = 2**31
+
+
+@dataclass(frozen=True)
+class ImageScene:
+    """A luminance image from a file; its size is the scene's.
+
+    Parameters
+    ----------
+    path : str or Path
+        A grey image as NumPy array (``.npy``) or TIFF, 2-D, of integers or floats. In a chain file, relative to it.
+    cd_m2_per_value : float
+        Luminance of the value 1 in cd/m^2.
+    regions_xywh : mapping of str to (int, int, int, int)
+        Regions to be evaluated: name and x, y, width, height in pixels. The pairs are neighbours in mean luminance.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range; on first use, if the file is no such image or a region not inside it.
+    """
+
+    path: Path = field(metadata={"path": True})
+    cd_m2_per_value: float = 1.0
+    regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_number("cd_m2_per_value", self.cd_m2_per_value, "cd/m^2", 0, above=True)
+        object.__setattr__(self, "path", Path(self.path))
+        if not isinstance(self.regions_xywh, Mapping):
+            raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")
+        for name in self.regions_xywh:
+            self._rectangle(name)
+
+    @cached_property
+    def _luminance(self) -> FloatMap:
+        values = _read(self.path)
+        try:
+            # What becomes infinite is refused then.
+            with np.errstate(over="ignore"):
+                scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
+        except InputError as error:
+            raise InputError(f"path is {str(self.path)!r}: {error}") from error
+        for name in self.regions_xywh:
+            rectangle = self._rectangle(name)
+            try:
+                rectangle.check_inside(scene.shape[1], scene.shape[0])
+            except InputError as error:
+                raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
+        scene.flags.writeable = False
+        return scene
+
+    def _rectangle(self, name: str) -> Patch:
+        corners = self.regions_xywh[name]
+        if not isinstance(corners, Sequence) or isinstance(corners, str) or len(corners) != 4:
+            raise InputError(
+                f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels"
+            )
+        try:
+            return Patch(*corners, luminance_cd_m2=0.0)
+        except InputError as error:
+            raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        height, width = self._luminance.shape
+        return height, width
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width), read-only."""
+        return self._luminance
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return the named regions."""
+        masks = {}
+        for name in self.regions_xywh:
+            patch = self._rectangle(name)
+            masks[name] = np.zeros(self.shape, bool)
+            masks[name][patch.rows, patch.columns] = True
+        return masks
+
+    def levels(self) -> Sequence[Level]:
+        """Return nothing: an image has any number of luminances."""
+        return ()
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return each region with the next brighter one."""
+        means = {name: float(self._luminance[mask].mean()) for name, mask in self.regions().items()}
+        ordered = sorted(means, key=lambda name: means[name])
+        return tuple((a, b) for a, b in pairwise(ordered) if means[a] < means[b])
+
+
+def _read(path: Path) -> NDArray[Any]:
+    """Return the values of an image file, 2-D; raises InputError naming the file."""
+    suffix = path.suffix.lower()
+    if suffix not in (".npy", ".tif", ".tiff"):
+        raise InputError(f"path is {str(path)!r}: give a .npy, .tif or .tiff file of luminance")
+    try:
+        data = read_bytes(path, "a grey image", _MOST_BYTES)
+        if suffix == ".npy":
+            values = parse_npy(data)
+        else:
+            with open_tiff(data, path) as tiff:
+                values = pixels_of(tiff.pages.first.aspage(), path)
+    except InputError as error:
+        raise InputError(f"path is {str(path)!r}: {str(error).removeprefix(f'{path} ')}") from error
+    if values.ndim != 2 or values.dtype.kind not in "uif":
+        raise InputError(
+            f"path is {str(path)!r}, which holds {values.dtype} of shape {values.shape}: give a 2-D grey image"
+        )
+    return values

@@ -1,0 +1,295 @@
+"""Sensor: from the illuminance on the pixels to digital numbers, after EMVA 1288."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import InputError
+from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ..capture import Capture, check_shape, settings_of
+from ..parameters import LARGEST_SIDE, Range, check_number, check_ranges, check_whole
+from ..signal import Context, Signal
+from .blocks import Stream, block_generator, for_each_block
+from .fixed_pattern import FixedPattern, draw_dark_current, draw_offset, draw_photo_response
+from .readout import collect_electrons, digitise, read_out
+
+FloatArray = NDArray[np.floating[Any]]
+
+#: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
+QUANTISATION_VARIANCE_DN2 = 1 / 12
+
+_RANGES: tuple[Range, ...] = (
+    ("pixel_pitch_m", "m", 0, 1e-3, True),
+    # float32 holds whole numbers up to 1.6e7.
+    ("full_well_e", "e-", 0, 1e7, True),
+    ("k_dn_per_e", "DN/e-", 1e-6, 1e6, False),
+    ("read_noise_e", "e-", 0, 1e6, False),
+    ("dark_current_e_s", "e-/s", 0, 1e9, False),
+    ("reference_temperature_c", "degC", -100, 200, False),
+    ("doubling_temperature_c", "K", 1, 100, False),
+    # A gain of 0 is ten sigma away.
+    ("prnu_rel", "(a fraction)", 0, 0.1, False),
+    ("dsnu_e", "e-", 0, 1e6, False),
+    ("dsnu_e_s", "e-/s", 0, 1e9, False),
+    ("column_dsnu_e", "e-", 0, 1e6, False),
+    ("row_dsnu_e", "e-", 0, 1e6, False),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """A monochrome image sensor with its converter: the linear camera model of EMVA 1288.
+
+    Parameters
+    ----------
+    pixel_pitch_m : float
+        Distance of pixel centres in metres; the quantum efficiency includes the fill factor.
+    width, height : int
+        Size in pixels.
+    quantum_efficiency : float or tuple of (float, float)
+        Electrons per photon: a fraction, or (wavelength_nm, fraction) pairs.
+    full_well_e : float
+        Most electrons a pixel can hold.
+    k_dn_per_e : float
+        Overall system gain K at 0 dB, DN per electron.
+    read_noise_e : float
+        Standard deviation of the temporal noise of reading, electrons.
+    dark_current_e_s : float
+        Mean dark current at `reference_temperature_c`, electrons per second and pixel.
+    bits : int
+        Bits of the converter, 1 to 16.
+    black_level_dn : float
+        DN of dark signal without dark current.
+    reference_temperature_c, doubling_temperature_c : float
+        Temperature of `dark_current_e_s`, and the difference that doubles it.
+    prnu_rel : float
+        Standard deviation of the pixels' gains over their mean (PRNU).
+    dsnu_e, column_dsnu_e, row_dsnu_e : float
+        Standard deviation of the offsets of pixels, columns and rows, electrons (DSNU).
+    dsnu_e_s : float
+        Standard deviation of the pixels' dark currents at `reference_temperature_c`, electrons per second.
+    device_seed : int
+        Which specimen: two sensors that differ in it alone have other fixed patterns.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    pixel_pitch_m: float
+    width: int
+    height: int
+    quantum_efficiency: QuantumEfficiency
+    full_well_e: float
+    k_dn_per_e: float
+    read_noise_e: float
+    dark_current_e_s: float
+    bits: int
+    black_level_dn: float = 0.0
+    reference_temperature_c: float = 25.0
+    doubling_temperature_c: float = 8.0
+    prnu_rel: float = 0.0
+    dsnu_e: float = 0.0
+    column_dsnu_e: float = 0.0
+    row_dsnu_e: float = 0.0
+    dsnu_e_s: float = 0.0
+    device_seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_ranges(self, _RANGES)
+        for name in ("width", "height"):
+            check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
+        check_whole("bits", self.bits, "bits", 1, 16)
+        check_whole("device_seed", self.device_seed, "", 0)
+        check_number("black_level_dn", self.black_level_dn, "DN", 0, 2**self.bits - 1)
+        if self.dsnu_e_s > 0 and self.dark_current_e_s == 0:
+            raise InputError(
+                f"dsnu_e_s is {self.dsnu_e_s} e-/s, but dark_current_e_s is 0: a dark current that varies has a "
+                "mean above 0"
+            )
+        object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
+
+    @cached_property
+    def fixed_pattern(self) -> FixedPattern:
+        """The pattern of this device, drawn when first needed (12 bytes a pixel at the most)."""
+        spread_rel = self.dsnu_e_s / self.dark_current_e_s if self.dsnu_e_s else 0.0
+        return FixedPattern(
+            draw_photo_response(self.shape, self.device_seed, self.prnu_rel),
+            draw_dark_current(self.shape, self.device_seed, spread_rel),
+            draw_offset(self.shape, self.device_seed, self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e),
+        )
+
+    def system_gain_dn_per_e(self, gain_db: float = 0.0) -> float:
+        """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError beyond 100 dB."""
+        check_number("gain_db", gain_db, "dB", -100, 100)
+        return float(self.k_dn_per_e * 10 ** (gain_db / 20))
+
+    def dark_current_at(self, temperature_c: float) -> float:
+        """Mean dark current in e-/s: mu(T) = mu_ref 2^((T - T_ref) / T_d), EMVA 1288 Release 3.1, section 3.2.
+
+        Raises
+        ------
+        InputError
+            If the temperature is not from -100 to 200 degC.
+        """
+        check_number("temperature_c", temperature_c, "degC", -100, 200)
+        doublings = (temperature_c - self.reference_temperature_c) / self.doubling_temperature_c
+        return float(self.dark_current_e_s * 2**doublings)
+
+    def dark_noise_dn(self, gain_db: float = 0.0) -> float:
+        """Temporal noise at zero exposure, in DN: read noise and rounding."""
+        return hypot(self.system_gain_dn_per_e(gain_db) * self.read_noise_e, sqrt(QUANTISATION_VARIANCE_DN2))
+
+    def saturation_dn(self, gain_db: float = 0.0) -> float:
+        """DN from which a pixel counts as saturated: the converter's end, or the full well less 4 sigma.
+
+        A full pixel still has the noise of reading and its offset; all but 3 in 100 000 lie above the limit.
+        """
+        spread_e = sqrt(self.read_noise_e**2 + self.dsnu_e**2 + self.column_dsnu_e**2 + self.row_dsnu_e**2)
+        full_dn = self.black_level_dn + self.system_gain_dn_per_e(gain_db) * (self.full_well_e - 4 * spread_e)
+        return float(min(2**self.bits - 1, full_dn))
+
+    def electrons_per_lx_s(self, spectrum: str) -> float:
+        """Photo-electrons one pixel collects in a second at 1 lux.
+
+        Raises
+        ------
+        InputError
+            If the spectrum is not known, or the sensor sees nothing of it.
+        """
+        electrons = electron_radiance_per_cd_m2(spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
+        if electrons == 0:
+            raise InputError(f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there")
+        return electrons
+
+    def electron_rate(self, illuminance_lx: FloatArray, spectrum: str) -> FloatArray:
+        """Mean photo-electrons per second and pixel, shape as the illuminance in lux."""
+        return illuminance_lx * self.electrons_per_lx_s(spectrum)
+
+    def illuminance_lx(self, electron_rate: FloatArray, spectrum: str) -> FloatArray:
+        """Illuminance in lux from photo-electrons per second: the inverse of `electron_rate`."""
+        return electron_rate / self.electrons_per_lx_s(spectrum)
+
+    def expose(
+        self,
+        electron_rate: ArrayLike,
+        exposure_s: float,
+        gain_db: float = 0.0,
+        *,
+        temperature_c: float,
+        seed: int,
+        exposure_index: int,
+        threads: int | None = None,
+    ) -> NDArray[np.uint16]:
+        """Take one exposure.
+
+        Parameters
+        ----------
+        electron_rate : array_like, shape (height, width), or float
+            Mean photo-electrons per second for each pixel, or for all; 0.0 is the lens cap.
+        exposure_s : float
+            Exposure time in seconds.
+        gain_db : float
+            Analogue gain in dB.
+        temperature_c : float
+            Temperature of the sensor in degrees Celsius.
+        seed, exposure_index : int
+            Together they fix the noise: the same two give the same exposure, on any number of threads.
+        threads : int or None
+            Number of threads, None for one a processor.
+
+        Returns
+        -------
+        ndarray of uint16, shape (height, width)
+            Digital numbers.
+
+        Raises
+        ------
+        InputError
+            If a value is out of its range, or the rate has another shape than the sensor.
+        """
+        check_number("exposure_s", exposure_s, "s", 0, above=True)
+        check_whole("seed", seed, "", 0)
+        check_whole("exposure_index", exposure_index, "", 0)
+        if threads is not None:
+            check_whole("threads", threads, "", 1)
+        rate = self._checked_rate(electron_rate)
+        k_dn_per_e = self.system_gain_dn_per_e(gain_db)
+        dark_e = np.float32(self.dark_current_at(temperature_c) * exposure_s)
+        pattern = self.fixed_pattern
+        dn = np.empty(self.shape, dtype=np.uint16)
+
+        def expose_rows(block: int, rows: slice) -> None:
+            rng = block_generator(seed, Stream.NOISE, exposure_index, block)
+            mean_e = rate[rows] * pattern.photo_response[rows]
+            mean_e *= np.float32(exposure_s)
+            mean_e += dark_e * pattern.dark_current[rows]
+            electrons = collect_electrons(mean_e, self.full_well_e, rng)
+            signal_e = read_out(electrons, pattern.offset_e[rows], self.read_noise_e, rng)
+            dn[rows] = digitise(signal_e, k_dn_per_e, self.black_level_dn, self.bits)
+
+        for_each_block(self.height, expose_rows, threads)
+        return dn
+
+    def capture(self, signal: Signal, context: Context, index: int) -> Capture:
+        """Take the exposure `index` of the context's settings; see `SensorModel.capture`."""
+        check_shape(signal, self.shape)
+        settings = settings_of(context)
+        exposure_s, gain_db, temperature_c = settings.exposure_s[index], settings.gain_db, settings.temperature_c
+        k_dn_per_e = self.system_gain_dn_per_e(gain_db)
+        dn = self.expose(
+            self.electron_rate(signal.values, context.spectrum),
+            exposure_s,
+            gain_db,
+            temperature_c=temperature_c,
+            seed=context.seed,
+            exposure_index=index,
+            threads=context.threads,
+        )
+        return Capture(
+            dn=dn,
+            exposure_s=exposure_s,
+            black_level_dn=self.black_level_dn,
+            dark_dn=self.black_level_dn + k_dn_per_e * self.dark_current_at(temperature_c) * exposure_s,
+            dn_per_lx=k_dn_per_e * self.electrons_per_lx_s(context.spectrum) * exposure_s,
+            saturation_dn=self.saturation_dn(gain_db),
+            k_dn_per_e=k_dn_per_e,
+            dark_noise_dn=self.dark_noise_dn(gain_db),
+        )
+
+    def electron_rate_from_dn(
+        self, dn: NDArray[Any], exposure_s: float, gain_db: float = 0.0, *, temperature_c: float
+    ) -> NDArray[np.float64]:
+        """Photo-electrons per second from digital numbers: the inverse of an exposure without its noise.
+
+        It takes off the black level and the mean dark signal, and is not valid for saturated pixels.
+        """
+        check_number("exposure_s", exposure_s, "s", 0, above=True)
+        electrons = (dn - float(self.black_level_dn)) / self.system_gain_dn_per_e(gain_db)
+        rate: NDArray[np.float64] = electrons / exposure_s - self.dark_current_at(temperature_c)
+        return rate
+
+    def _checked_rate(self, electron_rate: ArrayLike) -> NDArray[np.float32]:
+        rate = np.asarray(electron_rate, dtype=np.float32)
+        if rate.shape not in ((), self.shape):
+            raise InputError(
+                f"electron_rate has the shape {rate.shape}, the sensor has {self.shape}: give one value for each "
+                "pixel, or a single number"
+            )
+        if not (rate.min() >= 0 and rate.max() < np.inf):
+            raise InputError(
+                f"electron_rate is from {rate.min():g} to {rate.max():g} e-/s: give finite numbers of at least 0"
+            )
+        return np.broadcast_to(rate, self.shape)

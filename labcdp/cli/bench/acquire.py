@@ -1,0 +1,199 @@
+"""Command acquire: record a session as planned."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
+
+import typer
+
+from ...core.errors import InputError, SessionError
+from ..options import METER_OPTION, VIRTUAL_CLOCK_OPTION
+from ..terminal import JSON_OPTION, print_result, progress_bars, say
+from .devices_of_session import DeviceChoice, connected
+from .keys import Keys
+from .operators import Console
+
+if TYPE_CHECKING:
+    from ...acquire import Left, Unattended
+    from ...core.clock import Clock
+    from ...core.result import Result
+    from ...session import Session, SessionConfiguration
+
+#: Exit status of a program ended by Ctrl-C; also used for the key q.
+_INTERRUPTED = 130
+
+
+def acquire(
+    configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see labcdp init bench."),
+    session: Path = typer.Argument(help="Folder of the session."),
+    camera: str | None = typer.Option(
+        None, help="Serial number, address or model; default: as configured, else the only one."
+    ),
+    meter: str | None = METER_OPTION,
+    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
+    virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
+    faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
+    replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices."),
+    speed: float | None = typer.Option(
+        None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
+    ),
+    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps."),
+    lens: str | None = typer.Option(
+        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
+    ),
+    patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
+    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Record the planned frames and meter readings; resume an interrupted session."""
+    from ...session import SessionConfiguration
+
+    choice = DeviceChoice(camera, meter, simulated, virtual_clock, faults, replay, speed, patience, transcript)
+    unattended_operator = _unattended(unattended, lens)
+    wanted = SessionConfiguration.load(configuration)
+    choice.check(wanted.meter)
+    left, frames, readings = record(session, configuration, wanted, choice, unattended_operator)
+    if as_json:
+        print_result(_result(session, frames, readings, left, choice.simulated), as_json)
+        return
+    say(f"{session}: {frames} frames and {readings} readings recorded")
+    for hand, of_hand in groupby(left, key=lambda thing: thing.hand):
+        say(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
+    if left:
+        say("Resume with the same command without --unattended")
+    else:
+        say(f"Next: labcdp calibrate {quote(str(session))}")
+
+
+def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
+    from ...core.quantity import Quantity, quantity_table
+    from ...core.result import InputFile, Result
+    from ...core.table import Column, Table
+
+    recorded = quantity_table("recorded", "Recorded", [Quantity("frames", frames), Quantity("readings", readings)])
+    columns = (Column("hand", "step"), Column("what", "what", "", "What remains to be recorded in this step."))
+    rows = [{"hand": thing.hand, "what": thing.what} for thing in left]
+    steps = Table.of_rows("left", "Remaining manual steps", columns, rows)
+    journal = InputFile.of("session", session / "journal.jsonl")
+    of_session = InputFile(journal.role, str(session), journal.sha256)
+    return Result("acquire", str(session), (recorded, steps), inputs=(of_session,), simulated=simulated)
+
+
+def record(
+    path: Path,
+    source: Path,
+    wanted: SessionConfiguration,
+    choice: DeviceChoice,
+    unattended_operator: Unattended | None = None,
+) -> tuple[tuple[Left, ...], int, int]:
+    """Record what is missing from a session; end the program with status 130 if the user stops it.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the session; created if necessary.
+    source : Path
+        File of the configuration, for messages.
+    wanted : SessionConfiguration
+        Bench, target and plan.
+    choice : DeviceChoice
+        Which devices.
+    unattended_operator : Unattended or None
+        Operator of an unattended acquisition.
+
+    Returns
+    -------
+    tuple of Left, int, int
+        Remaining manual steps, and the numbers of frames and readings.
+    """
+    from ...acquire import AcquisitionStoppedError
+
+    try:
+        return _record(path, source, wanted, choice, unattended_operator)
+    except AcquisitionStoppedError:
+        # The message is that of Ctrl-C.
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+def _record(
+    path: Path, source: Path, wanted: SessionConfiguration, choice: DeviceChoice, unattended_operator: Unattended | None
+) -> tuple[tuple[Left, ...], int, int]:
+    from ...acquire import Control, is_complete
+    from ...acquire import acquire as run
+    from ...core.clock import SimulatedClock
+
+    clock = _clock(path, choice.virtual_clock)
+    # A replay does not wait for the pace of the plan.
+    pace = clock if choice.replay is None else SimulatedClock()
+    control = Control()
+    left: tuple[Left, ...] = ()
+    with _open_or_create(path, source, wanted, clock) as opened:
+        if not is_complete(opened):
+            keys = Keys(control)
+            with (
+                progress_bars() as bars,
+                connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
+                keys,
+            ):
+                left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
+        return left, len(opened.frames()), len(opened.readings())
+
+
+def _unattended(wanted: bool, lens: str | None) -> Unattended | None:
+    from ...acquire import Unattended
+
+    if lens not in (None, "uncovered", "covered"):
+        raise InputError(f"--lens is {lens!r}: give 'uncovered' or 'covered'")
+    if not wanted:
+        if lens is not None:
+            raise InputError("--lens requires --unattended: give both or neither")
+        return None
+    return Unattended("covered" if lens == "covered" else "uncovered")
+
+
+def _clock(path: Path, simulated: bool) -> Clock:
+    """Return the computer's clock, or a simulated one that continues after the records of the session."""
+    from datetime import UTC, datetime
+
+    from ...core.clock import SimulatedClock, SystemClock
+    from ...session import Session
+
+    if not simulated:
+        return SystemClock()
+    now = datetime.now(UTC)
+    recorded = Session.open(path).records if _holds_something(path) else []
+    return SimulatedClock(max([now, *(record.time for record in recorded)]))
+
+
+def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
+    from ...session import Session
+
+    if not _holds_something(path):
+        return Session.create(path, wanted, clock=clock)
+    session = Session.open(path, writable=True, clock=clock)
+    if session.configuration != wanted:
+        session.close()
+        if _is_bare(session):
+            # Refused before the first frame; the plan was corrected since.
+            session.remove()
+            return Session.create(path, wanted, clock=clock)
+        raise SessionError(
+            f"{path} was started with another configuration than {source}: use its own "
+            f"{path / 'session.toml'}, or a new folder"
+        )
+    say(f"Resuming {path}")
+    return session
+
+
+def _is_bare(session: Session) -> bool:
+    """Whether a session has neither frames nor readings."""
+    from ...session import FrameRecord, ReadingRecord
+
+    return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
+
+
+def _holds_something(path: Path) -> bool:
+    return path.exists() and not (path.is_dir() and not any(path.iterdir()))

@@ -1,0 +1,81 @@
+"""Commands devices and snap: connected devices, and one frame of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from ...core.finding import Finding, info, warning
+from ...core.quantity import Quantity, quantity_table
+from ...core.result import Result
+from ...core.table import Column, Table
+from ..options import parse_seconds
+from ..output import FORCE_OPTION
+from ..terminal import JSON_OPTION, print_result, say
+
+
+def devices(as_json: bool = JSON_OPTION) -> None:
+    """List cameras and serial ports."""
+    from ...drivers.aravis.library import discover
+    from ...drivers.camera import CameraError
+    from ...drivers.minolta_ls.meter import find_meter_ports
+
+    findings: list[Finding] = []
+    try:
+        cameras = discover()
+        if not cameras:
+            findings.append(info("no-camera"))
+    except CameraError as error:
+        cameras = []
+        findings.append(warning("cameras-unknown", reason=str(error)))
+    ports = find_meter_ports()
+    if not ports:
+        findings.append(info("no-serial-port"))
+    names = ("vendor", "model", "serial", "address", "protocol")
+    tables = (
+        Table.of_rows("cameras", "Cameras", [Column(name, name) for name in names], map(asdict, cameras)),
+        Table.of_rows(
+            "serial_ports",
+            "Serial ports",
+            (Column("device", "port"), Column("description", "description")),
+            [{"device": port.device, "description": port.description} for port in ports],
+        ),
+    )
+    print_result(Result("devices", "Connected devices", tables, tuple(findings)), as_json)
+
+
+def snap(
+    file: Path = typer.Argument(help="TIFF file to write."),
+    camera: str | None = typer.Option(None, help="Serial number, address or model; default: the only one."),
+    exposure: str = typer.Option("10ms", help="Exposure time, for example 5ms."),
+    pixel_format: str = typer.Option("Mono12", help="GenICam pixel format."),
+    force: bool = FORCE_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Take one frame, for drawing the regions of the patches in it."""
+    from ...drivers.aravis.camera import AravisCamera
+    from ...output import check_file, write_file
+    from ...session.frame_file import frame_to_tiff
+
+    check_file(file, force=force, option="file")
+    with AravisCamera(camera) as opened:
+        opened.configure(exposure_s=parse_seconds(exposure, "--exposure"), pixel_format=pixel_format)
+        frame = opened.snap()
+    write_file(file, frame_to_tiff(frame, False), force=force)
+    height, width = frame.shape
+    quantities = [
+        Quantity("width", width, "px"),
+        Quantity("height", height, "px"),
+        Quantity("exposure", 1e3 * frame.exposure_s, "ms"),
+        Quantity("gain", frame.gain_db, "dB"),
+        Quantity("mean", float(frame.dn.mean()), "DN", f"saturated from {frame.saturation_dn:g} DN"),
+        Quantity("saturated", float(frame.saturated.mean()), "%", "share of the pixels"),
+        Quantity("temperature", frame.temperature_c, "°C", "of the camera"),
+    ]
+    table = quantity_table("frame", f"{frame.camera}, {frame.pixel_format}", quantities)
+    result = Result("snap", str(file), (table,), configuration=frame.metadata(), simulated=frame.camera.simulated)
+    print_result(result, as_json)
+    if not as_json:
+        say(f"Written: {file}")

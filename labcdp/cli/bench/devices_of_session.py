@@ -1,0 +1,314 @@
+"""Devices of an acquisition: real ones with an operator, the simulated bench, or a recorded session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from os.path import realpath
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...core.errors import InputError
+from ..terminal import say
+from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+
+if TYPE_CHECKING:
+    from ...acquire import Operator, Unattended
+    from ...core.clock import Clock
+    from ...core.reading import MeterIdentity
+    from ...drivers.camera import Camera
+    from ...drivers.manual.text import MeterAccuracy
+    from ...drivers.meter import Meter
+    from ...drivers.simulated.bench import SimulatedBench
+    from ...session import MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
+
+#: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
+SIMULATED_RESPONSE_S = 0.05
+#: Attempts for a reading that arrives late, incomplete or garbled.
+_METER_ATTEMPTS = 3
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Open camera and meter, and the operator for manual steps.
+
+    Parameters
+    ----------
+    camera : Camera
+        Open.
+    meter : Meter
+        Open.
+    operator : Operator
+        The user, or the simulated bench.
+    transport : str
+        Description of how the camera is connected.
+    """
+
+    camera: Camera
+    meter: Meter
+    operator: Operator
+    transport: str
+
+
+@dataclass(frozen=True)
+class DeviceChoice:
+    """Devices chosen by the options of a command.
+
+    Parameters
+    ----------
+    camera, meter : str or None
+        Serial number, address or model of the camera; serial port of the meter; None as configured.
+    simulated, virtual_clock : bool
+        Use the simulated bench; use it with a virtual clock.
+    faults : Path or None
+        Schedule of faults for the simulated bench.
+    replay : Path or None
+        Recorded session to replay instead of using devices.
+    speed : float or None
+        Speed of the replay; None for no waiting.
+    patience_s : float
+        How long to wait for a lost device.
+    transcript : Path or None
+        File for the bytes exchanged with the meter.
+
+    Raises
+    ------
+    InputError
+        If two of them contradict each other.
+    """
+
+    camera: str | None = None
+    meter: str | None = None
+    simulated: bool = False
+    virtual_clock: bool = False
+    faults: Path | None = None
+    replay: Path | None = None
+    speed: float | None = None
+    patience_s: float = 0.0
+    transcript: Path | None = None
+
+    def __post_init__(self) -> None:
+        needs = (
+            ("--virtual-clock", self.virtual_clock, "--simulated", self.simulated),
+            ("--faults", self.faults is not None, "--simulated", self.simulated),
+            ("--speed", self.speed is not None, "--replay", self.replay is not None),
+        )
+        for option, given, needed, there in needs:
+            if given and not there:
+                raise InputError(f"{option} requires {needed}: give both or neither")
+        excluded = (
+            ("--simulated", self.simulated, "--replay", self.replay is not None),
+            ("--camera", self.camera is not None, "--simulated", self.simulated),
+            ("--camera", self.camera is not None, "--replay", self.replay is not None),
+            ("--meter", self.meter is not None, "--simulated", self.simulated),
+            ("--meter", self.meter is not None, "--replay", self.replay is not None),
+            ("--transcript", self.transcript is not None, "--virtual-clock", self.virtual_clock),
+            ("--transcript", self.transcript is not None, "--replay", self.replay is not None),
+        )
+        for option, given, other, there in excluded:
+            if given and there:
+                raise InputError(f"{option} cannot be combined with {other}: leave one out")
+
+    @property
+    def real(self) -> bool:
+        """Whether the devices are neither simulated nor recorded."""
+        return not self.simulated and self.replay is None
+
+    def check(self, meter: MeterConfiguration) -> None:
+        """Check the options against the configured meter; raises InputError."""
+        if not self.real:
+            return
+        if meter.entry != "serial":
+            for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
+                if given is not None:
+                    raise InputError(f'{option} requires a meter on a serial port, but meter.entry is "{meter.entry}"')
+        elif self.meter is None and meter.port is None:
+            raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
+
+
+@contextmanager
+def connected(
+    session: Session, choice: DeviceChoice, clock: Clock, console: Console, unattended_operator: Unattended | None
+) -> Iterator[Devices]:
+    """Open the devices of a session while the context lasts.
+
+    Parameters
+    ----------
+    session : Session
+        Says which devices.
+    choice : DeviceChoice
+        What the options say.
+    clock : Clock
+        Of simulated and recorded devices.
+    console : Console
+        Where the user is asked.
+    unattended_operator : Unattended or None
+        Replaces the operator of an unattended acquisition.
+
+    Raises
+    ------
+    DeviceError
+        If a device is absent, busy or silent.
+    InputError
+        If a file given as an option cannot be read or is not valid.
+    """
+    from ...drivers.manual.csv import CsvMeter
+
+    if choice.replay is not None:
+        opened = _replayed(session, choice.replay, choice.speed, clock)
+    elif choice.simulated:
+        opened = _simulated(session.configuration, choice, clock)
+    else:
+        opened = _real(session, choice, console)
+    with opened as devices:
+        operator: Operator = unattended_operator or devices.operator
+        # Readings from a file need no pointing.
+        if isinstance(devices.meter, CsvMeter):
+            operator = CsvOperator(operator, devices.meter, session)
+        yield replace(devices, operator=operator)
+
+
+@contextmanager
+def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[Devices]:
+    from ...drivers.aravis.camera import AravisCamera
+    from ...drivers.manual.csv import CsvMeter
+    from ...drivers.manual.meter import ManualMeter
+
+    configuration = session.configuration
+    wanted = configuration.camera
+    selector = choice.camera or wanted.serial or wanted.address or wanted.model
+    with ExitStack() as stack:
+        camera = stack.enter_context(AravisCamera(selector, patience_s=choice.patience_s))
+        described = configuration.meter
+        meter: Meter
+        if described.entry == "by hand":
+            meter = stack.enter_context(ManualMeter(console.ask, _identity(described), _accuracy(described)))
+        elif described.entry == "csv":
+            assert described.file is not None
+            meter = stack.enter_context(CsvMeter(described.file, _identity(described), _accuracy(described)))
+        else:
+            port = choice.meter or described.port
+            assert port is not None, "checked before the session is made"
+            meter = stack.enter_context(_serial_meter(described, port, choice.patience_s, choice.transcript))
+        yield Devices(camera, meter, ConsoleOperator(console), "Aravis")
+
+
+@contextmanager
+def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -> Iterator[Devices]:
+    from ...drivers.replay.camera import ReplayCamera, ReplayMeter
+    from ...session import Session
+
+    recorded = Session.open(path)
+    _refuse_other_replay(session, recorded)
+    if session.exposures_s is None and recorded.exposures_s is not None:
+        # Result of the recorded search, whose frames were not kept.
+        session.add_event("exposures", {"exposures_s": list(recorded.exposures_s), "found in": str(path)})
+    with ReplayCamera(recorded, speed, clock) as camera, ReplayMeter(recorded, speed, clock) as meter:
+        yield Devices(camera, meter, RecordingOperator(), "a recorded session")
+
+
+def _taken(plan: PlanConfiguration) -> dict[str, object]:
+    """Return the parts of a plan that determine its frames and readings and their order."""
+    return plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"})
+
+
+def _refuse_other_replay(session: Session, recorded: Session) -> None:
+    """Refuse to replay a session with another target or plan."""
+    if session.frames() or session.readings():
+        raise InputError(
+            f"{session.path} already has frames or readings, but a replay starts from the beginning: give a new folder"
+        )
+    both = (session.configuration, recorded.configuration)
+    here, there = ({"target": c.target, "plan": _taken(c.plan)} for c in both)
+    for key in here:
+        if here[key] != there[key]:
+            raise InputError(
+                f"[{key}] of the configuration differs from the recording {recorded.path}: use the session.toml of the "
+                "recording"
+            )
+
+
+@contextmanager
+def _simulated(configuration: SessionConfiguration, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
+    from ...core.disk import read_text
+    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+
+    faults = None if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
+    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock) as bench:
+        if choice.virtual_clock:
+            with bench.in_process_camera(patience_s=choice.patience_s) as camera, bench.in_process_meter() as meter:
+                _schedule(bench, faults, choice.faults)
+                yield Devices(camera, meter, bench, "in this process")
+        else:
+            with simulated_devices(configuration, bench, choice.patience_s, choice.transcript) as devices:
+                _schedule(bench, faults, choice.faults)
+                yield devices
+
+
+def _schedule(bench: SimulatedBench, faults: str | None, path: Path | None) -> None:
+    if faults is not None:
+        bench.schedule(faults, str(path))
+
+
+@contextmanager
+def simulated_devices(
+    configuration: SessionConfiguration, bench: SimulatedBench, patience_s: float = 0.0, transcript: Path | None = None
+) -> Iterator[Devices]:
+    """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails."""
+    with ExitStack() as stack:
+        pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
+        meter = stack.enter_context(_serial_meter(configuration.meter, pty.port, patience_s, transcript))
+        camera, transport = _simulated_camera(bench, stack, patience_s)
+        yield Devices(camera, meter, bench, transport)
+
+
+def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> tuple[Camera, str]:
+    from ...drivers.aravis.camera import AravisCamera
+    from ...drivers.camera import CameraError
+
+    try:
+        with ExitStack() as trial:
+            server = trial.enter_context(bench.gige_camera())
+            camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
+            _try(camera)
+            stack.push(trial.pop_all())
+            return camera, "GigE Vision on loopback"
+    except CameraError as error:
+        say(f"The camera is simulated in this process, not over GigE Vision: {error}")
+        return stack.enter_context(bench.in_process_camera(patience_s=patience_s)), "in this process"
+
+
+def _try(camera: Camera) -> None:
+    """Take a frame; fail only if two in a row are incomplete."""
+    from ...drivers.camera import IncompleteFrameError
+
+    try:
+        camera.snap()
+    except IncompleteFrameError:
+        camera.snap()
+
+
+def _serial_meter(described: MeterConfiguration, port: str, patience_s: float, transcript: Path | None) -> Meter:
+    from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
+
+    # A pseudo-terminal belongs to a program, not to a real meter.
+    identity = _identity(described, simulated=realpath(port).startswith("/dev/pts/"))
+    driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
+    return driver(port, identity, attempts=_METER_ATTEMPTS, patience_s=patience_s, transcript=transcript)
+
+
+def _identity(described: MeterConfiguration, simulated: bool = False) -> MeterIdentity:
+    from ...core.reading import MeterIdentity
+
+    date = described.calibration_date
+    return MeterIdentity(described.model, described.serial, None if date is None else date.isoformat(), simulated)
+
+
+def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
+    from ...drivers.manual.text import MeterAccuracy
+
+    # The configuration requires all three where no driver knows them.
+    return MeterAccuracy(
+        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
+    )

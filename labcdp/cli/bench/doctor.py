@@ -1,0 +1,152 @@
+"""Command doctor: find faults of the bench and the commands that fix them."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from ...core.errors import LabcdpError
+from ...core.result import Result
+from ...core.table import Column, Table
+from ..options import METER_MODEL_OPTION
+from ..terminal import JSON_OPTION, print_result
+
+if TYPE_CHECKING:
+    from ...drivers.host.finding import Finding
+
+#: Marks and colours of the states; the second marks are for terminals without the first.
+_MARKS = {"good": ("✓", "ok", "green"), "notice": ("!", "!", "yellow"), "fault": ("✗", "XX", "red")}
+_UNKNOWN = ("?", "?", "cyan")
+
+_log = logging.getLogger(__name__)
+
+
+def doctor(
+    camera: str | None = typer.Option(None, help="Serial number, address or model; default: all cameras found."),
+    meter: str | None = typer.Option(
+        None, help="Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked."
+    ),
+    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Check this computer, the cameras and the meter; list faults and the commands that fix them.
+
+    Takes a few frames with each camera and one reading with the meter; changes no settings permanently.
+    The exit status is 1 if there is a fault, else 0.
+    """
+    groups = [("This computer", _attempt(_host)), *_cameras(camera)]
+    if meter is not None:
+        groups.append((f"Luminance meter on {meter}", _attempt(lambda: _meter(meter, meter_model))))
+    counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
+    if as_json:
+        print_result(_result(groups, counts), as_json)
+    else:
+        _print(groups, counts)
+    if counts["fault"]:
+        raise typer.Exit(1)
+
+
+def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Result:
+    columns = (
+        Column("group", "group", "", "Computer, camera or meter."),
+        Column("topic", "topic", "", "What was checked."),
+        Column("state", "state", "", "good, notice, fault or unknown."),
+        Column("cause", "cause", "", "What was found."),
+        Column("remedy", "remedy", "", "Command or action that fixes it."),
+    )
+    rows = [{"group": name, **asdict(finding)} for name, findings in groups for finding in findings]
+    states = (*_MARKS, "unknown")
+    count = Table.of_rows(
+        "counts",
+        "Counts",
+        (Column("state", "state"), Column("count", "count")),
+        [{"state": state, "count": counts[state]} for state in states],
+    )
+    return Result("doctor", "Bench", (Table.of_rows("checks", "Checks", columns, rows), count))
+
+
+def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
+    """Turn the failure of a check into a finding, so that the other checks still run."""
+    from ...drivers.host.finding import Finding
+
+    try:
+        return check()
+    except LabcdpError as error:
+        return [Finding.of_error("check", error)]
+    except Exception as error:
+        _log.debug("a check failed", exc_info=True)
+        return [Finding("check", "unknown", f"the check itself failed ({type(error).__name__}: {error})")]
+
+
+def _host() -> list[Finding]:
+    from ...drivers.doctor.host import host_facts, host_findings
+
+    return host_findings(host_facts())
+
+
+def _meter(port: str, model: Literal["LS-110", "LS-100"]) -> list[Finding]:
+    from ...drivers.doctor.meter import check_meter
+
+    return check_meter(port, model)
+
+
+def _cameras(selector: str | None) -> list[tuple[str, list[Finding]]]:
+    """Check the selected camera, or all cameras found."""
+    from ...drivers.aravis.library import CameraInfo, choose, discover
+    from ...drivers.camera import CameraError
+    from ...drivers.doctor.camera import check_camera
+    from ...drivers.doctor.discovery import no_camera_finding
+    from ...drivers.host.finding import Finding
+    from ...drivers.host.kernel import firewall
+    from ...drivers.host.network import interfaces
+
+    known = interfaces()
+    try:
+        found = discover()
+        if selector is not None and found:
+            found = [choose(found, selector)]
+    except CameraError as error:
+        # A missing Aravis is reported as a fault of this computer; only real cameras need it.
+        return [("Cameras", [Finding.of_error("discovery", error, "unknown" if selector is None else "fault")])]
+    if not found:
+        return [("Cameras", [no_camera_finding(known, firewall(), "notice" if selector is None else "fault")])]
+
+    def check(info: CameraInfo) -> tuple[str, list[Finding]]:
+        name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
+        return name, _attempt(lambda: check_camera(info, known))
+
+    return [check(info) for info in found]
+
+
+def _print(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False, soft_wrap=True)
+    plain = not _can_print("".join(mark for mark, _, _ in _MARKS.values()))
+    for name, findings in groups:
+        console.print(Text(name, style="bold"))
+        for finding in findings:
+            mark, ascii_mark, colour = _MARKS.get(finding.state, _UNKNOWN)
+            line = Text("  ").append(f"{ascii_mark if plain else mark:<3}", style=colour)
+            console.print(line.append(f"{finding.topic}: {finding.cause}"))
+            if finding.remedy is not None:
+                console.print(Text(f"       {finding.remedy}"))
+    # "unknown" and "good" have no plural.
+    words = {state: state if counts[state] == 1 else f"{state}s" for state in ("fault", "notice")}
+    total = ", ".join(f"{counts[state]} {words.get(state, state)}" for state in ("fault", "notice", "unknown", "good"))
+    console.print(Text(total, style="bold"))
+
+
+def _can_print(text: str) -> bool:
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,148 @@
+"""Operators of an acquisition on the command line: the user, a replay, and readings from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ...core.errors import DeviceError
+from ..terminal import Bars, say
+from .keys import Keys
+
+if TYPE_CHECKING:
+    from ...acquire import CheckFinding, Operator
+    from ...drivers.manual.csv import CsvMeter
+    from ...session import Session
+
+
+class Console:
+    """Questions to the user at the terminal.
+
+    Parameters
+    ----------
+    bars : Bars
+        Hidden during a question.
+    keys : Keys
+        Silent during a question.
+    """
+
+    def __init__(self, bars: Bars, keys: Keys) -> None:
+        self._bars = bars
+        self._keys = keys
+
+    def ask(self, question: str) -> str:
+        """Return the typed answer; raises DeviceError at the end of standard input."""
+        with self._bars.paused(), self._keys.silent():
+            say(question)
+            try:
+                return input()
+            except EOFError:
+                raise DeviceError(
+                    "no answer from the terminal: run the command in an interactive terminal, or with --unattended; "
+                    "recorded data are safe"
+                ) from None
+
+
+class ConsoleOperator:
+    """The user at the terminal.
+
+    Parameters
+    ----------
+    console : Console
+        Where the person is asked.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def cover_lens(self) -> None:
+        """Ask the person to cover the lens."""
+        self._request("Cover the lens")
+
+    def uncover_lens(self) -> None:
+        """Ask the person to uncover the lens."""
+        self._request("Uncover the lens and light the target")
+
+    def point_meter(self, patch: str) -> None:
+        """Ask the person to point the meter."""
+        self._request(f"Point the luminance meter at the centre of patch {patch}")
+
+    def show_patch(self, patch: str) -> None:
+        """Ask the person for the next patch."""
+        self._request(f"Place patch {patch} in front of camera and luminance meter")
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Show the findings and ask whether to repeat."""
+        for finding in findings:
+            say(f"Warning: {finding}")
+        answer = self._console.ask(f"Fix it and repeat the {what}? [y/N]")
+        return answer.strip().lower() in ("y", "yes")
+
+    def _request(self, request: str) -> None:
+        self._console.ask(f"{request}, then press Enter.")
+
+
+class RecordingOperator:
+    """Operator of a replay, which needs no manual steps."""
+
+    def cover_lens(self) -> None:
+        """Do nothing."""
+
+    def uncover_lens(self) -> None:
+        """Do nothing."""
+
+    def point_meter(self, patch: str) -> None:
+        """Do nothing."""
+
+    def show_patch(self, patch: str) -> None:
+        """Do nothing."""
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Return False: a recording cannot be repeated."""
+        return False
+
+
+class CsvOperator:
+    """Operator for a meter whose readings come from a file, which is not pointed.
+
+    Parameters
+    ----------
+    operator : Operator
+        Performs the other steps.
+    meter : CsvMeter
+        Open.
+    session : Session
+        Readings it already has are skipped.
+    """
+
+    def __init__(self, operator: Operator, meter: CsvMeter, session: Session) -> None:
+        from ...session import ReadingRecord
+
+        self._operator = operator
+        self._meter = meter
+        # Includes discarded readings, whose rows are used.
+        self._recorded = [record.patch for record in session.records if isinstance(record, ReadingRecord)]
+
+    def cover_lens(self) -> None:
+        """Delegate to the operator."""
+        self._operator.cover_lens()
+
+    def uncover_lens(self) -> None:
+        """Delegate to the operator."""
+        self._operator.uncover_lens()
+
+    def point_meter(self, patch: str) -> None:
+        """Go to the patch in the file, after the readings recorded earlier."""
+        self._meter.point(patch)
+        for _ in range(self._recorded.count(patch)):
+            self._meter.measure()
+        self._recorded = [name for name in self._recorded if name != patch]
+
+    def show_patch(self, patch: str) -> None:
+        """Delegate to the operator, and go to the patch in the file."""
+        self._operator.show_patch(patch)
+        self.point_meter(patch)
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Delegate to the operator."""
+        return self._operator.repeat(what, findings)

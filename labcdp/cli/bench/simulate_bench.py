@@ -1,0 +1,160 @@
+"""Command simulate-bench: keep the simulated bench running for other programs."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ...core.errors import LabcdpError
+from ..terminal import JSON_OPTION, print_result, say
+
+if TYPE_CHECKING:
+    from ...core.result import Result
+    from ...drivers.simulated.bench import SimulatedBench
+
+_HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: "
+
+
+def simulate_bench(
+    configuration: Path | None = typer.Argument(None, help="TOML file with the target; default: that of labcdp demo."),
+    address: str = typer.Option("127.0.0.1", help="Loopback address of the camera."),
+    response_s: float = typer.Option(0.8, help="Seconds that a reading of the meter takes.", min=0),
+    seed: int = typer.Option(0, help="Random seed of camera and meter noise.", min=0),
+    faults: Path | None = typer.Option(
+        None, help="File with a schedule of faults: lines such as 'at 1 min vanish for 5 s'."
+    ),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Run a simulated GigE Vision camera and luminance meter that view one simulated target.
+
+    Type commands to cover the lens, point the meter or cause faults; --faults schedules faults.
+    """
+    from ...core.disk import read_text
+    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ...drivers.simulated.faults.schedule_file import parse_schedule
+    from ...session import SessionConfiguration, example_configuration
+
+    if configuration is None:
+        loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
+    else:
+        loaded = SessionConfiguration.load(configuration)
+    bench = SimulatedBench(loaded, BenchDevices.standard(seed))
+    schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
+    parse_schedule(schedule, str(faults))
+    with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:
+        bench.schedule(schedule, str(faults))
+        print_result(_running(bench, address, loaded.meter.model, meter.port), as_json)
+        sys.stdout.flush()
+        if not as_json:
+            say(_help())
+        _serve(bench)
+
+
+def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Result:
+    """Return the addresses of the devices and the patches of the target."""
+    from ...core.result import Result
+    from ...core.table import Column, Table
+
+    device = bench.device
+    devices = (
+        Column("device", "device"),
+        Column("model", "model"),
+        Column("serial", "serial number"),
+        Column("address", "address", meaning="Network address of the camera; serial port of the meter."),
+        Column("settings", "settings", meaning="Of the serial port."),
+    )
+    rows = [
+        {"device": "camera", "model": f"{device.vendor} {device.model}", "serial": device.serial, "address": address},
+        {"device": "meter", "model": meter, "address": port, "settings": "4800 baud, 7E2"},
+    ]
+    patches = (Column("patch", "patch"), Column("luminance_cd_m2", "luminance", "cd/m²", "Simulated luminance."))
+    luminances: dict[str, list[Any]] = {
+        "patch": list(bench.luminance_cd_m2),
+        "luminance_cd_m2": list(bench.luminance_cd_m2.values()),
+    }
+    return Result(
+        "simulate-bench",
+        "simulated bench",
+        (
+            Table.of_rows("devices", "Devices", devices, rows),
+            Table("patches", "Patches", patches, luminances).sorted_by("luminance_cd_m2"),
+        ),
+        simulated=True,
+    )
+
+
+def _serve(bench: SimulatedBench) -> None:
+    """Run typed commands until quit or a signal."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        for line in _typed_lines():
+            if not _run_command(bench, line.strip()):
+                return
+    except KeyboardInterrupt:
+        say("Bench switched off")
+
+
+def _typed_lines() -> Iterator[str]:
+    """Yield typed lines; at the end of the input, wait for a signal."""
+    # Read from the descriptor: select does not see lines in Python's buffer.
+    descriptor = None if sys.stdin is None else sys.stdin.fileno()
+    text = b""
+    while True:
+        readable, _, _ = select.select([] if descriptor is None else [descriptor], [], [], 1.0)
+        if not readable or descriptor is None:
+            continue
+        received = os.read(descriptor, 4096)
+        if not received:
+            descriptor = None
+        *lines, text = (text + received).split(b"\n")
+        yield from (line.decode(errors="replace") for line in lines)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _help() -> str:
+    from ...drivers.simulated.faults.schedule_file import EXAMPLES
+
+    return _HELP + " | ".join(EXAMPLES)
+
+
+def _run_command(bench: SimulatedBench, line: str) -> bool:
+    """Run one command; return whether to continue."""
+    from ...drivers.simulated.faults.schedule_file import EXAMPLES
+
+    word, _, rest = line.partition(" ")
+    if word == "quit":
+        return False
+    try:
+        if word == "cover":
+            bench.cover_lens()
+        elif word == "uncover":
+            bench.uncover_lens()
+        elif word == "point":
+            bench.point_meter(rest.strip())
+        elif word == "show":
+            bench.show_patch(rest.strip())
+        elif word in {example.split()[0] for example in EXAMPLES}:
+            bench.run_command(line)
+        elif word != "status":
+            say(_help())
+            return True
+    except LabcdpError as error:
+        say(str(error))
+        return True
+    lens = "covered" if bench.covered else "open"
+    drifted = ""
+    if bench.drifted:
+        drifted = f"; light {bench.light_rel:.1%}, camera at {bench.temperature_c:.1f} degrees Celsius"
+    say(f"Lens {lens}; meter points at {bench.pointed_at}{drifted}")
+    return True

@@ -1,0 +1,65 @@
+"""Command characterise: a camera's gain, noise and linearity after EMVA 1288."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ...core.errors import InputError
+from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
+from ..terminal import JSON_OPTION, print_result, progress_bars, say
+
+if TYPE_CHECKING:
+    from ...calibration.emva import Characterisation
+    from ...core.result import InputFile
+
+
+def characterise(
+    context: typer.Context,
+    path: Path = typer.Argument(help="Folder of a recorded session, or text file or folder of an EMVA 1288 data set."),
+    output: Path | None = output_option("PATH-characterise"),
+    force: bool = FORCE_OPTION,
+    open_page: bool = OPEN_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Measure a camera's gain, noise, dark current, non-uniformity and linearity after EMVA 1288.
+
+    Uses the dark frames and patches of a session, or an EMVA 1288 data set: images and a text file whose lines state
+    bits and size (n 12 640 480), exposure in ns and photons per pixel (b 40000 120), exposure of dark images (d 40000)
+    and image files (i a.png).
+    """
+    from ...evaluate.camera.page import write_characterisation
+    from ...evaluate.camera.result import result
+
+    if not path.exists():
+        raise InputError(f"{path} does not exist: give a session, or the index of a data set")
+    source = path if path.is_dir() else path.resolve().parent
+    with results_folder(context, source, output, force) as results:
+        characterised, inputs, title = _characterised(path)
+        found = result(characterised, title, inputs)
+        write_characterisation(characterised, found, results)
+    print_result(found, as_json)
+    say(f"Report: {results.folder / 'report.html'}")
+    show_page(results.folder / "report.html", open_page)
+
+
+def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
+    """Return what was found, what it was made from, and its title."""
+    from ...calibration.emva import INDEX_NAME, index_path
+    from ...core.result import InputFile
+    from ...evaluate.bench.report.result import session_input
+    from ...evaluate.camera.characterise import characterise_index, characterise_session
+    from ...session import Session
+
+    index = index_path(path)
+    with progress_bars() as bars:
+        if index is not None:
+            found = characterise_index(index, lambda done, total: bars.update("Reading", done, total))
+            return found, [InputFile.of("index", index)], index.resolve().parent.name
+        if not (path / "session.toml").exists():
+            raise InputError(f"{path} contains neither a session nor {INDEX_NAME}: give a session or a data set")
+        with Session.open(path) as session:
+            found = characterise_session(session, lambda done, total: bars.update("Reading", done, total))
+            return found, [session_input(session)], session.configuration.name

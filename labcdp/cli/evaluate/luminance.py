@@ -1,0 +1,271 @@
+"""Command luminance: frames of a calibrated camera as a luminance map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isclose
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ...core.errors import InputError
+from ...core.finding import Finding, unique
+from ...core.quantity import Quantity, quantity_table
+from ...core.result import InputFile, Result
+from ..options import parse_seconds
+from ..output import FORCE_OPTION, output_file
+from ..terminal import JSON_OPTION, print_result, say
+
+if TYPE_CHECKING:
+    from ...calibration.record.store import AnyCalibration
+    from ...calibration.response.bracket import Bracket
+    from ...core.frame import Frame
+    from ...evaluate.picture.light.picture import PictureConversion
+    from ...session import FrameRecord, Session
+
+#: Names of the reasons.
+_REASONS = {
+    "SATURATED": "saturated",
+    "BELOW_BLACK": "below the black",
+    "OUTSIDE_CALIBRATED": "outside the calibrated range",
+    "DEFECT": "defect",
+}
+
+
+@dataclass(frozen=True)
+class _Selected:
+    """Frames to convert, with names, findings and inputs."""
+
+    frames: Sequence[Frame]
+    names: Sequence[str]
+    findings: tuple[Finding, ...]
+    inputs: tuple[InputFile, ...]
+
+
+def luminance(
+    context: typer.Context,
+    calibration: Path = typer.Argument(help="Calibration file written by labcdp calibrate."),
+    files: list[Path] = typer.Argument(
+        metavar="SESSION | FILE...",
+        help="Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, "
+        "or other pictures that state their exposure.",
+    ),
+    output: Path = typer.Option(
+        ..., "--output", "-o", help="File to write: .tif or .exr (float images), or .npz (everything, for labcdp)."
+    ),
+    frame: list[int] = typer.Option(
+        [], "--frame", help="Number of a frame of the session; may be repeated. Default: all light frames."
+    ),
+    exposure: list[str] = typer.Option(
+        [], "--exposure", help="Only this exposure, for example 8ms; may be repeated. Default: all."
+    ),
+    patch: str | None = typer.Option(None, help="Patch to convert, if the session shows one patch at a time."),
+    preview: Path | None = typer.Option(None, help="PNG file for a false-colour picture with a scale."),
+    force: bool = FORCE_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Convert frames to luminance in cd/m² with its uncertainty.
+
+    All frames must show the same still scene. Several exposures are merged into one map (HDR), with the weights of
+    least noise and without saturated pixels. Pixels that differ between the exposures are flagged.
+    """
+    from ...calibration.record.store import file_sha256, load_any
+    from ...calibration.response.bracket import bracket_luminance
+    from ...files.luminance_file import SUFFIXES, metadata, save_luminance
+    from ...output import write_file
+
+    if output.suffix.lower() not in SUFFIXES:
+        raise InputError(f"--output is {output}: give a name that ends in {', '.join(SUFFIXES)}")
+    output_file(context, output, force)
+    if preview is not None:
+        if preview.suffix.lower() != ".png":
+            raise InputError(f"--preview is {preview}: give a name that ends in .png")
+        output_file(context, preview, force, "--preview")
+    loaded = load_any(calibration)
+    selected = _selected(files, frame, exposure, patch, calibration, loaded)
+    result = bracket_luminance(loaded, selected.frames)
+    about = {
+        "calibration": {
+            "file": calibration.name,
+            "sha256": file_sha256(calibration),
+            "camera": str(loaded.state.camera),
+            "source_spectrum": loaded.source_spectrum,
+            "range_cd_m2": list(loaded.range_cd_m2),
+        },
+        "frames": list(selected.names),
+        "exposures_s": list(result.exposures_s),
+        "gain_db": selected.frames[0].gain_db,
+        "time": min(one.timestamp for one in selected.frames).isoformat(),
+    }
+    picture = b"" if preview is None else _preview(result, loaded.state.camera.simulated, loaded.range_cd_m2)
+    save_luminance(result.map, output, about, force=force)
+    written = [output]
+    if preview is not None:
+        write_file(preview, picture, force=force)
+        written.append(preview)
+    made = _result(result, selected, loaded, metadata(result.map, about), calibration, output)
+    print_result(made, as_json)
+    if not as_json:
+        say(f"Written: {', '.join(str(path) for path in written)}")
+
+
+def _result(
+    bracket: Bracket,
+    selected: _Selected,
+    calibration: AnyCalibration,
+    about: Mapping[str, Any],
+    path: Path,
+    output: Path,
+) -> Result:
+    from ...report.digits import exposures
+
+    n = len(selected.frames)
+    title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
+    return Result(
+        "luminance",
+        str(output),
+        (quantity_table("luminance", title, _quantities(bracket, about)),),
+        unique([*selected.findings, *_temperature_findings(calibration, selected.frames), *bracket.findings]),
+        (InputFile.of("calibration", path), *selected.inputs),
+        about,
+        simulated=calibration.state.camera.simulated,
+    )
+
+
+def _temperature_findings(loaded: AnyCalibration, frames: Sequence[Frame]) -> list[Finding]:
+    from ...calibration import Calibration
+
+    planes = (loaded,) if isinstance(loaded, Calibration) else loaded.planes
+    darks = [plane.setting(frames[0].gain_db).dark for plane in planes]
+    taken = [(one.exposure_s, one.temperature_c) for one in frames]
+    return [finding for dark in darks for finding in dark.temperature_findings(taken)]
+
+
+def _selected(
+    files: Sequence[Path],
+    numbers: Sequence[int],
+    exposures: Sequence[str],
+    patch: str | None,
+    calibration: Path,
+    loaded: AnyCalibration,
+) -> _Selected:
+    folders = [path for path in files if path.is_dir()]
+    if folders and len(files) > 1:
+        raise InputError(f"{folders[0]} is a folder: give it alone, or give files of frames")
+    if folders:
+        return _of_session(folders[0], numbers, exposures, patch, loaded)
+    if numbers or patch is not None:
+        raise InputError("--frame and --patch choose among the frames of a session: give its folder, or leave them out")
+    from ...evaluate.picture.light.picture import calibrated_conversion
+
+    conversion = calibrated_conversion(loaded, calibration.name)
+    read = [(str(path), *_of_file(path, conversion)) for path in files]
+    kept = [one for one in read if _wanted(one[1].exposure_s, exposures)]
+    if not kept:
+        there = _exposures([frame for _, frame, _ in read])
+        raise InputError(f"no file has the exposure {' or '.join(exposures)}: the files have {there}")
+    names = [name for name, _, _ in kept]
+    findings = unique(finding for _, _, found in kept for finding in found)
+    inputs = tuple(InputFile.of("picture", name) for name in names)
+    return _Selected([frame for _, frame, _ in kept], names, findings, inputs)
+
+
+def _of_session(
+    path: Path, numbers: Sequence[int], exposures: Sequence[str], patch: str | None, loaded: AnyCalibration
+) -> _Selected:
+    from ...evaluate.bench.report.result import session_input
+    from ...evaluate.bench.session import mismatch
+    from ...session import Session
+
+    session = Session.open(path)
+    records = session.frames("light")
+    if numbers:
+        records = [record for record in session.frames() if record.number in numbers]
+        missing = sorted(set(numbers) - {record.number for record in records})
+        if missing:
+            raise InputError(f"the session has no frame {missing[0]}: its frames are {_numbers(session)}")
+    if patch is not None:
+        records = [record for record in records if record.patch == patch]
+        if not records:
+            raise InputError(f"the session has no frame of patch {patch!r} alone: leave --patch out")
+    chosen = [record for record in records if _wanted(record.exposure_s, exposures)]
+    if not chosen:
+        raise InputError(
+            f"the session has no such frame at {' or '.join(exposures)}: it has {_exposures(records)}"
+            if records
+            else f"{path} has no light frames: resume the acquisition"
+        )
+    shown = sorted({str(record.patch) for record in chosen})
+    if len(shown) > 1:
+        raise InputError(
+            f"the frames show different patches ({', '.join(shown)}): choose one with --patch, for example --patch "
+            f"{shown[0]!r}"
+        )
+    return _Selected(
+        [session.load(record) for record in chosen],
+        [record.file.name for record in chosen],
+        tuple(mismatch(session.configuration, loaded)),
+        (session_input(session),),
+    )
+
+
+def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[Finding, ...]]:
+    """Read a frame from a file, and what a user should know about it."""
+    from ...files import read_picture
+
+    picture = read_picture(path, conversion.options)
+    frame = conversion.frame_of(picture)
+    if not picture.exposure_known:
+        raise InputError(
+            f"{path} does not state its exposure time: use frames recorded by labcdp or camera RAW, or labcdp image "
+            "--exposure"
+        )
+    return frame, conversion.findings(picture)
+
+
+def _wanted(exposure_s: float, exposures: Sequence[str]) -> bool:
+    # Cameras apply an exposure in steps of their own.
+    return not exposures or any(
+        isclose(exposure_s, parse_seconds(text, "--exposure"), rel_tol=0.01) for text in exposures
+    )
+
+
+def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:
+    return ", ".join(f"{1e3 * t:g}ms" for t in sorted({one.exposure_s for one in frames}))
+
+
+def _numbers(session: Session) -> str:
+    numbers = [record.number for record in session.frames()]
+    return f"{min(numbers)} to {max(numbers)}" if numbers else "none"
+
+
+def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
+    import numpy as np
+
+    seen = result.map
+    lit = seen.luminance_cd_m2[seen.valid]
+    n_used, counts = np.unique(result.n_used, return_counts=True)
+    n_pixels, invalid, shares = seen.valid.size, values["invalid_share"], "share of the pixels"
+    return [
+        Quantity("mean", float(lit.mean(dtype=float)) if lit.size else None, "cd/m²", "of the valid pixels"),
+        Quantity("lowest", float(lit.min()) if lit.size else None, "cd/m²", "of the valid pixels"),
+        Quantity("highest", float(lit.max()) if lit.size else None, "cd/m²", "of the valid pixels"),
+        Quantity("u of a pixel, independent", values["median_random_rel"], "%", "median of the valid pixels"),
+        Quantity("u of a pixel, common", values["median_common_rel"], "%", "median; the same error in all pixels"),
+        Quantity("valid pixels", float(seen.valid.mean()), "%", shares),
+        *(Quantity(text, invalid[name], "%", shares) for name, text in _REASONS.items() if name in invalid),
+        *(
+            Quantity(f"pixels from {n} frames", count / n_pixels, "%", shares)
+            for n, count in zip(n_used.tolist(), counts.tolist(), strict=True)
+        ),
+        Quantity("inconsistent pixels", result.inconsistent_share, "%", "different between the exposures"),
+    ]
+
+
+def _preview(result: Bracket, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
+    from ...report.maps import luminance_picture
+
+    title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
+    return luminance_picture(result.map, title, simulated, range_cd_m2)

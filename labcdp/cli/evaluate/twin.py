@@ -1,0 +1,84 @@
+"""Command twin: a camera's simulated twin, compared with the camera."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
+
+import typer
+
+from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
+from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+
+if TYPE_CHECKING:
+    from ...evaluate.twin.evaluate import TwinEvaluation
+    from ...session import Session
+
+
+def twin(
+    context: typer.Context,
+    session: Path = typer.Argument(help="Folder of the session."),
+    calibration: Path | None = typer.Option(
+        None, help="Calibration file of this camera; default: calibrate with this session."
+    ),
+    output: Path | None = output_option("SESSION-twin"),
+    without: list[str] = typer.Option([], "--without", help="Patch to leave out; may be repeated."),
+    contrast: str | None = typer.Option(
+        None, help="Contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter."
+    ),
+    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
+    force: bool = FORCE_OPTION,
+    open_page: bool = OPEN_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
+
+    Estimates the camera's parameters, predicts frames and CDP of all pairs of patches from the meter readings, and
+    lists for each pair whether prediction and measurement agree and which parameter matters. Writes chain.toml (for
+    labcdp simulate), report.html, results.xlsx and results.json.
+    """
+    from ...core.result import InputFile
+    from ...evaluate.bench.report.result import session_input
+    from ...evaluate.twin.parameters import require_monochrome
+    from ...evaluate.twin.report.page import write_twin
+    from ...evaluate.twin.report.result import twin_result
+    from ...session import Session
+
+    target = None if contrast is None else fraction_of_percent(contrast, "--contrast")
+    tolerance = fraction_of_percent(epsilon, "--epsilon")
+    inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
+    opened = Session.open(session)
+    require_monochrome(opened)
+    with results_folder(context, session, output, force) as results:
+        evaluation = _evaluated(opened, calibration, without, target, tolerance)
+        options = {"contrast": target, "epsilon": tolerance, "without": without}
+        result = twin_result(evaluation, [session_input(opened), *inputs], options)
+        write_twin(evaluation, result, results)
+    print_result(result, as_json)
+    say(f"Report: {results.folder / 'report.html'}")
+    say(f"Next: labcdp simulate {quote(str(results.folder / 'chain.toml'))}")
+    show_page(results.folder / "report.html", open_page)
+
+
+def _evaluated(
+    session: Session, calibration: Path | None, without: list[str], contrast: float | None, epsilon: float
+) -> TwinEvaluation:
+    from ...calibration import load
+    from ...evaluate.bench.calibrate import calibrate_session
+    from ...evaluate.bench.corrections import Corrections, PlaneCorrections
+    from ...evaluate.bench.observe import observe_session
+    from ...evaluate.bench.recorded import certificate_of
+    from ...evaluate.camera.characterise import characterise_session
+    from ...evaluate.twin.evaluate import twin_session
+
+    loaded = None if calibration is None else load(calibration)
+    corrections: PlaneCorrections | None = None if loaded is None else {None: Corrections.of(loaded)}
+    with progress_bars() as bars:
+        certificate = None if loaded is None else certificate_of(loaded, session)
+        observed = observe_session(session, without, partial(bars.update, "reading"), corrections, certificate)
+        calibrated = calibrate_session(observed) if loaded is None else loaded
+        found = characterise_session(session, partial(bars.update, "characterising"))
+        predicting = partial(bars.update, "predicting")
+        return twin_session(session, observed, calibrated, found, contrast, epsilon, predicting)

@@ -1,0 +1,297 @@
+"""Command rois: draw regions of an image on a page, or find them without it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from ...core.errors import InputError
+from ...core.finding import Finding, info
+from ..options import CAMERA_SPEC_OPTION, CONTRAST_HELP, MEASURED, contrasts_or_measured
+from ..output import FORCE_OPTION, output_file
+from ..terminal import JSON_OPTION, print_result, say
+from .picture_options import BITS_OPTION, EXPOSURE_OPTION, FORMAT_OPTION, GAIN_OPTION, SIZE_OPTION, picture_options
+
+if TYPE_CHECKING:
+    from ...core.result import Result
+    from ...evaluate.picture.light.picture import PictureConversion
+    from ...files.picture.read import PictureOptions
+    from ...regions import Shape
+    from ...web.regions.drawing import Drawing
+    from ...web.regions.files import DrawingFiles
+    from ...web.regions.page_image import PageImage
+    from ...web.server import Address
+
+
+def rois(
+    context: typer.Context,
+    file: Path = typer.Argument(
+        metavar="FILE",
+        help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump; or a video, a folder of numbered "
+        "images, a recorded session.",
+    ),
+    frame: str | None = typer.Option(
+        None, help="Frame of a video to draw on, for example 250, 10s or 1:30; default: the first."
+    ),
+    output: Path | None = typer.Option(
+        None,
+        "--output",
+        "-o",
+        help="Region file to write: .json, or for ImageJ .zip or .roi. Default: the JSON file of --roi, else next "
+        "to the image or video, for example picture.rois.json.",
+    ),
+    roi: Path | None = typer.Option(
+        None, help="Region file to start from: .json of labcdp, .roi or .zip of ImageJ. Default: the file of --output."
+    ),
+    calibration: Path | None = typer.Option(None, help="Calibration file, for values in cd/m²."),
+    camera_spec: Path | None = CAMERA_SPEC_OPTION,
+    encoding: Literal["linear", "srgb"] | None = typer.Option(
+        None, help="Encoding of the pixel values; default: usual encoding of the file type."
+    ),
+    exposure: str | None = EXPOSURE_OPTION,
+    gain_db: float | None = GAIN_OPTION,
+    bit_depth: int | None = BITS_OPTION,
+    pixel_format: str | None = FORMAT_OPTION,
+    size: str | None = SIZE_OPTION,
+    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default=MEASURED),
+    detect: Literal["checkerboard", "step-chart", "superpixels"] | None = typer.Option(
+        None, help="Find regions and propose them for confirmation on the page."
+    ),
+    page: bool = typer.Option(
+        True, "--page/--no-page", help="Show the page; without it, write the regions that --detect finds."
+    ),
+    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
+    address: str = typer.Option(
+        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
+    ),
+    force: bool = FORCE_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Draw regions in an image or video frame, on a page in the browser.
+
+    The page shows DN and cd/m² under the pointer, the mean of each region, and the CDP of two regions. labcdp prints
+    the address of the page, also for a browser on another computer. Ctrl-C ends the command. Regions that are not
+    saved are kept next to the output, and the same command resumes with them.
+    """
+    from ...evaluate.picture.light.picture import picture_conversion
+    from ...output.file import is_same_file
+    from ...web.lock import locked
+    from ...web.regions.files import DrawingFiles
+
+    contrasts = contrasts_or_measured(contrast)
+    if not page and detect is None:
+        raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
+    _require_of_kind(file, frame, pixel_format or size)
+    target = _output(file, output, roi if page else None)
+    # A region file of labcdp is edited in place; other programs' files are never.
+    is_edited = target.suffix == ".json" and (roi is None or (page and is_same_file(roi, target)))
+    if not (target.exists() and is_edited) or is_same_file(file, target):
+        output_file(context, target, force)
+    conversion = picture_conversion(calibration, camera_spec, encoding)
+    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
+    image = _image(file, frame, conversion, options)
+    files = DrawingFiles(target, image.size)
+    found = () if detect is None else _found(image, detect)
+    with locked(target) as tell_others:
+        start = _start(files, roi)
+        if not page:
+            _write(files, start, found, as_json)
+            return
+        _serve(image, files, start, found, contrasts, _Place(address, port, tell_others), as_json)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Address of the page, and files that announce it to other processes."""
+
+    address: str
+    port: int
+    tell_others: Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Regions to start from: in the output, in another file, or drawn before but not saved."""
+
+    #: Fingerprint of the output.
+    stored: str
+    saved: tuple[Shape, ...]
+    read: tuple[Shape, ...]
+    kept: tuple[Shape, ...]
+
+
+def _output(file: Path, output: Path | None, roi: Path | None) -> Path:
+    name = file.name if file.is_dir() else file.stem
+    edited = roi if roi is not None and roi.suffix == ".json" else None
+    target = output or edited or file.parent / f"{name or 'video'}.rois.json"
+    if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
+        raise InputError(f"{target.parent} may not be written to: give --output in another folder")
+    return target
+
+
+def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:
+    """Refuse options of videos for pictures, and of raw dumps for videos."""
+    from ...web.regions.video_image import is_video
+
+    if is_video(file):
+        if of_dumps is not None:
+            raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
+    elif frame is not None:
+        raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
+
+
+def _image(file: Path, frame: str | None, conversion: PictureConversion, options: PictureOptions) -> PageImage:
+    from ...files.picture.read import read_picture
+    from ...files.video.selection import Position
+    from ...web.regions.page_image import PageImage
+    from ...web.regions.video_image import is_video, video_image
+
+    if is_video(file):
+        return video_image(file, Position.parse(frame or "0", "--frame"), conversion, options)
+    return PageImage.of(read_picture(file, options), conversion)
+
+
+def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "superpixels"]) -> tuple[Shape, ...]:
+    from ...web.regions.proposals import propose
+
+    return propose(image, detect)
+
+
+def _start(files: DrawingFiles, roi: Path | None) -> _Files:
+    from ...regions import load_regions
+
+    # Taken before reading, so that later changes are noticed.
+    stored = files.fingerprint(files.output)
+    saved = load_regions(files.output, files.size) if files.output.exists() else ()
+    read = () if roi is None or roi == files.output else load_regions(roi, files.size)
+    return _Files(stored, saved, read, files.kept())
+
+
+def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json: bool) -> None:
+    from ...regions import new_shapes
+    from ...web.regions.drawing import Drawing
+
+    before = start.read or start.saved
+    drawing = Drawing.of(files.size, before)
+    new = new_shapes(found, drawing.shapes)
+    if new:
+        drawing = drawing.proposed(new).accepted()
+    changed = drawing.shapes != start.saved
+    if changed:
+        if files.fingerprint(files.output) != start.stored:
+            raise InputError(f"{files.output} was changed by another program: repeat the command")
+        files.save(files.output, drawing.shapes)
+    names = [shape.name for shape in drawing.shapes[len(before) :]]
+    n_known = len(found) - len(new)
+    findings = [info("regions-not-confirmed", regions=len(names))] if names else []
+    findings += [info("regions-known", regions=n_known)] if n_known else []
+    if as_json:
+        state = "written" if changed else "unchanged"
+        print_result(_result(files, drawing, names, {str(files.output): state}, findings=findings), as_json)
+        return
+    known = f"; {n_known} more were found that are there already" if new and n_known else ""
+    if changed:
+        say(f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them new{known}")
+    else:
+        say(f"Nothing written: {_count(n_known)} found, all already in {files.output}")
+    say(f"Regions found by --detect are not confirmed: check them with labcdp rois FILE --roi {files.output}")
+
+
+def _serve(
+    image: PageImage,
+    files: DrawingFiles,
+    start: _Files,
+    found: tuple[Shape, ...],
+    contrasts: tuple[float, ...] | None,
+    place: _Place,
+    as_json: bool,
+) -> None:
+    from ...web.regions.drawing import Drawing, History
+    from ...web.regions.measurements import Measurements
+    from ...web.regions.workspace import Start
+    from ...web.server import Server
+
+    history = History(Drawing.of(files.size, start.read or start.saved))
+    if start.kept:
+        history = history.changed(Drawing.of(files.size, start.kept))
+    begin = Start(history, start.saved, start.read, found, start.stored)
+    server = Server(Measurements(image, contrasts), files, begin, place.address, place.port)
+    shown: list[Address] = []
+
+    def ready(where: Address) -> None:
+        shown.append(where)
+        place.tell_others(where.place)
+        _tell(image, files, start, where)
+
+    server.run(ready)
+    workspace = server.workspace
+    if not as_json:
+        for line in workspace.last_words():
+            say(line)
+        return
+    states = {str(path): "written" for path in workspace.written}
+    if workspace.unsaved and files.unsaved.exists():
+        states[str(files.unsaved)] = "unsaved"
+    url = shown[0].url if shown else None
+    print_result(_result(files, workspace.drawing, [], states, url), as_json)
+
+
+def _result(
+    files: DrawingFiles,
+    drawing: Drawing,
+    new: Sequence[str],
+    states: Mapping[str, str],
+    page: str | None = None,
+    findings: Sequence[Finding] = (),
+) -> Result:
+    """Return the regions, whether each was found now, and their files."""
+    from ...core.result import Result
+    from ...core.table import Column, Table
+
+    regions = (
+        Column("region", "region"),
+        Column("area_px", "area", "px", "Area of its outline."),
+        Column("new", "found now", "", "Whether --detect found it now; it is not confirmed."),
+    )
+    rows = [{"region": one.name, "area_px": one.area, "new": one.name in new} for one in drawing.rois]
+    paths = (Column("path", "file"), Column("state", "state", "", "Whether it was written."))
+    return Result(
+        "rois",
+        files.output.name,
+        (
+            Table.of_rows("regions", "Regions", regions, rows),
+            Table("files", "Files", paths, {"path": list(states), "state": list(states.values())}),
+        ),
+        findings=tuple(findings),
+        configuration={"output": str(files.output), "page": page},
+    )
+
+
+def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) -> None:
+    from ...report.findings import finding_text
+
+    width, height = image.size
+    say(f"{image.name}: {width} x {height} pixels")
+    for finding in image.findings:
+        say(f"{finding.severity}: {finding_text(finding)}")
+    if start.kept:
+        n = _count(len(start.kept))
+        say(f"Resuming with {n} drawn earlier and not saved; Undo returns to the saved file")
+    elif start.read and start.saved:
+        say(f"warning: {files.output} exists; Save replaces it")
+    say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")
+    say(f"Open: {where.url}")
+    if where.loopback:
+        say(f"On another computer, first run: {where.tunnel}")
+    else:
+        say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
+    say("Ctrl-C ends the page")
+
+
+def _count(n: int) -> str:
+    return f"{n} region{'' if n == 1 else 's'}"

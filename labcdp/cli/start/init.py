@@ -1,0 +1,74 @@
+"""Command init: write templates."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+from ...core.errors import InputError
+from ..output import FORCE_OPTION, output_file
+from ..terminal import JSON_OPTION, print_result, say
+
+#: Default preset of a chain.
+DEFAULT_PRESET = "manta-g505"
+
+
+class Template(StrEnum):
+    """Templates."""
+
+    bench = "bench"
+    chain = "chain"
+    camera = "camera"
+
+
+#: The command that uses the file.
+_NEXT = {
+    Template.bench: "labcdp acquire {file} my-session --simulated",
+    Template.chain: "labcdp simulate {file}",
+    Template.camera: "labcdp image PICTURE --camera-spec {file}",
+}
+
+
+def init(
+    context: typer.Context,
+    template: Template = typer.Argument(
+        help="bench: plan of an acquisition; chain: imaging chain; camera: camera specification."
+    ),
+    file: Path = typer.Argument(help="New TOML file to write."),
+    preset: str | None = typer.Option(
+        None, help="For a chain: preset to start from, see labcdp presets.", show_default=DEFAULT_PRESET
+    ),
+    force: bool = FORCE_OPTION,
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Write a commented template of a bench plan, an imaging chain or a camera specification.
+
+    Example: labcdp init bench bench.toml
+    """
+    from ...core.result import Result
+    from ...core.table import Column, Table
+    from ...output import write_file
+
+    path = output_file(context, file, force, option="FILE")
+    write_file(path, _text(template, preset).encode(), force=force)
+    command = _NEXT[template].format(file=file)
+    if as_json:
+        columns = (Column("template", "template"), Column("next_command", "next command"))
+        row = {"template": template.value, "next_command": command}
+        print_result(Result("init", str(file), (Table.of_rows("template", "Template", columns, [row]),)), as_json)
+    else:
+        say(f"Written: {file}")
+        say(f"Next: {command}")
+
+
+def _text(template: Template, preset: str | None) -> str:
+    from ...chain import preset_text
+    from ...session.examples import example_camera, example_configuration
+
+    if template is Template.chain:
+        return preset_text(preset or DEFAULT_PRESET)
+    if preset is not None:
+        raise InputError(f"--preset is {preset!r}, but only a chain has presets: leave it out")
+    return example_configuration() if template is Template.bench else example_camera()

@@ -1,0 +1,33 @@
+"""Reading from disk: regular files of a limited size, whose text and values are checked before anyone uses them.
+
+Whatever is wrong with a file becomes one line of `InputError` that names the file and quotes little of it.
+"""
+
+from .documents import parse_json, parse_toml, read_json, read_toml, record_model, validated_as
+from .files import file_sha256, is_file, open_regular, read_at_most, read_bytes, read_text, real_path, require_regular
+from .quoting import printable, quoted, reason, shortened
+from .tables import CsvRow, CsvTable, read_csv
+
+__all__ = [
+    "CsvRow",
+    "CsvTable",
+    "file_sha256",
+    "is_file",
+    "open_regular",
+    "parse_json",
+    "parse_toml",
+    "printable",
+    "quoted",
+    "read_at_most",
+    "read_bytes",
+    "read_csv",
+    "read_json",
+    "read_text",
+    "read_toml",
+    "real_path",
+    "reason",
+    "record_model",
+    "require_regular",
+    "shortened",
+    "validated_as",
+]

@@ -1,0 +1,205 @@
+"""JSON and TOML: parsed within limits on size, depth and numbers, and validated by pydantic."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from dataclasses import MISSING, fields
+from datetime import datetime
+from functools import cache
+from itertools import accumulate
+from math import isfinite
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
+
+from ..errors import ConfigurationError, InputError
+from .files import AnyPath, name_of, read_bytes, read_text
+from .quoting import MOST_DIGITS, quoted, reason
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
+_T = TypeVar("_T")
+
+#: Size of a document from which it is refused, unless a reader allows another.
+MOST_BYTES = 64 * 2**20
+#: Values in a document: each takes up to 100 bytes of memory.
+MOST_VALUES = 4_000_000
+#: Tables and lists within each other.
+MOST_LEVELS = 64
+#: Parts of a dotted key of TOML; the parser's time grows with their square.
+_MOST_PARTS = 16
+#: Configurations are written by people, and their parser takes a second for a megabyte.
+MOST_BYTES_OF_TOML = 4 * 2**20
+
+_NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
+_STRING = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:\.[ \t]*+{_PART}){{{_MOST_PARTS}}}", re.ASCII)
+
+
+def parse_json(text: str | bytes, allow_nan: bool = False) -> Any:
+    """Read JSON.
+
+    Parameters
+    ----------
+    text : str or bytes
+        The document; bytes are UTF-8.
+    allow_nan : bool
+        Whether NaN, Infinity and -Infinity, which JSON has not, are numbers.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, a key stands twice in a table, a number is not finite or has more than 40 digits, there are
+        too many values, or they are nested too deep.
+    """
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    _require_moderate(data)
+    hooks: dict[str, Any] = {} if allow_nan else {"parse_constant": _no_number, "parse_float": _finite}
+    try:
+        return json.loads(data.decode("utf-8-sig"), object_pairs_hook=_table, parse_int=_whole, **hooks)
+    except json.JSONDecodeError as error:
+        raise InputError(f"not valid JSON: {error.msg} in line {error.lineno}, column {error.colno}") from error
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid JSON: {reason(error)}") from error
+
+
+def read_json(path: AnyPath, what: str, most_bytes: int = MOST_BYTES) -> Any:
+    """Read a JSON file; raises InputError as `read_bytes` and `parse_json`, naming the file."""
+    data = read_bytes(path, what, most_bytes)
+    try:
+        return parse_json(data)
+    except InputError as error:
+        raise InputError(f"{name_of(path)}: {error}; give {what}") from error
+
+
+def _require_moderate(data: bytes) -> None:
+    """Refuse what would take much memory or stack, before it is parsed."""
+    if data.count(b",") + data.count(b"[") + data.count(b"{") > MOST_VALUES:
+        raise InputError(f"it holds more than {MOST_VALUES} values")
+    if data.count(b"[") + data.count(b"{") > MOST_LEVELS:
+        marks = _STRING.sub(b"", data).translate(None, _NO_BRACKETS)
+        if max(accumulate(1 if mark in b"[{" else -1 for mark in marks), default=0) > MOST_LEVELS:
+            raise InputError(f"its lists and tables are nested more than {MOST_LEVELS} levels deep")
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise InputError(f"the key {quoted(twice)} is given twice in one table: leave one out")
+    return table
+
+
+def _no_number(text: str) -> float:
+    raise InputError(f"{text} stands where a number should: give a finite number")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    return number if isfinite(number) else _no_number(quoted(text))
+
+
+def _whole(text: str) -> int:
+    digits = len(text.removeprefix("-"))
+    if digits > MOST_DIGITS:
+        raise InputError(f"a number has {digits} digits: give at most {MOST_DIGITS}")
+    return int(text)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Read TOML.
+
+    Raises
+    ------
+    InputError
+        If it is no TOML (with line and column), a number has more than 40 digits, or tables and lists are nested too
+        deep. TOML has nan and inf: that they are no value is for the key they belong to.
+    """
+    if long := _LONG_KEY.search(text):
+        raise InputError(f"not valid TOML: {quoted(long[0])} is a key of more than {_MOST_PARTS} parts")
+    try:
+        document = tomllib.loads(text)
+        _require_whole_numbers(document)
+    except InputError as error:
+        raise InputError(f"not valid TOML: {error}") from error
+    # Other errors: too deep nesting, and numbers and dates that Python cannot represent.
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid TOML: {reason(error)}: correct it there") from error
+    return document
+
+
+def _require_whole_numbers(value: Any, level: int = 0) -> None:
+    if level > MOST_LEVELS:
+        raise InputError(f"its lists and tables are nested more than {MOST_LEVELS} levels deep")
+    if isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            _require_whole_numbers(one, level + 1)
+    elif isinstance(value, int) and abs(value) >= 10**MOST_DIGITS:
+        raise InputError(f"it holds {quoted(value)}: give at most {MOST_DIGITS}")
+
+
+def read_toml(path: AnyPath, what: str) -> dict[str, Any]:
+    """Read a TOML file; raises ConfigurationError as `read_text` and `parse_toml`, naming the file."""
+    text = read_text(path, what, MOST_BYTES_OF_TOML, ConfigurationError)
+    try:
+        return parse_toml(text)
+    except InputError as error:
+        raise ConfigurationError(f"{name_of(path)}: {error}") from error
+
+
+@cache
+def record_model(kind: type, *left_out: str) -> Any:
+    """Make the pydantic model that a dataclass's fields have in JSON, times as ISO text; unknown keys are errors."""
+    from pydantic import AfterValidator, ConfigDict, create_model
+
+    hints = get_type_hints(kind) | {
+        name: Annotated[str, AfterValidator(_time)] for name, hint in get_type_hints(kind).items() if hint is datetime
+    }
+    return create_model(  # type: ignore[call-overload]
+        kind.__name__,
+        __config__=ConfigDict(extra="forbid"),
+        **{
+            one.name: (hints[one.name], ... if one.default is MISSING else one.default)
+            for one in fields(kind)
+            if one.name not in left_out
+        },
+    )
+
+
+def _time(text: str) -> str:
+    if datetime.fromisoformat(text).tzinfo is None:
+        raise ValueError("it has no time zone")
+    return text
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)
+
+
+def validated_as(kind: type[_T], values: Any, **context: Any) -> _T:
+    """Make a pydantic model, a dataclass or a type of values as JSON has them; the types must fit exactly.
+
+    Raises
+    ------
+    InputError
+        Naming the first key that is wrong, and what is wrong with it.
+    """
+    from pydantic import ValidationError
+
+    try:
+        made: _T = _adapter(cast("Any", kind)).validate_json(json.dumps(values), strict=True, context=context or None)
+        return made
+    except ValidationError as error:
+        # Of a field with several types, keys that the others have are missing too.
+        errors = error.errors(include_url=False, include_input=False)
+        first = next((one for one in errors if one["type"] != "missing"), errors[0])
+        place = quoted(".".join(map(str, first["loc"]))).strip("'\"")
+        raise InputError(f"key {place or 'of the whole'}: {first['msg'][:200]}") from error

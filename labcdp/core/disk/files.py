@@ -1,0 +1,164 @@
+"""Regular files of a limited size; pipes, devices and folders are refused before anything is read from them."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import stat
+from io import BufferedRandom, BufferedReader
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias
+
+from ..errors import InputError
+from .quoting import printable, reason
+
+AnyPath: TypeAlias = str | PathLike[str]
+
+_KINDS = {
+    stat.S_IFDIR: "it is a folder",
+    stat.S_IFIFO: "it is a pipe, not a file",
+    stat.S_IFCHR: "it is a device, not a file",
+    stat.S_IFBLK: "it is a device, not a file",
+    stat.S_IFSOCK: "it is a socket, not a file",
+}
+#: What is read of a file that does not say its size.
+_UNSIZED_BYTES = 2**20
+# A pipe without a writer would block, a terminal become that of this process. Windows needs to know that it is no text.
+_FLAGS = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
+
+
+def name_of(path: AnyPath) -> str:
+    """Return a path as messages show it; one that a document names may hold control characters."""
+    return printable(os.fspath(path))
+
+
+def open_regular(path: AnyPath, writable: bool = False) -> BufferedReader | BufferedRandom:
+    """Open a regular file, for reading or, made if it is not there, for reading and writing.
+
+    Raises
+    ------
+    OSError
+        If that is not possible, or it is a folder, pipe, device or socket; its ``strerror`` says so.
+    """
+    # A device does things when it is opened: a rewound tape, a reset board.
+    _require_regular(path, missing_is_good=writable)
+    flags = _FLAGS | (os.O_RDWR | os.O_CREAT if writable else os.O_RDONLY)
+    number = _opened(path, flags)
+    file = os.fdopen(number, "r+b") if writable else os.fdopen(number, "rb")
+    try:
+        _require_kind(os.fstat(file.fileno()).st_mode, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _opened(path: AnyPath, flags: int) -> int:
+    return os.open(path, flags, 0o666)
+
+
+def _require_regular(path: AnyPath, missing_is_good: bool) -> None:
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        if missing_is_good:
+            return
+        raise
+    except ValueError as error:
+        raise OSError(errno.EINVAL, "its name holds a null character", str(path)) from error
+    _require_kind(mode, path)
+
+
+def _require_kind(mode: int, path: AnyPath) -> None:
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, _KINDS.get(stat.S_IFMT(mode), "it is not a regular file"), str(path))
+
+
+def read_at_most(path: AnyPath, most_bytes: int) -> bytes:
+    """Read a regular file; raises OSError as `open_regular`, or if it is larger."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size <= most_bytes:
+            # Files of /proc have no size. Memory is allocated for the maximum.
+            data = file.read(max(size, _UNSIZED_BYTES) + 1)
+            if len(data) <= max(size, _UNSIZED_BYTES):
+                return data
+            raise OSError(errno.EBUSY, "it grows while it is read", str(path))
+    raise OSError(errno.EFBIG, f"it is larger than {_size(most_bytes)}", str(path))
+
+
+def _size(n_bytes: int) -> str:
+    return f"{n_bytes // 2**20} MiB" if n_bytes >= 2**20 else f"{n_bytes} bytes"
+
+
+def read_bytes(path: AnyPath, what: str, most_bytes: int, error: type[InputError] = InputError) -> bytes:
+    """Read a regular file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    what : str
+        What to give instead, for messages: "a chain file".
+    most_bytes : int
+        Size from which a file is refused.
+    error : type of InputError
+        What is raised.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, or is larger.
+    """
+    try:
+        return read_at_most(path, most_bytes)
+    except OSError as caught:
+        raise error(f"{name_of(path)} cannot be read ({reason(caught)}): give {what}") from caught
+
+
+def read_text(path: AnyPath, what: str, most_bytes: int, error: type[InputError] = InputError) -> str:
+    """Read a file of UTF-8 text, with a byte order mark or not; raises as `read_bytes`, or if it is no text."""
+    data = read_bytes(path, what, most_bytes, error)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as caught:
+        raise error(f"{name_of(path)} is not UTF-8 text (byte {caught.start}): give {what}, saved as UTF-8") from caught
+
+
+def file_sha256(path: AnyPath, what: str) -> str:
+    """Return the hash of a regular file, which is read in pieces; raises InputError as `require_regular`."""
+    try:
+        with open_regular(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{name_of(path)} cannot be read ({reason(error)}): give {what}") from error
+
+
+def require_regular(path: AnyPath, what: str) -> int:
+    """Return the size in bytes of a file that a library opens by its name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is no regular file.
+    """
+    try:
+        with open_regular(path) as file:
+            return os.fstat(file.fileno()).st_size
+    except OSError as error:
+        raise InputError(f"{name_of(path)} cannot be read ({reason(error)}): give {what}") from error
+
+
+def real_path(path: AnyPath) -> Path:
+    """Return the path with symbolic links followed; those that lead in a circle stay."""
+    return Path(os.path.realpath(path))
+
+
+def is_file(path: AnyPath) -> bool:
+    """Whether there is a regular file; False also for names that no file can have."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False

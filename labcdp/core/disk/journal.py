@@ -1,0 +1,213 @@
+"""A journal of results: a line of JSON each, chained by hashes, so that interrupted work is resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from time import monotonic
+from typing import IO, Any
+
+from ..errors import InputError
+from .documents import parse_json
+from .files import open_regular
+from .quoting import reason
+
+#: Seconds after which lines are flushed to the disk; to the operating system they go at once, so that only a power
+#: cut costs the last ones, and these are computed again.
+_SYNC_S = 2.0
+#: A line that is longer is none of these journals.
+_MOST_BYTES_OF_LINE = 64 * 2**20
+
+Row = dict[str, Any]
+
+
+class LineJournal:
+    """Results in a file, a line each, after a line that says what they are of.
+
+    Each line ends with a check, the SHA-256 of the line before's check and its own text. Where that fails, as in a line
+    that was not finished or was altered, the journal ends, and what follows is computed again.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    file : IO
+        Open for reading and writing.
+    """
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        self.path = path
+        self._file, self._check = file, ""
+        #: Where each line of a result begins, in bytes, and where the last one ends.
+        self._ends: list[int] = []
+        self._synced = monotonic()
+
+    @classmethod
+    def open(cls, path: Path, head: Mapping[str, Any], what: str) -> LineJournal:
+        """Open a journal, or begin one.
+
+        Parameters
+        ----------
+        path : Path
+            Its folder is made if it does not exist.
+        head : mapping
+            All that decides the results; JSON.
+        what : str
+            What the results are of, for messages: "sweep".
+
+        Raises
+        ------
+        InputError
+            If the file holds results of something else or is no journal, or cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            journal = cls(path, open_regular(path, writable=True))
+            journal._begin(json.loads(json.dumps(dict(head))), what)
+        except OSError as error:
+            raise InputError(f"{path} cannot be used ({reason(error)}): give a folder you can write to") from error
+        return journal
+
+    def _begin(self, head: Row, what: str) -> None:
+        first = self._line()
+        found = _decode(first, "")
+        if found is None and _encode(head, "")[0].startswith(first):
+            # No line was finished: there is nothing to keep.
+            self._begin_anew(head)
+            return
+        if found is None:
+            self._file.close()
+            raise InputError(
+                f"{self.path} is no journal of this version of labcdp, or its first line was altered: give another "
+                "folder, or remove it"
+            )
+        values, self._check = found
+        at = self._file.tell()
+        if values != head and _decode(self._line(), self._check) is None:
+            # It was refused before its first result.
+            self._begin_anew(head)
+            return
+        self._file.seek(at)
+        if values != head:
+            self._file.close()
+            raise InputError(
+                f"{self.path.parent} holds the results of another {what}{_differing(values, head)}: give another "
+                f"folder, or remove {self.path}"
+            )
+        self._ends = [at]
+        while (found := _decode(self._line(), self._check)) is not None:
+            self._check = found[1]
+            self._ends.append(self._file.tell())
+        self._file.seek(self._ends[-1])
+        self._file.truncate()
+
+    def _begin_anew(self, head: Row) -> None:
+        self._check = ""
+        self._file.seek(0)
+        self._file.truncate()
+        self._write(head)
+        self._ends = [self._file.tell()]
+
+    def _line(self) -> bytes:
+        return self._file.readline(_MOST_BYTES_OF_LINE)
+
+    def __len__(self) -> int:
+        """Return the number of results."""
+        return max(0, len(self._ends) - 1)
+
+    def rows(self) -> Iterator[Row]:
+        """All results so far, read from the disk."""
+        self._file.flush()
+        with open_regular(self.path) as file:
+            file.seek(self._ends[0])
+            for start, end in zip(self._ends, self._ends[1:], strict=False):
+                yield _values(file.read(end - start))
+
+    def row(self, place: int) -> Row:
+        """Read a result by its place, from 0."""
+        start, end = self._ends[place : place + 2]
+        with open_regular(self.path) as file:
+            file.seek(start)
+            return _values(file.read(end - start))
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Record a result.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        try:
+            self._write(row)
+            if monotonic() - self._synced > _SYNC_S:
+                os.fsync(self._file.fileno())
+                self._synced = monotonic()
+        except OSError as error:
+            raise InputError(
+                f"{self.path} cannot be written ({reason(error)}): free some disk space, and run the same command "
+                "again to resume"
+            ) from error
+        self._ends.append(self._file.tell())
+
+    def close(self) -> None:
+        """Flush it to the disk and close it."""
+        if not self._file.closed:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+
+    def discard(self) -> None:
+        """Close and remove it, where it holds nothing that is worth resuming."""
+        self._file.close()
+        self._ends = []
+        self.path.unlink(missing_ok=True)
+
+    def _write(self, values: Mapping[str, Any]) -> None:
+        line, self._check = _encode(values, self._check)
+        self._file.write(line)
+        self._file.flush()
+
+
+def recorded_head(path: Path) -> Row | None:
+    """Return what a journal was begun with, None if there is no journal with a result."""
+    try:
+        with open_regular(path) as file:
+            head = _decode(file.readline(_MOST_BYTES_OF_LINE), "")
+            return None if head is None or _decode(file.readline(_MOST_BYTES_OF_LINE), head[1]) is None else head[0]
+    except OSError:
+        return None
+
+
+def _encode(values: Mapping[str, Any], before: str) -> tuple[bytes, str]:
+    """Line with these values, and its check; it follows one with the check `before`."""
+    # Floats are written so that they are read back bit for bit; nan as NaN, which the reader knows.
+    text = json.dumps(values, ensure_ascii=False)
+    check = hashlib.sha256(f"{before}{text}".encode()).hexdigest()
+    return f"{text}\t{check}\n".encode(), check
+
+
+def _decode(line: bytes, before: str) -> tuple[Row, str] | None:
+    """Values and check of a line, None if it is not whole or does not follow the one with the check `before`."""
+    text, _, check = line.rpartition(b"\t")
+    expected = hashlib.sha256(before.encode() + text).hexdigest()
+    if check != f"{expected}\n".encode():
+        return None
+    try:
+        values = parse_json(text, allow_nan=True)
+    except InputError:
+        return None
+    return (values, expected) if isinstance(values, dict) else None
+
+
+def _values(line: bytes) -> Row:
+    values: Row = parse_json(line.rpartition(b"\t")[0], allow_nan=True)
+    return values
+
+
+def _differing(recorded: Mapping[str, Any], head: Mapping[str, Any]) -> str:
+    names = [name for name in head if recorded.get(name) != head[name]]
+    return f" (another {', '.join(names)})" if names else ""

@@ -1,0 +1,196 @@
+"""Frame: an image in digital numbers together with what is needed to understand it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .disk import quoted, record_model, validated_as
+from .errors import InputError
+
+#: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
+COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
+_NOT_RECORDED = ("dn", "camera", "clipped")
+#: Colour planes of a Bayer frame: green pixels by the colour they share a row with.
+PLANES = ("R", "Gr", "Gb", "B")
+
+
+@dataclass(frozen=True)
+class CameraIdentity:
+    """Identity of a camera.
+
+    Parameters
+    ----------
+    vendor, model, serial : str
+        As the camera reports them (GenICam ``DeviceVendorName``, ``DeviceModelName``, ``DeviceID``).
+    simulated : bool
+        True if the device is labcdp's simulated camera, however real the protocol.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    vendor: str
+    model: str
+    serial: str
+    simulated: bool = False
+
+    def __str__(self) -> str:
+        """Return vendor, model and serial number on one line."""
+        return f"{self.vendor} {self.model} ({self.serial}{', simulated' if self.simulated else ''})"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An immutable image in DN, from a camera, recorded session, file or simulation.
+
+    Parameters
+    ----------
+    dn : ndarray of uint8 or uint16, shape (height, width)
+        Digital numbers; made read-only on construction (copied only if writable elsewhere).
+    exposure_s : float
+        Exposure time in seconds, as the device applied it.
+    gain_db : float
+        Analogue gain in dB (20 log10 of the amplitude ratio).
+    bit_depth : int
+        Bits of the DN scale, 1 to 16.
+    saturation_dn : float
+        DN from which a pixel counts as saturated; at most ``2**bit_depth - 1``.
+    black_level_dn : float
+        Nominal DN of dark signal set in the camera (EMVA 1288 offset); the measured one comes from dark frames.
+    pixel_format : str
+        GenICam PFNC name the data came in, for example ``Mono12Packed``.
+    colour_filter : str or None
+        ``RG``, ``GB``, ``GR`` or ``BG`` for a Bayer sensor, None for monochrome.
+    temperature_c : float or None
+        Device temperature in degrees Celsius, if known.
+    timestamp : datetime
+        Host time of arrival, with time zone.
+    camera_timestamp_ns : int
+        The camera's own clock, nanoseconds.
+    frame_id : int
+        The camera's frame counter.
+    camera : CameraIdentity
+        Camera.
+    plane : str or None
+        ``R``, ``Gr``, ``Gb`` or ``B`` if these are the pixels of one colour of a Bayer frame, None for a whole frame.
+    plane_black_levels_dn : tuple of float or None
+        Black levels of the planes R, Gr, Gb and B of a Bayer frame where they differ, in this order.
+    clipped : ndarray of bool, shape (height, width), or None
+        Of DN that were made of colours: pixels of which a colour was at its highest value. Not recorded.
+
+    Raises
+    ------
+    InputError
+        If the array is not 2-D unsigned integer, or a value is out of its range.
+    """
+
+    dn: NDArray[np.unsignedinteger[Any]]
+    exposure_s: float
+    gain_db: float
+    bit_depth: int
+    saturation_dn: float
+    black_level_dn: float
+    pixel_format: str
+    colour_filter: str | None
+    temperature_c: float | None
+    timestamp: datetime
+    camera_timestamp_ns: int
+    frame_id: int
+    camera: CameraIdentity
+    plane: str | None = None
+    plane_black_levels_dn: tuple[float, float, float, float] | None = None
+    clipped: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        dn = np.asarray(self.dn)
+        if dn.ndim != 2 or dn.size == 0 or dn.dtype not in (np.uint8, np.uint16):
+            raise InputError(f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}")
+        if not 1 <= self.bit_depth <= 16:
+            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
+        if not (np.isfinite(self.exposure_s) and self.exposure_s > 0):
+            raise InputError(f"exposure_s is {self.exposure_s}: give a positive number of seconds")
+        if not np.isfinite(self.gain_db):
+            raise InputError(f"gain_db is {self.gain_db}: give a finite number of decibels")
+        largest_dn = 2**self.bit_depth - 1
+        if not 0 < self.saturation_dn <= largest_dn:
+            raise InputError(f"saturation_dn is {self.saturation_dn}: give a value above 0, up to {largest_dn}")
+        if self.colour_filter is not None and self.colour_filter not in COLOUR_FILTERS:
+            raise InputError(f"colour_filter is {quoted(self.colour_filter)}: give one of {COLOUR_FILTERS} or None")
+        if self.plane is not None and (self.plane not in PLANES or self.colour_filter is not None):
+            raise InputError(
+                f"plane is {quoted(self.plane)} with colour_filter {quoted(self.colour_filter)}: give one of {PLANES} "
+                "without a colour filter, or None"
+            )
+        if self.plane_black_levels_dn is not None:
+            if self.colour_filter is None or len(self.plane_black_levels_dn) != len(PLANES):
+                raise InputError(
+                    f"plane_black_levels_dn is {self.plane_black_levels_dn} with colour_filter "
+                    f"{quoted(self.colour_filter)}: give one for each of {PLANES} of a Bayer frame, or None"
+                )
+            # JSON knows lists only.
+            object.__setattr__(self, "plane_black_levels_dn", tuple(self.plane_black_levels_dn))
+        if self.timestamp.tzinfo is None:
+            raise InputError("timestamp has no time zone: give an aware datetime")
+        if dn.flags.writeable or (dn.base is not None and _writeable(dn.base)):
+            dn = dn.copy()
+            dn.flags.writeable = False
+        object.__setattr__(self, "dn", dn)
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        settings = f"{self.pixel_format}, {self.exposure_s:g} s, {self.gain_db:g} dB"
+        return f"<Frame {width} x {height} {settings}, {self.camera.model}>"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.dn.shape[0], self.dn.shape[1]
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Mask of pixels at or above `saturation_dn`, or with a colour at its end; shape (height, width)."""
+        return self.dn >= self.saturation_dn if self.clipped is None else self.clipped
+
+    def metadata(self) -> dict[str, Any]:
+        """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _NOT_RECORDED}
+        for name in ("plane", "plane_black_levels_dn"):
+            # What a frame of a monochrome sensor lacks is not written: its files stay as they always were.
+            if values[name] is None:
+                del values[name]
+        return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
+
+    @classmethod
+    def from_metadata(cls, dn: NDArray[np.unsignedinteger[Any]], metadata: dict[str, Any]) -> Frame:
+        """Join pixels with what `metadata` returned for them.
+
+        Raises
+        ------
+        InputError
+            If a field is missing, unknown or has an unusable value.
+        """
+        values = dict(checked_metadata(metadata))
+        values["timestamp"] = datetime.fromisoformat(values["timestamp"])
+        values["camera"] = CameraIdentity(**values["camera"])
+        return cls(dn=dn, **values)
+
+    def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
+        """Return the same frame with other pixels."""
+        return replace(self, dn=dn)
+
+
+def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
+    """Return metadata of a frame as they are, or raise InputError naming the key; `Frame` itself checks ranges."""
+    try:
+        validated_as(record_model(Frame, "dn", "clipped"), metadata)
+    except InputError as error:
+        raise InputError(f"frame metadata cannot be read: {error}") from error
+    return metadata
+
+
+def _writeable(base: object) -> bool:
+    return isinstance(base, np.ndarray) and bool(base.flags.writeable)

@@ -1,0 +1,362 @@
+"""LuminanceMap, and the conversion of frames to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import IntFlag
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from .errors import CalibrationError, InputError
+from .frame import Frame
+from .roi import Roi
+from .vignetting import Vignetting
+
+#: Standard deviations of its noise a pixel may lie beyond the calibrated range.
+RANGE_MARGIN = 3.0
+
+
+class Invalid(IntFlag):
+    """Why a pixel of a luminance map is not valid; 0 means it is."""
+
+    SATURATED = 1
+    BELOW_BLACK = 2
+    OUTSIDE_CALIBRATED = 4
+    DEFECT = 8
+    INCONSISTENT = 16
+
+
+@dataclass(frozen=True, eq=False)
+class CommonError:
+    """An error that all pixels share: one unknown number, times a known pattern.
+
+    Parameters
+    ----------
+    source : str
+        Where it comes from, as a budget names it (``meter scale``, ``fit``, ``dark and temperature``).
+    relative : ndarray of float, shape (height, width), or float
+        Signed relative error of the luminance for one standard uncertainty of that number.
+    rectangular : bool
+        True if the number is distributed evenly between limits (sqrt 3 standard uncertainties), False for normal.
+    """
+
+    source: str
+    relative: NDArray[np.floating[Any]] | float
+    rectangular: bool = False
+
+
+#: Rows and columns of a map.
+Window = tuple[slice, slice]
+#: All of them.
+WHOLE: Window = (slice(None), slice(None))
+#: An array of a map, or a function that computes it on first access.
+ArrayOrMaker = NDArray[np.floating[Any]] | Callable[[], NDArray[np.floating[Any]]]
+
+
+class LuminanceMap:
+    """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
+
+    Everything but the luminance may be given as a function, which is called on first access: the luminance of a frame
+    takes little longer than reading it.
+
+    Parameters
+    ----------
+    luminance_cd_m2 : ndarray of float32 or float64, shape (height, width)
+        Luminance; also given for pixels that are not valid.
+    random_rel : ndarray of float, shape (height, width), or function without arguments
+        Relative standard uncertainty that differs from pixel to pixel (noise, pixel pattern), as a fraction.
+    common : tuple of CommonError, or function of a window, or array_like
+        Errors that all pixels share and that are independent of each other; patterns have the map's shape. The
+        function gets rows and columns and returns the errors there. A number or an array is one error.
+    invalid : ndarray of uint8, shape (height, width), or function without arguments
+        `Invalid` flags, 0 where the pixel is valid.
+    common_rel : function without arguments or None
+        What computes `common_rel` faster than from `common`.
+    slow_rel : float
+        Relative standard uncertainty of slow changes across the image (flat field): alike for near pixels, independent
+        for far ones, so it neither averages down in a region nor cancels between regions.
+    slow_cd_m2 : float or ndarray of float, shape (height, width)
+        The same for changes that are not in parts of the luminance (dark signal).
+    fixed_rel : float
+        Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
+        it down.
+    fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
+        The same for what is not in parts of the luminance (noise of a dark library).
+    step : int
+        Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
+    dn_step : function of a window, or None
+        What gets rows and columns and returns the difference of luminance from a DN to the next there; None if the map
+        is not of DN, or that is not known.
+
+    Raises
+    ------
+    InputError
+        If the arrays are not of one 2-D shape.
+    """
+
+    def __init__(
+        self,
+        luminance_cd_m2: NDArray[np.floating[Any]],
+        random_rel: ArrayOrMaker,
+        common: tuple[CommonError, ...] | Callable[[Window], tuple[CommonError, ...]] | NDArray[Any] | float,
+        invalid: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]],
+        *,
+        common_rel: Callable[[], NDArray[np.floating[Any]]] | None = None,
+        slow_rel: float = 0.0,
+        slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
+        fixed_rel: float = 0.0,
+        fixed_cd_m2: ArrayOrMaker | float = 0.0,
+        step: int = 1,
+        dn_step: Callable[[Window], NDArray[np.floating[Any]]] | None = None,
+    ) -> None:
+        shapes = {luminance_cd_m2.shape} | {v.shape for v in (random_rel, invalid) if isinstance(v, np.ndarray)}
+        if isinstance(common, np.ndarray | float | int):
+            common = (CommonError("calibration", common),)
+        if isinstance(common, tuple):
+            shapes |= {np.shape(error.relative) for error in common} - {()}
+        if len(shapes) != 1 or luminance_cd_m2.ndim != 2:
+            raise InputError(f"the arrays of a luminance map are 2-D of one shape, got {sorted(shapes)}")
+        if step < 1:
+            raise InputError(f"step of a luminance map is {step}: give at least 1 image pixel")
+        self.luminance_cd_m2 = luminance_cd_m2
+        self.slow_rel, self.slow_cd_m2, self.fixed_rel = slow_rel, slow_cd_m2, fixed_rel
+        self.step = step
+        self._random_rel, self._common, self._invalid, self._common_rel = random_rel, common, invalid, common_rel
+        self._fixed_cd_m2 = fixed_cd_m2
+        self._dn_step = dn_step
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<LuminanceMap of {width} x {height} pixels>"
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the luminance."""
+        return np.array(self.luminance_cd_m2, dtype=dtype)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the map."""
+        height, width = self.luminance_cd_m2.shape
+        return height, width
+
+    @cached_property
+    def random_rel(self) -> NDArray[np.floating[Any]]:
+        """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
+        return self._random_rel if isinstance(self._random_rel, np.ndarray) else self._random_rel()
+
+    @cached_property
+    def fixed_cd_m2(self) -> NDArray[np.floating[Any]] | float:
+        """Part of a pixel's standard uncertainty that is the same in every frame, in addition to `fixed_rel`."""
+        return self._fixed_cd_m2() if callable(self._fixed_cd_m2) else self._fixed_cd_m2
+
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        """`Invalid` flags, shape (height, width); 0 where the pixel is valid."""
+        return self._invalid if isinstance(self._invalid, np.ndarray) else self._invalid()
+
+    @cached_property
+    def common(self) -> tuple[CommonError, ...]:
+        """Errors that all pixels share, over the whole map; `common_of` has those of a region."""
+        return self._common if isinstance(self._common, tuple) else self._common((slice(None), slice(None)))
+
+    @cached_property
+    def common_rel(self) -> NDArray[np.floating[Any]] | float:
+        """Relative standard uncertainty of all common errors together: a number, or one for each pixel."""
+        if self._common_rel is not None:
+            return self._common_rel()
+        squares = sum((np.square(error.relative) for error in self.common), start=np.zeros(()))
+        total: NDArray[np.float64] = np.sqrt(squares)
+        return float(total) if total.ndim == 0 else total
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Mask of the pixels that are valid."""
+        return np.equal(self.invalid, 0)
+
+    def scaled(self, roi: Roi) -> Roi:
+        """Region of the image in pixels of the map."""
+        if self.step == 1:
+            return roi
+        return Roi(roi.name, tuple((x / self.step, y / self.step) for x, y in roi.corners))
+
+    def select(self, roi: Roi) -> NDArray[np.floating[Any]]:
+        """Luminances of a region of the image, shape (n,); raises InputError as `Roi.select`."""
+        return self.scaled(roi).select(self.luminance_cd_m2)
+
+    def common_of(self, roi: Roi) -> tuple[CommonError, ...]:
+        """Return the common errors of a region of the image; patterns have the shape (n,) of `select`.
+
+        Raises
+        ------
+        InputError
+            As `Roi.select`.
+        """
+        region = self.scaled(roi)
+        mask = region.mask(self.shape)
+        return tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[mask])
+            for e in self.common_in(region.window(self.shape))
+        )
+
+    def dn_step_in(self, window: Window) -> NDArray[np.floating[Any]] | None:
+        """Return the difference of luminance from a DN to the next in some rows and columns; None if not known."""
+        return None if self._dn_step is None else self._dn_step(window)
+
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        if not isinstance(self._common, tuple):
+            return self._common(window)
+        return tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[window]) for e in self._common
+        )
+
+
+def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> LuminanceMap:
+    """Luminance map of the pixels of `new` where a mask says so, and of `old` elsewhere.
+
+    Parameters
+    ----------
+    where : ndarray of bool, shape (height, width)
+        Which pixels come from `new`.
+    new, old : LuminanceMap
+        Of one calibration, so that their common errors are the same unknown numbers in the same order.
+
+    Raises
+    ------
+    InputError
+        If they have different common errors or steps.
+    """
+    require_alike([new, old])
+    return LuminanceMap(
+        np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
+        np.where(where, new.random_rel, old.random_rel),
+        tuple(
+            a
+            if np.ndim(a.relative) == np.ndim(b.relative) == 0 and a.relative == b.relative
+            else replace(a, relative=np.where(where, a.relative, b.relative))
+            for a, b in zip(new.common, old.common, strict=True)
+        ),
+        np.where(where, new.invalid, old.invalid),
+        slow_rel=max(new.slow_rel, old.slow_rel),
+        slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
+        fixed_rel=max(new.fixed_rel, old.fixed_rel),
+        fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
+        step=old.step,
+    )
+
+
+def require_alike(maps: Sequence[LuminanceMap]) -> None:
+    """Refuse maps that cannot be joined pixel by pixel.
+
+    Raises
+    ------
+    InputError
+        If they differ in shape, in step, or in what their common errors are.
+    """
+    corner = slice(0, 1), slice(0, 1)
+    sources = [[(e.source, e.rectangular) for e in one.common_in(corner)] for one in maps]
+    first = maps[0]
+    for other, found in zip(maps, sources, strict=True):
+        if (other.shape, other.step) != (first.shape, first.step):
+            raise InputError(f"maps of {first.shape} and {other.shape} pixels cannot be joined: give one size")
+        if found != sources[0]:
+            raise InputError("maps of different calibrations cannot be joined: convert all frames with one")
+
+
+class Conversion(Protocol):
+    """A monotone map from DN to cd/m^2; independent of its source."""
+
+    def to_luminance(self, frame: Frame) -> LuminanceMap:
+        """Convert a frame; raises CalibrationError if the conversion is not for such frames."""
+
+
+@dataclass(frozen=True)
+class LinearConversion:
+    """L = (DN - d(t)) / (R t V(x, y)), with the dark signal d(t) = `dark_offset_dn` + `dark_rate_dn_s` t.
+
+    Parameters
+    ----------
+    responsivity_dn_s_cd_m2 : float
+        R, DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)), at `gain_db`.
+    responsivity_common_rel : float
+        Relative standard uncertainty of R, common to all pixels.
+    dark_offset_dn, dark_rate_dn_s : float
+        Dark signal at zero exposure, and its growth per second.
+    k_dn_per_e, dark_noise_dn : float
+        Overall system gain K and temporal noise in dark signal; they give each pixel's random uncertainty,
+        s^2 = K (DN - d) + dark_noise^2 (EMVA 1288).
+    vignetting : Vignetting or None
+        V; None for no vignetting.
+    gain_db : float
+        Gain the conversion is valid for.
+    range_cd_m2 : (float, float)
+        Lowest and highest luminance the conversion is valid for.
+    """
+
+    responsivity_dn_s_cd_m2: float
+    responsivity_common_rel: float
+    dark_offset_dn: float
+    dark_rate_dn_s: float
+    k_dn_per_e: float
+    dark_noise_dn: float
+    vignetting: Vignetting | None
+    gain_db: float
+    range_cd_m2: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.responsivity_dn_s_cd_m2) and self.responsivity_dn_s_cd_m2 > 0):
+            raise InputError(
+                f"responsivity_dn_s_cd_m2 is {self.responsivity_dn_s_cd_m2}: a camera that sees light has a "
+                "positive one"
+            )
+
+    def dark_dn(self, exposure_s: float) -> float:
+        """Mean DN of dark signal at an exposure time."""
+        return self.dark_offset_dn + self.dark_rate_dn_s * exposure_s
+
+    def dn_per_cd_m2(self, frame: Frame) -> NDArray[np.float64] | float:
+        """Slope of DN over luminance for a frame: a number, or one for each pixel with vignetting."""
+        slope = self.responsivity_dn_s_cd_m2 * frame.exposure_s
+        if self.vignetting is None:
+            return slope
+        return slope * self.vignetting.relative_illuminance(frame.shape)
+
+    def to_luminance(self, frame: Frame) -> LuminanceMap:
+        """Convert a frame to luminance.
+
+        A pixel counts as outside the calibrated range if it is so by more than three standard deviations of its noise.
+
+        Raises
+        ------
+        CalibrationError
+            If the frame was taken with another gain, or has a colour filter.
+        """
+        if abs(frame.gain_db - self.gain_db) > 1e-6:
+            raise CalibrationError(
+                f"the conversion is for a gain of {self.gain_db:g} dB, the frame was taken with "
+                f"{frame.gain_db:g} dB: take the frame with the calibrated gain, or calibrate at this one"
+            )
+        if frame.colour_filter is not None:
+            raise CalibrationError(
+                f"the frame has a colour filter ({frame.colour_filter}), the conversion is for a monochrome "
+                "sensor: use a monochrome pixel format"
+            )
+        net = frame.dn - self.dark_dn(frame.exposure_s)
+        slope = self.dn_per_cd_m2(frame)
+        luminance = net / slope
+        noise_dn = np.sqrt(self.k_dn_per_e * np.maximum(net, 0) + self.dark_noise_dn**2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            random_rel = np.where(net > 0, noise_dn / net, np.inf)
+        low, high = self.range_cd_m2
+        invalid = np.where(frame.saturated, Invalid.SATURATED, 0).astype(np.uint8)
+        invalid |= np.where(net < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
+        # Noise alone must not push half the pixels of the darkest and of the brightest calibrated patch out.
+        margin = RANGE_MARGIN * noise_dn / slope
+        outside = (luminance < low - margin) | (luminance > high + margin)
+        invalid |= np.where(outside, Invalid.OUTSIDE_CALIBRATED, 0).astype(np.uint8)
+        common = (CommonError("responsivity", self.responsivity_common_rel),)
+        return LuminanceMap(luminance, random_rel, common, invalid)

@@ -1,0 +1,1 @@
+"""Measured spectra, f1' and spectral mismatch factors."""

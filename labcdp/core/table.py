@@ -1,0 +1,231 @@
+"""Labelled tables: every column carries name, label, unit, digits and meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: 97.5 % quantile of the standard normal distribution: U (95 %) in standard uncertainties.
+Z_95 = 1.959963984540054
+
+#: What a cell can hold; None and nan are shown as missing.
+Value: TypeAlias = str | int | float | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a `Table`.
+
+    Parameters
+    ----------
+    name : str
+        Key in JSON, NetCDF and Python, with the unit, for example ``luminance_cd_m2``.
+    label : str
+        Head of the column in text, pages and sheets, without the unit.
+    unit : str
+        Unit as it is printed, for example ``cd/m²``. With ``%`` the values are fractions: text and pages show 100
+        times the value, sheets format it as a percentage, JSON and NetCDF hold the fraction.
+    meaning : str
+        What the values are, in one sentence.
+    digits : int
+        Significant digits of a number that has no uncertainty in this table; 0 for a chosen value, which is shown as
+        written.
+    decimals : int or None
+        Decimals instead, of what is shown; for columns whose numbers should line up.
+    expanded : str
+        Name of the column with the expanded uncertainty U (95 %); text then shows ``value ± U``.
+    low, high : str
+        Names of the columns with the ends of the 95 % interval; text then shows ``value (low to high)``.
+    shown : bool
+        Whether text and pages show the column by itself; sheets, JSON and NetCDF hold all columns.
+    time : bool
+        Whether values in seconds are shown in s, ms or µs, whichever is handy.
+    unit_of : str
+        Name of the column with the unit of each row, for tables of named quantities; rows in ``%`` hold fractions, too.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    meaning: str = ""
+    digits: int = 4
+    decimals: int | None = None
+    expanded: str = ""
+    low: str = ""
+    high: str = ""
+    shown: bool = True
+    time: bool = False
+    unit_of: str = ""
+
+    @property
+    def head(self) -> str:
+        """Label with unit."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    def unit_in(self, row: Mapping[str, Any]) -> str:
+        """Return the unit of the value in a row."""
+        return str(row[self.unit_of] or "") if self.unit_of else self.unit
+
+
+def uncertain(column: Column) -> tuple[Column, Column, Column]:
+    """Return a column that shows ``value ± U``, with its columns of U and u; `uncertain_values` fills them."""
+    hidden = replace(column, digits=2, decimals=None, shown=False)
+    names = (("expanded", "U (95 %)", "Expanded uncertainty (95 %)"), ("u", "u", "Standard uncertainty"))
+    expanded, standard = (
+        replace(hidden, name=f"{name}_{column.name}", label=f"{symbol} of {column.label}", meaning=f"{what}.")
+        for name, symbol, what in names
+    )
+    return replace(column, expanded=expanded.name), expanded, standard
+
+
+def uncertain_values(name: str, value: float | None, u: float | None) -> dict[str, float | None]:
+    """Return value, U and u of a row, for the columns of `uncertain`."""
+    return {name: value, f"expanded_{name}": None if u is None else Z_95 * u, f"u_{name}": u}
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values in labelled columns.
+
+    Parameters
+    ----------
+    name : str
+        Key of the table in JSON and name of its sheet.
+    title : str
+        Its caption.
+    columns : tuple of Column
+        The first one names the row.
+    data : mapping of str to sequence
+        Values of each column, all of one length.
+    note : str
+        What a reader has to know to read it; may be empty.
+    matrix : bool
+        Whether all columns but the first hold probabilities, which sheets show in colours.
+    detail : bool
+        Whether the terminal leaves it out; files have it.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    data: Mapping[str, Sequence[Any]]
+    note: str = ""
+    matrix: bool = False
+    detail: bool = False
+
+    def __post_init__(self) -> None:
+        names = [column.name for column in self.columns]
+        if sorted(names) != sorted(self.data):
+            raise InputError(f"table {self.name!r} has columns {names} and data of {list(self.data)}")
+        if len({len(values) for values in self.data.values()}) > 1:
+            raise InputError(f"the columns of table {self.name!r} have different lengths")
+
+    @classmethod
+    def of_rows(
+        cls,
+        name: str,
+        title: str,
+        columns: Sequence[Column],
+        rows: Iterable[Mapping[str, Any]],
+        note: str = "",
+        detail: bool = False,
+    ) -> Table:
+        """Make a table of rows; a row may lack values, which are missing then."""
+        kept = list(rows)
+        data = {column.name: [row.get(column.name) for row in kept] for column in columns}
+        return cls(name, title, tuple(columns), data, note, detail=detail)
+
+    def __len__(self) -> int:
+        return len(self.data[self.columns[0].name]) if self.columns else 0
+
+    def __getitem__(self, name: str) -> Sequence[Any]:
+        return self.data[name]
+
+    def column(self, name: str) -> Column:
+        """Return the column of a name."""
+        return next(column for column in self.columns if column.name == name)
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Iterate over the rows, each as Python's values by column name."""
+        names = [column.name for column in self.columns]
+        for values in zip(*(self.data[name] for name in names), strict=True):
+            yield {name: _scalar(value) for name, value in zip(names, values, strict=True)}
+
+    def select(self, keep: Sequence[int]) -> Table:
+        """Return a table of the rows with these positions."""
+        return replace(self, data={name: [values[index] for index in keep] for name, values in self.data.items()})
+
+    def showing(self, *names: str) -> Table:
+        """Return the table with only these columns, of those that are shown, in text and pages."""
+        columns = tuple(replace(one, shown=one.shown and one.name in names) for one in self.columns)
+        return replace(self, columns=columns)
+
+    def as_detail(self) -> Table:
+        """Return a table that the terminal leaves out."""
+        return replace(self, detail=True)
+
+    def all_shown(self) -> Table:
+        """Return a table whose columns are all shown."""
+        return replace(self, columns=tuple(replace(column, shown=True) for column in self.columns))
+
+    def only(self, *names: str) -> Table:
+        """Return a table of some columns, in this order."""
+        columns = tuple(self.column(name) for name in names)
+        return replace(self, columns=columns, data={name: self.data[name] for name in names})
+
+    def sorted_by(self, name: str, reverse: bool = False) -> Table:
+        """Return the table with its rows sorted by a column; missing values come last."""
+        values = self.data[name]
+        known = [index for index in range(len(self)) if values[index] is not None and values[index] == values[index]]
+        rest = [index for index in range(len(self)) if index not in set(known)]
+        return self.select([*sorted(known, key=lambda index: values[index], reverse=reverse), *rest])
+
+    def to_dataset(self) -> Dataset:
+        """Return the table as `xarray.Dataset` with the dimension ``row`` and units and meanings as attributes."""
+        import numpy as np
+        from xarray import Dataset
+
+        variables = {}
+        for column in self.columns:
+            values = list(self.data[column.name])
+            numeric = all(value is None or isinstance(value, int | float | np.number) for value in values)
+            known = [np.nan if value is None else value for value in values] if numeric else list(map(str, values))
+            array = np.array(known)
+            unit = "1" if column.unit == "%" else column.unit
+            attributes = {"long_name": column.label, "units": unit, "description": column.meaning}
+            variables[column.name] = ("row", array, {key: text for key, text in attributes.items() if text})
+        return Dataset(variables, attrs={"title": self.title})
+
+
+@dataclass(frozen=True, eq=False)
+class LongTable:
+    """A table for spreadsheets alone, whose rows are made while they are written: memory does not grow with them.
+
+    Parameters
+    ----------
+    name, title, columns, matrix
+        As of `Table`.
+    read : callable
+        Begins to make the rows, each with the values by column name.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    read: Callable[[], Iterable[Mapping[str, Any]]]
+    matrix: bool = False
+
+    def rows(self) -> Iterator[Mapping[str, Any]]:
+        """Iterate over the rows."""
+        return iter(self.read())
+
+
+def _scalar(value: Any) -> Any:
+    """Return a NumPy scalar as Python's."""
+    return value.item() if hasattr(value, "item") else value

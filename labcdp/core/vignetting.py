@@ -1,0 +1,246 @@
+"""Vignetting of the light towards the edge of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import hypot
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .stored_array import EqualByContent, StoredArray, content_sha256, read_only
+
+#: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.
+MIDDLE_SHARE = 0.1
+
+
+class Vignetting(Protocol):
+    """Responsivity of the pixels relative to a reference; two are equal if they correct alike."""
+
+    def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """Responsivity of each pixel of a sensor of `shape` (height, width), relative to the reference."""
+
+
+@dataclass(frozen=True)
+class Cos4Vignetting:
+    """Natural light vignetting of a lens, cos^4 of the off-axis angle; 1 on the axis.
+
+    Parameters
+    ----------
+    focal_length_m, pixel_pitch_m : float
+        Image-side focal length and distance of pixel centres, in metres.
+
+    Raises
+    ------
+    InputError
+        If a value is not a positive number.
+    """
+
+    focal_length_m: float
+    pixel_pitch_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("focal_length_m", "pixel_pitch_m"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} is {value}: give a positive number of metres")
+
+    def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """Illuminance relative to the axis, for a sensor of `shape` (height, width) centred on it.
+
+        cos(theta) = 1 / sqrt(1 + r^2 / f^2) with r the distance from the axis and f the focal length.
+        """
+        height, width = shape
+        scale = self.pixel_pitch_m / self.focal_length_m
+        y = (np.arange(height) - (height - 1) / 2) * scale
+        x = (np.arange(width) - (width - 1) / 2) * scale
+        result: NDArray[np.float64] = np.add.outer(1 + y**2, x**2)
+        # In place: for a large sensor each intermediate would be a third of all memory.
+        result *= result
+        return np.reciprocal(result, out=result)
+
+
+@dataclass(frozen=True)
+class RadialVignetting:
+    """Vignetting 1 + a2 r^2 + a4 r^4 + a6 r^6; r is the distance from the axis over half the image's diagonal.
+
+    Parameters
+    ----------
+    a2, a4, a6 : float
+        Coefficients, without unit; 1 on the axis.
+    centre_px : (float, float) or None
+        The axis, (x, y) in pixels of the image; None for its middle.
+    covariance : tuple of tuple of float
+        Covariance matrix of (a2, a4, a6), shape (3, 3).
+    slow_rel : float
+        Relative standard uncertainty of slow changes across the image that are not radial, or that the source of the
+        light had when it was measured.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or the covariance not 3 x 3.
+    """
+
+    a2: float
+    a4: float
+    a6: float
+    centre_px: tuple[float, float] | None = None
+    covariance: tuple[tuple[float, float, float], ...] = ((0.0,) * 3,) * 3
+    slow_rel: float = 0.0
+
+    def __post_init__(self) -> None:
+        covariance = np.array(self.covariance)
+        if covariance.shape != (3, 3):
+            raise InputError(f"the covariance of the fall-off has the shape {covariance.shape}: give 3 x 3 numbers")
+        values = [self.a2, self.a4, self.a6, self.slow_rel, *(self.centre_px or ()), *covariance.ravel()]
+        if not (np.isfinite(values).all() and self.slow_rel >= 0):
+            raise InputError(f"the fall-off {self} has a value that is not finite, or a negative uncertainty")
+
+    def squared_radius(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """r^2 of each pixel of an image of `shape` (height, width)."""
+        height, width = shape
+        x0, y0 = self.centre_px or (width / 2, height / 2)
+        half_diagonal = hypot(height, width) / 2
+        y = (np.arange(height) + 0.5 - y0) / half_diagonal
+        x = (np.arange(width) + 0.5 - x0) / half_diagonal
+        result: NDArray[np.float64] = np.add.outer(y**2, x**2)
+        return result
+
+    def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """V for an image of `shape` (height, width).
+
+        Raises
+        ------
+        InputError
+            If it is not positive everywhere on the image.
+        """
+        r2 = self.squared_radius(shape)
+        result: NDArray[np.float64] = self._at(r2)
+        if result.min() <= 0:
+            raise InputError(
+                f"the fall-off {self.a2:g} r^2 {self.a4:+g} r^4 {self.a6:+g} r^6 leaves no light at the edge: measure "
+                "it again over the whole image"
+            )
+        return result
+
+    def common_patterns(self, shape: tuple[int, int]) -> list[NDArray[np.float64]]:
+        """Relative error of V for one standard uncertainty along each eigenvector of the covariance.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+
+        Returns
+        -------
+        list of ndarray of float, shape (height, width)
+            Signed patterns of independent errors; empty if the coefficients are taken as exact.
+        """
+        r2 = self.squared_radius(shape)
+        return [r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2) for a2, a4, a6 in self._independent_errors()]
+
+    def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:
+        """Return the values of `common_patterns` at one place.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+        place_px : (float, float)
+            The place (x, y); the upper left corner of the image is (0, 0).
+        """
+        height, width = shape
+        x0, y0 = self.centre_px or (width / 2, height / 2)
+        r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
+        return [float(r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2)) for a2, a4, a6 in self._independent_errors()]
+
+    def _at(self, r2: Any) -> Any:
+        return 1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))
+
+    def _independent_errors(self) -> list[NDArray[np.float64]]:
+        """Errors of (a2, a4, a6), each for one standard uncertainty along an eigenvector of the covariance."""
+        values, vectors = np.linalg.eigh(np.array(self.covariance))
+        return [
+            np.sqrt(value) * vector
+            for value, vector in zip(values, vectors.T, strict=True)
+            if value > 1e-12 * values.max() > 0
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class FlatField(EqualByContent):
+    """Measured responsivity of every pixel; its mean over the middle of the image is 1.
+
+    The middle is a tenth of height and width (`MIDDLE_SHARE`), so that R stays the responsivity on the axis and one
+    pixel's own sensitivity does not set it. Two flat fields are equal if all their values are.
+
+    Parameters
+    ----------
+    relative : ndarray of float32, shape (height, width)
+        Responsivity of each pixel relative to the middle; made read-only.
+    random_rel : float
+        Relative standard uncertainty of one pixel's value by the noise of the frames; independent between pixels, the
+        same in every frame that is corrected.
+    slow_rel : float
+        Relative standard uncertainty of slow changes across the image: how non-uniform the uniform source may be.
+    n_frames : int
+        Light frames it was made from.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive and finite, or the mean over the middle is not 1.
+    """
+
+    relative: Annotated[NDArray[np.float32], StoredArray("float32", 2)]
+    random_rel: float
+    slow_rel: float
+    n_frames: int
+
+    def __post_init__(self) -> None:
+        relative = np.asarray(self.relative)
+        if relative.ndim != 2 or not (np.isfinite(relative).all() and relative.min() > 0):
+            raise InputError("a flat field is a 2-D array of positive numbers: measure it from uniform light again")
+        if not (self.random_rel >= 0 and self.slow_rel >= 0 and self.n_frames >= 1):
+            raise InputError(
+                f"random_rel {self.random_rel}, slow_rel {self.slow_rel} and n_frames {self.n_frames} of a flat field: "
+                "give uncertainties of at least 0, and at least 1 frame"
+            )
+        middle = float(relative[middle_of(relative.shape)].mean(dtype=float))
+        if abs(middle - 1) > 1e-3:
+            raise InputError(f"the middle of the flat field is {middle:.4g}, not 1: divide by the mean over the middle")
+        object.__setattr__(self, "relative", read_only(relative, np.float32))
+
+    def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """Return the values as float64, shape (height, width); raises InputError for an image of another size."""
+        if shape != self.relative.shape:
+            height, width = self.relative.shape
+            raise InputError(
+                f"the flat field is {width} x {height} pixels, the image {shape[1]} x {shape[0]}: measure one with "
+                "this image size"
+            )
+        return self.relative.astype(np.float64)
+
+    @cached_property
+    def content_sha256(self) -> str:
+        """Hash over all values."""
+        parameters = np.array([self.random_rel, self.slow_rel, self.n_frames])
+        return content_sha256(self.relative, parameters)
+
+
+#: Fall-offs a calibration can have.
+AnyVignetting = Cos4Vignetting | RadialVignetting | FlatField
+
+
+def middle_of(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of the middle field of an image of `shape` (height, width), at least one pixel."""
+    height, width = shape
+    half = [max(round(n * MIDDLE_SHARE / 2), 1) for n in (height, width)]
+    return (
+        slice(max(height // 2 - half[0], 0), height // 2 + half[0]),
+        slice(max(width // 2 - half[1], 0), width // 2 + half[1]),
+    )

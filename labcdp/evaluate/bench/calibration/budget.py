@@ -1,0 +1,132 @@
+"""The uncertainty budget of a calibration at three luminances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+from ....calibration import AnyCalibration, Calibration
+from ....calibration.colour.budget import colour_budget, colour_budget_exposure_s
+from ....calibration.errors.budget import CombinedUncertainty, budget, budget_exposure_s, combined
+from ....calibration.findings import BudgetRow
+from ....core.table import Column, Table
+from ....report.digits import significant
+
+#: Pixels a patch is taken to have where the uncertainty of a calibration is stated.
+PATCH_PIXELS = 1000
+_PLACES = ("lowest", "middle", "highest")
+
+
+@dataclass(frozen=True)
+class BudgetOfPatch:
+    """Budget of the mean over a patch of `PATCH_PIXELS` pixels in one frame.
+
+    Parameters
+    ----------
+    luminance_cd_m2, exposure_s : float
+        Of the patch; it is grey where that makes a difference.
+    rows : tuple of BudgetRow
+        The sources.
+    whole : CombinedUncertainty
+        All of them together.
+    """
+
+    luminance_cd_m2: float
+    exposure_s: float
+    rows: tuple[BudgetRow, ...]
+    whole: CombinedUncertainty
+
+
+def budgets(calibration: AnyCalibration) -> list[BudgetOfPatch]:
+    """Compute the budgets at the lowest, a middle (geometric mean) and the highest calibrated luminance."""
+    low, high = calibration.range_cd_m2
+    return [budget_at(calibration, luminance) for luminance in (low, sqrt(low * high), high)]
+
+
+def budget_at(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetOfPatch:
+    """Compute the budget at a luminance."""
+    if isinstance(calibration, Calibration):
+        n, t = len(calibration.residuals), budget_exposure_s(calibration, luminance_cd_m2)
+        rows = budget(calibration, luminance_cd_m2, n_pixels=PATCH_PIXELS)
+    else:
+        n, t = len(calibration.planes[0].residuals), colour_budget_exposure_s(calibration, luminance_cd_m2)
+        rows = colour_budget(calibration, luminance_cd_m2, n_groups=PATCH_PIXELS // 4)
+    return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows, n))
+
+
+def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
+    """Return what the budgets make together, and their sources."""
+    return _totals(found), _sources(found)
+
+
+def _totals(found: Sequence[BudgetOfPatch]) -> Table:
+    columns = (
+        Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, a middle and highest calibrated luminance."),
+        Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
+        Column("u_rel", "u", "%", "Relative combined standard uncertainty.", digits=2),
+        Column("effective_dof", "effective dof", "", "Degrees of freedom by Welch and Satterthwaite.", decimals=0),
+        Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", digits=2),
+    )
+    rows = [
+        {
+            "luminance_cd_m2": one.luminance_cd_m2,
+            "exposure_s": one.exposure_s,
+            "u_rel": one.whole.standard_uncertainty_rel,
+            "effective_dof": one.whole.effective_degrees_of_freedom,
+            "expanded_rel": one.whole.expanded_95_rel,
+        }
+        for one in found
+    ]
+    note = (
+        f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, without glare, "
+        "after JCGM 100:2008 (GUM)."
+    )
+    return Table.of_rows("uncertainty", "Uncertainty of a patch", columns, rows, note)
+
+
+def _sources(found: Sequence[BudgetOfPatch]) -> Table:
+    columns = (
+        Column("source", "source", "", "Source of the uncertainty."),
+        *(
+            Column(
+                f"u_{place}_rel",
+                f"u at {significant(one.luminance_cd_m2, 4)} cd/m²",
+                "%",
+                f"Relative standard uncertainty at the {place} luminance.",
+                decimals=3,
+            )
+            for place, one in zip(_PLACES, found, strict=True)
+        ),
+        Column("distribution", "distribution", "", "Distribution of the error."),
+        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like."),
+        Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
+        Column("included", "included", "", "Whether the stated uncertainty includes it."),
+        Column("basis", "basis", "", "Basis of the value."),
+    )
+    rows = []
+    for same in zip(*(one.rows for one in found), strict=True):
+        first = same[0]
+        missing = not first.included and first.standard_uncertainty_rel == 0
+        rows.append(
+            {
+                "source": first.source,
+                **{
+                    f"u_{place}_rel": None if missing else row.standard_uncertainty_rel
+                    for place, row in zip(_PLACES, same, strict=True)
+                },
+                "distribution": first.distribution,
+                "evaluation": first.evaluation,
+                "common": first.common,
+                "included": included(first),
+                "basis": first.basis,
+            }
+        )
+    return Table.of_rows("budget", "Uncertainty budget", columns, rows, detail=True)
+
+
+def included(row: BudgetRow) -> str:
+    """Return whether a row is part of the stated intervals."""
+    if row.included:
+        return "yes"
+    return f"in {row.contained_in}" if row.contained_in else "no"

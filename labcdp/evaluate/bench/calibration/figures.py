@@ -1,0 +1,170 @@
+"""The figures of a calibration: the fit, its residuals over luminance and image, the response."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import hypot
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ....calibration import AnyCalibration, Calibration, PatchResidual
+from ....core.table import Z_95
+from ....report.digits import fixed, printable, shortened, with_half_width
+from ....report.drawing import BLUE, ORANGE, finish, new_figure, plain_numbers, png
+from ....report.figures import ReportFigure
+from .quantities import responsivity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Largest number of patches whose points are labelled.
+_MOST_NAMES = 14
+
+
+def calibration_figures(calibration: AnyCalibration, prefix: str = "") -> list[ReportFigure]:
+    """Draw the fit (without colour filters), the response if it is not linear, and the residuals.
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        What to draw.
+    prefix : str
+        Start of the names of the files.
+    """
+    figures = [_residuals(calibration, prefix)]
+    if isinstance(calibration, Calibration):
+        if calibration.response.kind != "linear":
+            figures.insert(0, _response(calibration, prefix))
+        figures.insert(0, _fit(calibration, prefix))
+    return figures
+
+
+def _figure(calibration: AnyCalibration, width_in: float, height_in: float) -> Figure:
+    return new_figure(width_in, height_in, "bench" if calibration.state.camera.simulated else "")
+
+
+def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
+    rows = sorted(calibration.residuals, key=lambda row: row.reading_cd_m2)
+    figure = _figure(calibration, 6.4, 5.0)
+    axes = figure.add_subplot()
+    r = calibration.responsivity.responsivity_dn_s_cd_m2
+    ends = np.array([rows[0].reading_cd_m2 / 1.5, rows[-1].reading_cd_m2 * 1.5])
+    axes.plot(ends, r * ends, color=BLUE, linewidth=1.5, label="fitted line through zero")
+    for patches, mark, colour, name in (
+        (rows, "o", "black", "patches"),
+        (calibration.held_out, "s", ORANGE, "held out"),
+    ):
+        if patches:
+            readings = [row.reading_cd_m2 for row in patches]
+            rates = [r * row.luminance_cd_m2 for row in patches]
+            axes.plot(readings, rates, mark, markersize=5, color=colour, markerfacecolor="none", label=name)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    plain_numbers(axes.xaxis)
+    whole = responsivity(calibration)
+    title = f"Responsivity {with_half_width(r, whole.expanded or 0.0)} {whole.unit}"
+    signal = "signal" if calibration.response.kind == "linear" else "linearised signal"
+    finish(axes, "luminance by the meter in cd/m²", f"{signal} by the camera in DN/s", title)
+    return ReportFigure(
+        f"{prefix}fit.png",
+        png(figure),
+        f"{signal.capitalize()} above the dark signal over the luminance by the meter, with the fitted line.",
+        f"Signal over luminance of {len(rows)} patches, with a straight line through zero.",
+    )
+
+
+def deviation_rel(row: PatchResidual) -> float:
+    """Return the residual's standard deviation by the stated errors, relative to the reading."""
+    if row.standardised_residual != 0:
+        return abs(row.residual_rel / row.standardised_residual)
+    return row.reading_random_cd_m2 / row.reading_cd_m2
+
+
+def _response(calibration: Calibration, prefix: str) -> ReportFigure:
+    low, high = calibration.range_net_dn
+    net = np.linspace(0, 1.1 * high, 400)[1:]
+    bend = 100 * (calibration.response.linearise(net) / net - 1)
+    figure = _figure(calibration, 7.0, 3.6)
+    axes = figure.add_subplot()
+    inside = (net >= low) & (net <= high)
+    axes.plot(net, bend, color="0.7", linestyle="--", linewidth=1.2, label="beyond the calibrated signals")
+    axes.plot(net[inside], bend[inside], color=BLUE, linewidth=1.8, label="calibrated")
+    finish(axes, "signal above dark in DN", "correction in %", f"Response h: {calibration.response.kind}")
+    return ReportFigure(
+        f"{prefix}response.png",
+        png(figure),
+        "Deviation of the camera's response from a straight line: a signal is multiplied by 1 plus this.",
+        f"Correction of the response, {fixed(float(bend[-1]), 2, sign=True)} % at the highest signal.",
+    )
+
+
+def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
+    height, width = calibration.state.image_shape
+    places: list[tuple[str, Callable[[PatchResidual], float]]] = [
+        ("luminance by the meter in cd/m²", lambda row: row.reading_cd_m2),
+        ("x in pixels", lambda row: row.centre_px[0]),
+        ("y in pixels", lambda row: row.centre_px[1]),
+        (
+            "distance from the middle of the image in pixels",
+            lambda row: hypot(row.centre_px[0] - width / 2, row.centre_px[1] - height / 2),
+        ),
+    ]
+    figure = _figure(calibration, 10.0, 6.4)
+    panels = figure.subplots(2, 2, sharey=True).ravel()
+    for axes, (name, place) in zip(panels, places, strict=True):
+        in_legend = axes is panels[0] and bool(calibration.held_out)
+        _draw_over(axes, calibration.residuals, place, "black", "white", "fit" if in_legend else None)
+        _draw_over(axes, calibration.held_out, place, ORANGE, ORANGE, "held out" if in_legend else None)
+        finish(axes, name, "deviation from meter in %", "")
+    panels[0].set_xscale("log")
+    plain_numbers(panels[0].xaxis)
+    panels[1].set_xlim(0, width)
+    panels[2].set_xlim(0, height)
+    panels[3].set_xlim(0, hypot(height, width) / 2)
+    rows = (*calibration.residuals, *calibration.held_out)
+    for row in rows if len(rows) <= _MOST_NAMES else ():
+        panels[0].annotate(
+            shortened(row.patch, 14),
+            (row.reading_cd_m2, 100 * row.residual_rel),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=7,
+            parse_math=False,
+        )
+    worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
+    return ReportFigure(
+        f"{prefix}residuals.png",
+        png(figure),
+        "Residuals over luminance and over the place of the patches in the image. The bars are ± U (95 %) by all "
+        "stated errors that differ between patches; the scale error of the meter, common to all, is not in them. A "
+        "trend over luminance indicates glare, a wrong dark signal or a non-linear response; one over the place "
+        "vignetting or non-uniform light.",
+        f"Residuals of {len(calibration.residuals)} patches over luminance, x, y and distance from the middle; the "
+        f"largest is {fixed(100 * worst.residual_rel, 2, sign=True)} % at patch {printable(worst.patch)}.",
+    )
+
+
+def _draw_over(
+    axes: Axes,
+    rows: Sequence[PatchResidual],
+    place: Callable[[PatchResidual], float],
+    colour: str,
+    face: str,
+    name: str | None,
+) -> None:
+    axes.axhline(0.0, color=BLUE, linewidth=1.2)
+    if rows:
+        axes.errorbar(
+            [place(row) for row in rows],
+            [100 * row.residual_rel for row in rows],
+            yerr=[100 * Z_95 * deviation_rel(row) for row in rows],
+            fmt="o",
+            markersize=5,
+            color=colour,
+            markerfacecolor=face,
+            capsize=2.5,
+            elinewidth=1.0,
+            label=name,
+        )

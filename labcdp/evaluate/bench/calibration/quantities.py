@@ -1,0 +1,232 @@
+"""A calibration as named quantities, and the conditions it is valid for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import hypot, sqrt
+
+from ....calibration import AnyCalibration, Calibration, LensIdentity, expanded_half_width
+from ....calibration.colour.model import ColourCalibration
+from ....calibration.errors.expanded import expanded_rel
+from ....calibration.gains import GainSetting
+from ....calibration.meter import MeterScale
+from ....core.quantity import Quantity
+from ....core.reading import MeterIdentity
+from ....core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
+from ....report.digits import exposures, fixed, minute, significant
+from ....session import LensConfiguration
+
+#: Unit of a responsivity.
+RESPONSIVITY = "DN s⁻¹ / (cd m⁻²)"
+#: Names of the responses.
+RESPONSES: dict[str, str] = {
+    "linear": "linear",
+    "quadratic": "quadratic",
+    "pchip": "monotone cubic (PCHIP)",
+    "table": "table",
+}
+
+
+def range_text(calibration: AnyCalibration) -> str:
+    """Return the calibrated range of luminance, the same wherever it is stated."""
+    low, high = calibration.range_cd_m2
+    return f"{significant(low, 4)} to {significant(high, 4)} cd/m²"
+
+
+def quantities(calibration: AnyCalibration) -> list[Quantity]:
+    """Return the numbers of a calibration that are not those of a patch or plane."""
+    low, high = calibration.range_cd_m2
+    limits = [
+        Quantity("lowest calibrated luminance", low, "cd/m²", "of the patches, by meter or camera"),
+        Quantity("highest calibrated luminance", high, "cd/m²", "of the patches, by meter or camera"),
+        Quantity("shortest calibrated exposure", 1e3 * calibration.exposures_s[0], "ms"),
+        Quantity("longest calibrated exposure", 1e3 * calibration.exposures_s[-1], "ms"),
+        _meter(calibration.meter_scale),
+    ]
+    if isinstance(calibration, Calibration):
+        return [*_of_fit(calibration), *_of_dark(calibration), *_of_gains(calibration), *limits]
+    return [*_of_combination(calibration), *limits]
+
+
+def _meter(scale: MeterScale) -> Quantity:
+    if scale.certificate is None:
+        return Quantity("limits of the meter's scale error", scale.limits_rel, "%", "rectangular, ± by the data sheet")
+    meaning = f"certificate {scale.certificate.number}, k = {scale.certificate.coverage_factor:g}"
+    return Quantity("U of the meter's scale", scale.certificate.expanded_uncertainty_rel, "%", meaning)
+
+
+def responsivity(calibration: Calibration) -> Quantity:
+    """Return the responsivity with the uncertainty of fit and meter scale."""
+    fit = calibration.responsivity
+    r = fit.responsivity_dn_s_cd_m2
+    expanded = r * expanded_rel([calibration.meter_scale], fit.random_rel)
+    u = r * calibration.responsivity_common_rel
+    return Quantity("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
+
+
+def _of_fit(calibration: Calibration) -> Iterator[Quantity]:
+    from scipy.special import chdtrc
+
+    fit, (low_dn, high_dn) = calibration.responsivity, calibration.range_net_dn
+    yield responsivity(calibration)
+    yield Quantity(
+        "U of R without the meter's scale", expanded_half_width(0.0, fit.random_rel), "%", "of the fit alone"
+    )
+    yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, by their stated errors")
+    yield Quantity("degrees of freedom", fit.degrees_of_freedom)
+    if fit.degrees_of_freedom > 0:
+        yield Quantity("reduced χ²", fit.reduced_chi_squared)
+        p_value = float(chdtrc(fit.degrees_of_freedom, fit.chi_squared))
+        yield Quantity("p-value of χ²", p_value, "", "probability of more scatter by chance")
+    intercept, u = fit.intercept_dn_s, fit.intercept_standard_uncertainty_dn_s
+    yield Quantity("intercept, as a test", intercept, "DN/s", "0 is expected: the line passes through zero", u)
+    if calibration.response.kind != "linear":
+        bend = float(calibration.response.linearise(high_dn)) / high_dn - 1
+        yield Quantity("non-linearity of the response", bend, "%", "deviation from a line at the highest signal")
+    yield Quantity("lowest calibrated signal", low_dn, "DN", "above the dark signal")
+    yield Quantity("highest calibrated signal", high_dn, "DN", "above the dark signal")
+    k = calibration.noise.k_dn_per_e
+    yield Quantity("overall system gain K", k if k > 0 else None, "DN/e⁻", "by photon transfer")
+
+
+def _of_dark(calibration: Calibration) -> Iterator[Quantity]:
+    dark = calibration.dark
+    u = sqrt(dark.offset_variance_dn2)
+    yield Quantity("dark offset", dark.offset_dn, "DN", "mean dark signal at exposure time 0", u)
+    if len(dark.exposures_s) > 1:
+        u = sqrt(dark.rate_variance_dn2_s2)
+        yield Quantity("dark rate", dark.rate_dn_s, "DN/s", "growth of the dark signal with exposure time", u)
+    yield Quantity("dark noise", calibration.noise.dark_noise_dn, "DN", "temporal, of one pixel")
+    yield Quantity("dark non-uniformity", dark.nonuniformity_dn, "DN", "slow change across the sensor")
+    if dark.temperature_c is not None:
+        yield Quantity("temperature of the dark frames", dark.temperature_c, "°C")
+    if dark.doubling_temperature_c is not None:
+        yield Quantity("doubling temperature", dark.doubling_temperature_c, "°C", "of the dark rate")
+
+
+def _of_gains(calibration: Calibration) -> Iterator[Quantity]:
+    for gain in calibration.gains:
+        at = f"at {gain.gain_db:g} dB"
+        u = gain.factor * gain.factor_random_rel
+        yield Quantity(
+            f"responsivity factor {at}", gain.factor, "", f"over that at {calibration.state.gain_db:g} dB", u
+        )
+        yield from _at_gain(gain, at)
+
+
+def _at_gain(gain: GainSetting, at: str) -> Iterator[Quantity]:
+    yield Quantity(f"dark offset {at}", gain.dark.offset_dn, "DN", "", sqrt(gain.dark.offset_variance_dn2))
+    yield Quantity(f"dark rate {at}", gain.dark.rate_dn_s, "DN/s", "", sqrt(gain.dark.rate_variance_dn2_s2))
+    yield Quantity(f"dark noise {at}", gain.noise.dark_noise_dn, "DN")
+    yield Quantity(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
+
+
+def _of_combination(calibration: ColourCalibration) -> Iterator[Quantity]:
+    meaning = "u of a patch whose colours differ as much as their mean"
+    yield Quantity("deviation by colour", calibration.spectral_rel, "%", meaning)
+    yield Quantity("scatter between patches", calibration.scatter_rel, "%", "that nothing else explains")
+    yield Quantity("f1' of the combination", calibration.f1_prime, "%", "mismatch of its spectral sensitivity and V(λ)")
+
+
+def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:
+    """Return devices, settings and light of a calibration, and where it comes from."""
+    state, provenance = calibration.state, calibration.provenance
+    height, width = state.image_shape
+    if isinstance(calibration, Calibration):
+        gains = sorted([state.gain_db, *(gain.gain_db for gain in calibration.gains)])
+        of_model = [("model", _model(calibration)), ("vignetting V(x, y)", _vignetting(calibration))]
+    else:
+        gains, of_model = [state.gain_db], [("model", "L = Σ w L over the colour planes")]
+    return [
+        *of_model,
+        ("camera", str(state.camera)),
+        ("pixel format", f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels"),
+        ("black level", f"{state.black_level_dn:g} DN; saturated from {state.saturation_dn:g} DN"),
+        ("gain", ", ".join(f"{gain:g} dB" for gain in gains)),
+        ("calibrated exposures", exposures(calibration.exposures_s)),
+        ("lens", lens_text(calibration.lens)),
+        ("luminance meter", meter_text(calibration.meter_scale.meter)),
+        ("traceability", traceability(calibration.meter_scale)),
+        ("light", f"{calibration.source_spectrum}; not valid for another spectrum without a V(λ) filter"),
+        ("last reading", minute(provenance.measured)),
+        ("SHA-256 of frames and readings", provenance.input_sha256),
+        ("calibrated with", ", ".join(f"{name} {text}" for name, text in provenance.versions.items())),
+    ]
+
+
+def _model(calibration: Calibration) -> str:
+    response = RESPONSES[calibration.response.kind]
+    if response == "linear":
+        return "DN = d(t) + R t V(x, y) L, with exposure time t and luminance L"
+    return f"h(DN - d(t)) = R t V(x, y) L, with exposure time t, luminance L and a {response} response h"
+
+
+def _vignetting(calibration: Calibration) -> str:
+    vignetting, shape = calibration.vignetting, calibration.state.image_shape
+    if vignetting is None:
+        return "1: not corrected"
+    if isinstance(vignetting, Cos4Vignetting):
+        # A sensor of one row as long as the diagonal ends as far from the axis as the corner.
+        diagonal = round(hypot(shape[0] - 1, shape[1] - 1)) + 1
+        corner = vignetting.relative_illuminance((1, diagonal))[0, 0]
+        return (
+            f"cos⁴ of the off-axis angle, by a focal length of {vignetting.focal_length_m * 1e3:g} mm and a pixel "
+            f"pitch of {vignetting.pixel_pitch_m * 1e6:g} µm; {fixed(100 * corner, 1)} % in the corners"
+        )
+    lowest, highest = _extremes(vignetting, shape)
+    slow = f"uncertain by {significant(100 * vignetting.slow_rel, 2)} % over the image (u)"
+    if isinstance(vignetting, RadialVignetting):
+        return (
+            f"1 {_signed(vignetting.a2)} r² {_signed(vignetting.a4)} r⁴ {_signed(vignetting.a6)} r⁶, with r = 1 in the "
+            f"corners; down to {fixed(100 * lowest, 1)} %, {slow}"
+        )
+    return (
+        f"flat field of every pixel from {vignetting.n_frames} frames, {fixed(100 * lowest, 1)} to "
+        f"{fixed(100 * highest, 1)} %, {slow}"
+    )
+
+
+def _extremes(vignetting: AnyVignetting, shape: tuple[int, int]) -> tuple[float, float]:
+    values = vignetting.relative_illuminance(shape)
+    return float(values.min()), float(values.max())
+
+
+def _signed(value: float) -> str:
+    return f"{'-' if value < 0 else '+'} {significant(abs(value), 3)}"
+
+
+def lens_text(lens: LensIdentity | LensConfiguration) -> str:
+    """Return model, serial number and settings of a lens."""
+    serial = f" ({lens.serial})" if lens.serial else ""
+    focus = "" if lens.focus_distance_m is None else f", focused at {lens.focus_distance_m:g} m"
+    return f"{lens.model}{serial}, focal length {lens.focal_length_m * 1e3:g} mm, f/{lens.f_number:g}{focus}"
+
+
+def traceability(scale: MeterScale) -> str:
+    """Return what the luminances are traceable to, and whether the mismatch of the meter counts."""
+    one, mismatch = scale.certificate, ""
+    if scale.mismatch_rel:
+        mismatch = f"; f1' {100 * (scale.f1_prime or 0.0):g} % counts as mismatch in {scale.light} light"
+    elif scale.f1_prime is None and scale.light != scale.illuminant:
+        mismatch = f"; mismatch of the meter in {scale.light} light not stated and not included"
+    if one is None:
+        return (
+            f"none stated: accuracy of the data sheet, ± {100 * scale.limits_rel:g} % (limits, rectangular){mismatch}"
+        )
+    due = "" if one.due_date is None else f", due {one.due_date}"
+    dof = "" if one.degrees_of_freedom is None else f", {one.degrees_of_freedom:g} degrees of freedom"
+    factor = f"correction {one.correction:g}" if one.correction != 1 else "no correction"
+    conditions = f"; {one.conditions}" if one.conditions else ""
+    return (
+        f"certificate {one.number} of {one.laboratory}, {one.date}{due}: {factor}, U = "
+        f"{100 * one.expanded_uncertainty_rel:g} % (k = {one.coverage_factor:g}{dof}), illuminant {one.illuminant}"
+        f"{conditions}{mismatch}"
+    )
+
+
+def meter_text(meter: MeterIdentity) -> str:
+    """Return model, serial number and calibration date of a luminance meter."""
+    return (
+        f"{meter.model}, serial number {meter.serial}, calibrated {meter.calibration_date or '(date not known)'}"
+        f"{', simulated' if meter.simulated else ''}"
+    )

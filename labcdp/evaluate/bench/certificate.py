@@ -1,0 +1,209 @@
+"""Certificates of a calibration and of a verification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime
+
+from ...calibration import AnyCalibration, Calibration
+from ...calibration.verify.decision import Verdict
+from ...calibration.verify.result import Verification
+from ...core.table import Column, Table
+from ...report.certificate import Certificate, render_certificate
+from ...report.digits import day, exposures, minute, shortened, significant, with_half_width
+from ...report.figures import ReportFigure
+from ...report.findings import finding_text
+from ...report.layout import SIMULATED, Facts, State
+from ...report.maps import close_picture
+from ...session import ConditionsConfiguration, Session
+from .calibration.budget import PATCH_PIXELS, budget_at
+from .calibration.quantities import lens_text, meter_text, range_text, responsivity, traceability
+from .observe import ObservedSession
+from .report.verification import decision_rule, verified_patches
+from .target_map import target_map
+
+_STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
+_COMBINED = (
+    "U is the expanded uncertainty: the combined standard uncertainty times the coverage factor k, for a coverage "
+    "probability of 95 % (JCGM 100:2008). "
+)
+
+
+def calibration_certificate(session: Session, observed: ObservedSession, calibration: AnyCalibration) -> bytes:
+    """Return the certificate of a calibration as a page.
+
+    Parameters
+    ----------
+    session : Session
+        Its first session, for the picture of the target.
+    observed : ObservedSession
+        What that session says.
+    calibration : Calibration or ColourCalibration
+        The calibration.
+    """
+    scope = (
+        f"It holds for the mean of {PATCH_PIXELS} pixels of one frame near the optical axis, without glare, within the "
+        "calibrated range and at the conditions above. The deviations show how well one fit describes all patches."
+    )
+    sheet = _sheet("Calibration certificate", session, observed, calibration)
+    return render_certificate(replace(sheet, results=_calibrated(calibration), statements=_statements(observed, scope)))
+
+
+def verification_certificate(
+    session: Session, observed: ObservedSession, calibration: AnyCalibration, verification: Verification
+) -> bytes:
+    """Return the certificate of a verification as a page; parameters as for `calibration_certificate`."""
+    shown = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "expanded_deviation_rel")
+    results = verified_patches(verification).only(*shown, "tolerance_rel", "verdict")
+    scope = "That of the deviation has the random parts of camera and meter and the fit of the calibration"
+    other = ""
+    if not verification.same_meter:
+        scope += ", and the scales of both meters"
+        before = verification.calibration_meter
+        other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before)}."
+    scope += ". One meter cannot say whether camera, lens or meter has changed."
+    sheet = replace(
+        _sheet("Verification certificate", session, observed, calibration),
+        results=results,
+        statements=[("Decision rule", decision_rule(verification)), *_statements(observed, scope, other)],
+        verdict=verification.verdict.capitalize(),
+        verdict_text=_verdict_text(verification),
+        state=_STATES[verification.verdict],
+    )
+    return render_certificate(sheet)
+
+
+def _verdict_text(verification: Verification) -> str:
+    """Return what makes the verdict, without advice."""
+    rows = verification.patches
+    open_or_bad = [row for row in rows if row.verdict != "conform"]
+    deviations = [with_half_width(100 * row.deviation_rel, 100 * row.expanded_rel) for row in open_or_bad]
+    parts = [
+        f"patch {row.patch} {row.verdict}, deviation ({deviation}) %"
+        for row, deviation in zip(open_or_bad, deviations, strict=True)
+    ]
+    parts += [f"patch {name} could not be measured" for name in verification.unusable]
+    parts += ["dark signal not conform"] if verification.dark_not_conform else []
+    parts += ["colour balance not conform"] if verification.balance_not_conform else []
+    n = sum(row.verdict == "conform" for row in rows)
+    parts.append(f"{n} of {len(rows)} patches conform to ± {significant(100 * verification.tolerance_rel, 2)} %")
+    return _sentence("; ".join(parts))
+
+
+def _statements(observed: ObservedSession, scope: str, other: str = "") -> list[tuple[str, str]]:
+    """Return what is said on uncertainty, and on certificate or data sheet of the meter and whether that is overdue."""
+    warnings = [one for one in observed.meter_scale.findings(_measured(observed)) if one.severity == "warning"]
+    texts = (traceability(observed.meter_scale), *map(finding_text, warnings))
+    return [("Uncertainty", _COMBINED + scope), ("Traceability", " ".join(map(_sentence, texts)) + other)]
+
+
+def _measured(observed: ObservedSession) -> datetime:
+    return max(reading.timestamp for group in observed.readings.values() for reading in group)
+
+
+def _sheet(kind: str, session: Session, observed: ObservedSession, calibration: AnyCalibration) -> Certificate:
+    """Return a certificate without results and statements."""
+    camera = calibration.state.camera
+    simulated = camera.simulated or observed.meter_scale.meter.simulated
+    return Certificate(
+        kind=kind,
+        title=f"{camera}",
+        number=[
+            ("Number", observed.input_sha256[:12]),
+            ("Measured", day(_measured(observed))),
+            ("Operator", observed.configuration.operator),
+        ],
+        identification=Facts(list(_identification(session, observed, calibration))),
+        conditions=Facts(list(_conditions(observed, calibration))),
+        picture=_picture(session, observed, calibration, simulated),
+        banner=SIMULATED if simulated else "",
+    )
+
+
+def _identification(
+    session: Session, observed: ObservedSession, calibration: AnyCalibration
+) -> Iterator[tuple[str, str]]:
+    state, own = calibration.state, calibration.provenance.input_sha256
+    height, width = state.image_shape
+    yield "Camera", f"{state.camera}"
+    yield "Frames", f"{state.pixel_format}, {width} x {height} pixels, {state.gain_db:g} dB"
+    yield "Lens", lens_text(calibration.lens)
+    yield "Luminance meter", meter_text(observed.meter_scale.meter)
+    yield "Target", observed.configuration.target.name
+    yield "Session", f"{session.path.resolve().name}: {observed.configuration.name}"
+    yield "SHA-256 of data", observed.input_sha256
+    if own != observed.input_sha256:
+        yield "Calibration", f"{day(calibration.provenance.measured)}, SHA-256 of data {own}"
+
+
+def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Iterator[tuple[str, str]]:
+    configuration, lens = observed.configuration, calibration.lens
+    yield "Light", configuration.source.spectrum
+    yield "Range", range_text(calibration)
+    yield "Exposures", exposures(calibration.exposures_s)
+    yield "Aperture", f"f/{lens.f_number:g}"
+    given = configuration.conditions or ConditionsConfiguration.model_validate({})
+    missing = []
+    for name, value, unit in (
+        ("Focus", lens.focus_distance_m, " m"),
+        ("Camera distance", given.camera_distance_m, " m"),
+        ("Meter distance", given.meter_distance_m, " m"),
+        ("Measuring field", given.measuring_field_deg, "°"),
+        ("Angle", given.angle_deg, "° to the normal"),
+        ("Room", given.temperature_c, " °C"),
+    ):
+        if value is None:
+            missing.append(name.lower())
+        else:
+            yield name, f"{value:g}{unit}"
+    if missing:
+        yield "Not stated", ", ".join(missing)
+    times = sorted(reading.timestamp for group in observed.readings.values() for reading in group)
+    yield "Readings", f"{len(times)}, {' to '.join(dict.fromkeys(minute(time) for time in (times[0], times[-1])))}"
+
+
+def _picture(session: Session, observed: ObservedSession, calibration: AnyCalibration, simulated: bool) -> ReportFigure:
+    regions = [patch.region() for patch in observed.configuration.target.patches if patch.name in observed.names]
+    names = ", ".join(f"{number} {shortened(region.name, 30)}" for number, region in enumerate(regions, start=1))
+    target = target_map(session, observed, calibration)
+    return ReportFigure(
+        "target.png",
+        close_picture(target, regions, simulated),
+        f"Target as the camera sees it, in logarithmic grey levels, with the patches {names}.",
+        f"Grey picture of the target with {len(regions)} patches.",
+    )
+
+
+def _calibrated(calibration: AnyCalibration) -> Table:
+    """Return the patches by meter and camera, with U and k of the camera's luminance."""
+    columns = (
+        Column("patch", "patch"),
+        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading."),
+        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera."),
+        Column("deviation_rel", "deviation", "%", "Of the camera from the meter.", decimals=2),
+        Column("expanded_rel", "U of the camera's luminance", "%", "Relative U (95 %).", digits=2),
+        Column("k", "k", "", "Coverage factor.", decimals=2),
+    )
+    rows = []
+    for row in (*calibration.residuals, *calibration.held_out):
+        whole = budget_at(calibration, row.luminance_cd_m2).whole
+        rows.append(
+            {
+                "patch": row.patch if row in calibration.residuals else f"{row.patch} (held out)",
+                "meter_cd_m2": row.reading_cd_m2,
+                "camera_cd_m2": row.luminance_cd_m2,
+                "deviation_rel": row.residual_rel,
+                "expanded_rel": whole.expanded_95_rel,
+                "k": whole.expanded_95_rel / whole.standard_uncertainty_rel,
+            }
+        )
+    note = ""
+    if isinstance(calibration, Calibration):
+        r = responsivity(calibration)
+        note = f"Responsivity R = ({with_half_width(r.value or 0.0, r.expanded or 0.0)}) {r.unit}."
+    return Table.of_rows("certificate", "Results", columns, rows, note).sorted_by("meter_cd_m2")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

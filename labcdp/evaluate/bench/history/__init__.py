@@ -1,0 +1,1 @@
+"""All calibrations of a camera over time."""

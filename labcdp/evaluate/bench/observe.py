@@ -1,0 +1,244 @@
+"""From a recorded session to what its frames and readings say."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from ...calibration import DarkObservation, PatchObservation, observe_dark, observe_patches
+from ...calibration.frames.measure import MIN_FRAMES
+from ...calibration.frames.planes import plane_region, split
+from ...calibration.meter import MeterScale, corrected, meter_scale
+from ...calibration.signal_limits import MAX_CLIPPED_SHARE
+from ...core.errors import CalibrationError, InputError
+from ...core.frame import Frame
+from ...core.reading import Reading
+from ...core.roi import Roi
+from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
+from .corrections import Corrections, PlaneCorrections, corrections_of_lens
+from .dark import with_dark_frames
+from .recorded import Report, by_exposure, by_patch, planes_of
+
+
+@dataclass(frozen=True)
+class ObservedPlane:
+    """What the frames of one plane say: all pixels of a monochrome sensor, or those of one colour.
+
+    Parameters
+    ----------
+    patches : dict of str to list of PatchObservation
+        By name of the patch, in the target's order; one observation an exposure.
+    darks : list of DarkObservation
+        One an exposure.
+    corrections : Corrections
+        What was subtracted.
+    """
+
+    patches: Mapping[str, Sequence[PatchObservation]]
+    darks: Sequence[DarkObservation]
+    corrections: Corrections
+
+
+@dataclass(frozen=True)
+class ObservedSession:
+    """What the frames and readings of a session say about its patches.
+
+    Parameters
+    ----------
+    configuration : SessionConfiguration
+        Bench, target and plan.
+    planes : dict of (str or None) to ObservedPlane
+        By colour plane; one entry for None if the sensor is monochrome.
+    readings : dict of str to list of Reading
+        By name of the patch, with the correction of the meter's certificate.
+    input_sha256 : str
+        Hash over the hashes of all frames and the readings, in the order of recording.
+    """
+
+    configuration: SessionConfiguration
+    planes: Mapping[str | None, ObservedPlane]
+    readings: Mapping[str, Sequence[Reading]]
+    input_sha256: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Patches that were measured, in the target's order."""
+        return tuple(next(iter(self.planes.values())).patches)
+
+    @property
+    def meter_scale(self) -> MeterScale:
+        """The meter with its certificate; raises CalibrationError as `labcdp.calibration.meter.meter_scale`."""
+        meter = self.configuration.meter
+        return meter_scale(self.readings, meter.certificate, meter.f1_prime, self.configuration.source.spectrum)
+
+    @property
+    def monochrome(self) -> ObservedPlane:
+        """The one plane of a monochrome sensor.
+
+        Raises
+        ------
+        CalibrationError
+            If the sensor has colour filters.
+        """
+        if None not in self.planes:
+            raise CalibrationError(
+                "the session was recorded with colour filters: this works for monochrome frames; use a monochrome "
+                "pixel format"
+            )
+        return self.planes[None]
+
+    def of_patch(self, name: str) -> list[PatchObservation]:
+        """Observations of a patch in all planes."""
+        return [observation for plane in self.planes.values() for observation in plane.patches[name]]
+
+    def longest_unsaturated_s(self, *names: str) -> float | None:
+        """Longest exposure that saturates none of these patches; None if each saturates one."""
+        at: dict[float, list[PatchObservation]] = {}
+        for name in names:
+            for observation in self.of_patch(name):
+                at.setdefault(observation.exposure_s, []).append(observation)
+        return max((t for t, group in at.items() if all(o.saturated_share == 0 for o in group)), default=None)
+
+    @property
+    def patches(self) -> Mapping[str, Sequence[PatchObservation]]:
+        """Observations of a monochrome sensor by patch; raises CalibrationError as `monochrome`."""
+        return self.monochrome.patches
+
+    @property
+    def darks(self) -> Sequence[DarkObservation]:
+        """Dark observations of a monochrome sensor; raises CalibrationError as `monochrome`."""
+        return self.monochrome.darks
+
+
+def observe_session(
+    session: Session,
+    without: Sequence[str] = (),
+    report: Report = lambda _done, _total: None,
+    corrections: PlaneCorrections | None = None,
+    certificate: MeterCertificate | None = None,
+) -> ObservedSession:
+    """Measure the patches in all frames of a session; one frame at a time is held.
+
+    Parameters
+    ----------
+    session : Session
+        To read.
+    without : sequence of str
+        Patches to leave out.
+    report : callable
+        Called with the number of frames read, and of all frames; those of a sensor with colour filters are read once
+        for each plane.
+    corrections : mapping of (str or None) to Corrections, or None
+        What is subtracted from the frames of each plane; None for natural vignetting by the configured lens, and for
+        what its dark frames show.
+    certificate : MeterCertificate or None
+        Of the meter, in the place of that in the configuration; its correction is applied to the readings.
+
+    Raises
+    ------
+    SessionError
+        If a file is missing or altered.
+    CalibrationError
+        If there are no dark frames, or too few frames at an exposure, or the corrections are not for this sensor.
+    InputError
+        If a region lies outside the image, or `without` names an unknown patch.
+    """
+    configuration = session.configuration
+    if certificate is not None:
+        meter = configuration.meter.model_copy(update={"certificate": certificate})
+        configuration = configuration.model_copy(update={"meter": meter})
+    names = [patch.name for patch in configuration.target.patches]
+    unknown = sorted(set(without) - set(names))
+    if unknown:
+        raise InputError(f"there is no patch {unknown[0]!r} to leave out: choose from {', '.join(names)}")
+    if not session.frames("dark"):
+        raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
+    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
+    planes = planes_of(session)
+    if corrections is None:
+        corrections = with_dark_frames(corrections_of_lens(session), [session])
+    if set(corrections) != set(planes):
+        has, wants = ("no" if None in group else "a" for group in (planes, corrections))
+        raise CalibrationError(
+            f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
+            "filter: use those of this camera"
+        )
+    reader = _Reader(session, report, len(planes) * len(session.frames()))
+    readings: dict[str, list[Reading]] = {}
+    for record in session.readings():
+        if record.patch not in without:
+            readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
+    return ObservedSession(
+        configuration,
+        {plane: _observe_plane(reader, plane, regions, corrections[plane]) for plane in planes},
+        readings,
+        input_sha256(session),
+    )
+
+
+class _Reader:
+    """Loads frames, or one plane of them, and counts them."""
+
+    def __init__(self, session: Session, report: Report, total: int) -> None:
+        self.session = session
+        self._report = report
+        self._total = total
+        self._done = 0
+
+    def frames(self, records: Sequence[FrameRecord], plane: str | None) -> Iterator[Frame]:
+        for record in records:
+            frame = self.session.load(record)
+            yield frame if plane is None else split(frame)[plane]
+            self._done += 1
+            self._report(self._done, self._total)
+
+
+def _observe_plane(
+    reader: _Reader, plane: str | None, regions: Sequence[Roi], corrections: Corrections
+) -> ObservedPlane:
+    library, defects = corrections.dark_library, corrections.defects
+    observed = partial(observe_patches, vignetting=corrections.vignetting, defects=defects, dark_library=library)
+    darks = [
+        observe_dark(reader.frames(group, plane), defects=defects, dark_library=library)
+        for group in by_exposure(reader.session, "dark").values()
+    ]
+    patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
+    own = {region.name: region if plane is None else plane_region(region) for region in regions}
+    for group in by_exposure(reader.session, "light").values():
+        for shown, records in by_patch(group).items():
+            seen = [region for name, region in own.items() if shown in (None, name)]
+            if seen:
+                frames = reader.frames(records, plane)
+                found = observed(frames, seen) if len(records) >= MIN_FRAMES else _of_one_frame(observed, frames, seen)
+                for observation in found:
+                    patches[observation.patch].append(observation)
+    return ObservedPlane(patches, darks, corrections)
+
+
+def _of_one_frame(
+    observed: Callable[[Sequence[Frame], Sequence[Roi]], list[PatchObservation]],
+    frames: Iterable[Frame],
+    regions: Sequence[Roi],
+) -> list[PatchObservation]:
+    """Measure patches in the only frame of an exposure: possible if all are saturated, and so left out by the fit.
+
+    Saturated frames are identical, and an import keeps one of identical pictures.
+    """
+    (frame,) = frames
+    twice = observed([frame, frame], regions)
+    if all(o.saturated_share > MAX_CLIPPED_SHARE for o in twice):
+        return [replace(o, n_frames=1) for o in twice]
+    return observed([frame], regions)  # says what is missing
+
+
+def input_sha256(session: Session) -> str:
+    """Return a hash over the hashes of all frames and the readings, in the order of recording."""
+    digest = hashlib.sha256()
+    for frame in session.frames():
+        digest.update(frame.file.sha256.encode())
+    for record in session.readings():
+        digest.update(json.dumps([record.patch, record.reading.to_dict()], sort_keys=True).encode())
+    return digest.hexdigest()

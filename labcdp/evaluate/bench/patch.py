@@ -1,0 +1,107 @@
+"""A patch by the meter, by guessed parameters, and by the calibrated camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+from ...calibration import (
+    AnyCalibration,
+    Calibration,
+    PatchLuminance,
+    colour_patch_luminance,
+    patch_luminance,
+)
+from ...calibration.errors.expanded import expanded_rel
+from ...calibration.meter import MeterScale
+from ...calibration.readings import combine_readings
+from ...core.errors import CalibrationError
+from ...core.roi import Roi
+from .guess import guessed_conversion
+from .observe import ObservedSession
+
+
+@dataclass(frozen=True)
+class PatchRow:
+    """A patch by the meter, by guessed parameters, and by the calibrated camera.
+
+    Parameters
+    ----------
+    region : Roi
+        Where it is in the image.
+    measured_cd_m2, measured_random_rel : float
+        Mean of the meter's readings, and its relative standard uncertainty without the scale.
+    meter : MeterScale
+        The meter, and the error its readings have in common.
+    n_readings : int
+        Number of readings.
+    calculated_cd_m2 : float or None
+        From guessed camera parameters; None without a guess.
+    calibrated : PatchLuminance
+        By the calibrated camera.
+    """
+
+    region: Roi
+    measured_cd_m2: float
+    measured_random_rel: float
+    meter: MeterScale
+    n_readings: int
+    calculated_cd_m2: float | None
+    calibrated: PatchLuminance
+
+    @property
+    def measured_rel(self) -> float:
+        """Relative standard uncertainty of the meter's value, the scale included."""
+        return hypot(self.measured_random_rel, self.meter.common_rel)
+
+    @property
+    def measured_half_width_95_rel(self) -> float:
+        """Relative U (95 %) of the meter's value, the scale included."""
+        return expanded_rel([self.meter], self.measured_random_rel)
+
+    @property
+    def deviation_rel(self) -> float:
+        """Relative deviation of the camera from the meter."""
+        return self.calibrated.luminance_cd_m2 / self.measured_cd_m2 - 1
+
+
+def patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
+    """Evaluate a patch; raises CalibrationError if it reads 0, or is saturated or black at every exposure."""
+    measured, _ = combine_readings(name, observed.readings.get(name, []))
+    if measured.luminance_cd_m2 == 0:
+        raise CalibrationError(
+            f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out with --without {name!r}"
+        )
+    region = next(p.region() for p in observed.configuration.target.patches if p.name == name)
+    return PatchRow(
+        region=region,
+        measured_cd_m2=measured.luminance_cd_m2,
+        measured_random_rel=measured.random_cd_m2 / measured.luminance_cd_m2,
+        meter=observed.meter_scale,
+        n_readings=measured.n_readings,
+        calculated_cd_m2=_calculated_cd_m2(observed, name),
+        calibrated=_calibrated(observed, name, calibration),
+    )
+
+
+def _calibrated(observed: ObservedSession, name: str, calibration: AnyCalibration) -> PatchLuminance:
+    if isinstance(calibration, Calibration):
+        return patch_luminance(calibration, observed.patches[name])
+    by_plane = {plane: seen.patches[name] for plane, seen in observed.planes.items() if plane is not None}
+    return colour_patch_luminance(calibration, by_plane)
+
+
+def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
+    guess = observed.configuration.guess
+    # A guess is of one responsivity: for colour filters it says nothing.
+    if guess is None or None not in observed.planes:
+        return None
+    unsaturated = [o for o in observed.patches[name] if o.saturated_share == 0]
+    if not unsaturated:
+        return None
+    o = max(unsaturated, key=lambda o: o.exposure_s)
+    conversion = guessed_conversion(
+        guess, observed.configuration.source.spectrum, observed.monochrome.corrections.vignetting, o.state.gain_db
+    )
+    net_dn = o.signal_dn - o.mean_inverse_v * conversion.dark_dn(o.exposure_s)
+    return net_dn / (conversion.responsivity_dn_s_cd_m2 * o.exposure_s)

@@ -1,0 +1,245 @@
+"""The evaluation of a session as labelled tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+
+from ....core.finding import Finding, info, unique
+from ....core.result import InputFile, Result
+from ....core.table import Column, Table, uncertain, uncertain_values
+from ....report.digits import day, exposures, minute
+from ....session import Session
+from ..calibration.quantities import lens_text, meter_text
+from ..calibration.result import calibration_tables, summarised
+from ..contrast import ContrastRow
+from ..patch import PatchRow
+from ..session import SessionEvaluation
+
+_CONTRASTS = (
+    Column("pair", "bright / dark"),
+    Column("bright", "bright patch", shown=False),
+    Column("dark", "dark patch", shown=False),
+    Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", digits=0),
+    Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", digits=0),
+    Column("detected_from", "detected from", "%", "Lowest contrast that counts.", digits=0, shown=False),
+    Column("detected_up_to", "detected up to", "%", "Highest contrast that counts.", digits=0, shown=False),
+    *uncertain(
+        Column(
+            "measured_contrast",
+            "contrast by meter",
+            "%",
+            "Of the mean luminances by the meter; its scale error cancels.",
+        )
+    ),
+    *uncertain(
+        Column(
+            "camera_contrast", "contrast by camera", "%", "Of the mean luminances by the camera; scale and fit cancel."
+        )
+    ),
+    Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", low="cdp_low", high="cdp_high"),
+    Column("cdp_low", "CDP, lower end", "", "Lower end of the 95 % interval.", decimals=5, shown=False),
+    Column("cdp_high", "CDP, upper end", "", "Upper end of the 95 % interval.", decimals=5, shown=False),
+    Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False),
+    Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False),
+    Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False),
+    Column("verdict", "detected", "", "Whether the CDP reaches the limit; undecided within its 95 % interval."),
+    Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4),
+    Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4),
+    Column("undefined", "undefined", "", "Share of pixel pairs without a contrast.", shown=False),
+    Column("bright_pixels", "bright pixels", "", "Pixels of the bright patch.", shown=False),
+    Column("dark_pixels", "dark pixels", "", "Pixels of the dark patch.", shown=False),
+    Column("exposure_s", "exposure", "s", "Of the frame: the longest without saturation.", digits=0, time=True),
+    Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
+    Column("dark_frame_number", "frame (dark)", "", "Number of the frame with the dark patch.", shown=False),
+)
+
+
+def session_result(
+    evaluation: SessionEvaluation, inputs: Sequence[InputFile] = (), kind: str = "evaluate", seed: int | None = None
+) -> Result:
+    """Return all numbers of an evaluated session.
+
+    Parameters
+    ----------
+    evaluation : SessionEvaluation
+        What to report.
+    inputs : sequence of InputFile
+        What it was made from.
+    kind : str
+        Name of the command.
+    seed : int or None
+        Of a simulation.
+    """
+    configuration = evaluation.observed.configuration
+    return Result(
+        kind,
+        configuration.name,
+        tuple(_tables(evaluation)),
+        unique([*summarised(evaluation.findings), _check(evaluation)]),
+        tuple(inputs),
+        configuration.model_dump(mode="json", by_alias=True, exclude_none=True),
+        seed,
+        bool(evaluation.simulated),
+    )
+
+
+def session_input(session: Session) -> InputFile:
+    """Return the record of a session as an input."""
+    return InputFile("session", str(session.path), InputFile.of("journal", session.path / "journal.jsonl").sha256)
+
+
+def recorded(evaluation: SessionEvaluation) -> tuple[datetime, datetime]:
+    """Time of the first and of the last reading of the meter."""
+    times = [reading.timestamp for readings in evaluation.observed.readings.values() for reading in readings]
+    return min(times), max(times)
+
+
+def pair_name(row: ContrastRow) -> str:
+    """Return "bright / dark"."""
+    return f"{row.bright} / {row.dark}"
+
+
+def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
+    yield _contrasts(evaluation.contrasts)
+    yield _luminance(evaluation.patches)
+    yield _distribution(evaluation.contrasts)
+    for table in calibration_tables(evaluation.calibration):
+        if table.name in ("calibration", "calibration_patches", "planes", "left_out", "conditions"):
+            yield table.as_detail()
+    yield _provenance(evaluation)
+
+
+def _contrasts(contrasts: Sequence[ContrastRow]) -> Table:
+    rows = []
+    for row in contrasts:
+        cdp = row.cdp
+        (low, high), (start, stop) = cdp.confidence_interval, cdp.interval
+        rows.append(
+            {
+                "pair": pair_name(row),
+                "bright": row.bright,
+                "dark": row.dark,
+                "target_contrast": cdp.contrast,
+                "epsilon": cdp.epsilon,
+                "detected_from": start,
+                "detected_up_to": stop,
+                **uncertain_values("measured_contrast", row.measured_contrast, row.measured_standard_uncertainty),
+                **uncertain_values("camera_contrast", row.camera_contrast, row.camera_standard_uncertainty),
+                "cdp": cdp.cdp,
+                "cdp_low": low,
+                "cdp_high": high,
+                "u_cdp": row.calibrated_cdp.standard_uncertainty,
+                "u_cdp_pixels": cdp.standard_error,
+                "cdp_limit": row.cdp_limit,
+                "verdict": row.verdict,
+                "below": cdp.below,
+                "above": cdp.above,
+                "undefined": cdp.undefined,
+                "bright_pixels": cdp.bright_size,
+                "dark_pixels": cdp.dark_size,
+                "exposure_s": row.exposure_s,
+                "frame_number": row.frame_number,
+                "dark_frame_number": row.dark_frame_number,
+            }
+        )
+    return Table.of_rows("contrasts", "Contrast detection probability (CDP)", _CONTRASTS, rows)
+
+
+def _luminance(patches: Sequence[PatchRow]) -> Table:
+    guessed = any(row.calculated_cd_m2 is not None for row in patches)
+    calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
+    columns = (
+        Column("patch", "patch"),
+        *uncertain(Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter.")),
+        *((calculated,) if guessed else ()),
+        *uncertain(Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.")),
+        Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
+        Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2),
+        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
+        Column("exposures", "exposures", "", "Exposures that were used.", shown=False),
+    )
+    rows = []
+    for row in patches:
+        measured, calibrated = row.measured_cd_m2, row.calibrated.luminance_cd_m2
+        rows.append(
+            {
+                "patch": row.region.name,
+                "measured_cd_m2": measured,
+                "expanded_measured_cd_m2": row.measured_half_width_95_rel * measured,
+                "u_measured_cd_m2": row.measured_rel * measured,
+                "calculated_cd_m2": row.calculated_cd_m2,
+                "calibrated_cd_m2": calibrated,
+                "expanded_calibrated_cd_m2": row.calibrated.half_width_95_rel * calibrated,
+                "u_calibrated_cd_m2": row.calibrated.standard_uncertainty_rel * calibrated,
+                "deviation_rel": row.deviation_rel,
+                "expanded_rel": row.calibrated.half_width_95_rel,
+                "n_readings": row.n_readings,
+                "exposures": exposures(row.calibrated.exposures_s),
+            }
+        )
+    note = "± is U (95 %), the scale error of the meter included."
+    return Table.of_rows("luminance", "Luminance", columns, rows, note).sorted_by("measured_cd_m2")
+
+
+def _distribution(contrasts: Sequence[ContrastRow]) -> Table:
+    """Return the distributions of the contrasts in a long table."""
+    columns = (
+        Column("pair", "bright / dark"),
+        Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", digits=0),
+        Column("contrast", "contrast", "%", "Weber contrast.", digits=6),
+        Column("cumulative", "cumulative probability", "", "Share of pixel pairs up to this contrast.", decimals=6),
+    )
+    data: dict[str, list[str | float]] = {column.name: [] for column in columns}
+    for row in contrasts:
+        if row.distribution is None:
+            continue
+        edges, cumulative = row.distribution.edges.tolist(), row.distribution.cumulative.tolist()
+        data["pair"] += [pair_name(row)] * len(edges)
+        data["target_contrast"] += [row.cdp.contrast] * len(edges)
+        data["contrast"] += edges
+        data["cumulative"] += cumulative
+    return Table(
+        "contrast_distribution", "Distribution of the contrasts of all pixel pairs", columns, data, detail=True
+    )
+
+
+def _provenance(evaluation: SessionEvaluation) -> Table:
+    observed, configuration = evaluation.observed, evaluation.observed.configuration
+    calibration, (first, last) = evaluation.calibration, recorded(evaluation)
+    state = calibration.state
+    height, width = state.image_shape
+    meters = dict.fromkeys(meter_text(r.meter) for readings in observed.readings.values() for r in readings)
+    rows = [
+        ("session", configuration.name),
+        ("operator", configuration.operator),
+        ("notes", configuration.notes),
+        ("target", configuration.target.name),
+        ("meter readings", f"{minute(first)} to {minute(last)}"),
+        ("camera", str(state.camera)),
+        (
+            "camera settings",
+            f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels, gain {state.gain_db:g} dB, "
+            f"saturated from {state.saturation_dn:g} DN",
+        ),
+        ("exposures", exposures({o.exposure_s for name in observed.names for o in observed.of_patch(name)})),
+        ("lens", lens_text(configuration.lens)),
+        ("luminance meter", "; ".join(meters)),
+        ("light", configuration.source.spectrum),
+        ("simulated", ", ".join(evaluation.simulated)),
+        ("SHA-256 of frames and readings", observed.input_sha256),
+        ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
+    ]
+    columns = (Column("item", "item"), Column("value", "value"))
+    kept = [{"item": item, "value": value} for item, value in rows if value]
+    return Table.of_rows("provenance", "Provenance", columns, kept, detail=True)
+
+
+def _check(evaluation: SessionEvaluation) -> Finding:
+    """Return whether the deviations between camera and meter are an independent check of the calibration."""
+    calibration = evaluation.calibration
+    if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
+        return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))
+    fitted = {row.patch for row in calibration.residuals}
+    held_out = [row.region.name for row in evaluation.patches if row.region.name not in fitted]
+    return info("checked-by-held-out", patches=held_out) if held_out else info("not-checked")

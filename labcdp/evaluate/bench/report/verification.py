@@ -1,0 +1,182 @@
+"""A verification as labelled tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ....calibration.verify.result import Verification
+from ....core.finding import unique
+from ....core.result import InputFile, Result
+from ....core.table import Column, Table, uncertain, uncertain_values
+from ....report.digits import exposures, minute, significant
+from ..calibration.quantities import RESPONSIVITY
+from ..calibration.result import summarised
+
+
+def verification_result(verification: Verification, title: str, inputs: Sequence[InputFile] = ()) -> Result:
+    """Return all numbers of a verification.
+
+    Parameters
+    ----------
+    verification : Verification
+        What to report.
+    title : str
+        Name of the session.
+    inputs : sequence of InputFile
+        Session and calibration.
+    """
+    return Result(
+        "verify",
+        title,
+        tuple(_tables(verification)),
+        unique(summarised(verification.findings)),
+        tuple(inputs),
+        simulated=verification.state.camera.simulated or verification.meter.meter.simulated,
+    )
+
+
+def _tables(verification: Verification) -> Iterator[Table]:
+    yield _verdict(verification)
+    yield verified_patches(verification)
+    if len(verification.planes) > 1:
+        yield _planes(verification)
+    yield _darks(verification)
+
+
+def decision_rule(verification: Verification) -> str:
+    """Return tolerance and decision rule in words."""
+    source = "as stated" if verification.tolerance_stated else "U (95 %) of the calibration"
+    return (
+        f"Tolerance T = ± {significant(100 * verification.tolerance_rel, 2)} %, {source}. Conform if |d| + U ≤ T, not "
+        "conform if |d| - U > T, else undecided, with the deviation d of the camera from the meter and its expanded "
+        "uncertainty U (95 %): guard band w = U (terms of JCGM 106:2012 and ILAC-G8:09/2019), so that the probability "
+        "of a wrong decision is at most 2.5 % for each patch."
+    )
+
+
+def _verdict(verification: Verification) -> Table:
+    columns = (
+        Column("verdict", "verdict", "", "Conform, undecided or not conform."),
+        Column("tolerance_rel", "tolerance", "%", "Largest deviation that conforms.", digits=2),
+        Column("tolerance_stated", "stated", "", "Whether it was stated; else it is U (95 %) of the calibration."),
+        Column("mean_rel", "mean deviation", "%", "Weighted mean over the patches.", expanded="expanded_mean_rel"),
+        Column("expanded_mean_rel", "U of mean", "%", "U (95 %).", digits=2, shown=False),
+        Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
+        Column("meter", "meter", "", "Meter with its certificate or date."),
+        Column("calibration_meter", "meter of calibration", "", "Meter with its certificate or date."),
+        Column("calibrated", "calibrated", "", "Time of the last reading of the calibration."),
+        Column("verified", "verified", "", "Time of the last reading of the verification."),
+    )
+    row = {
+        "verdict": verification.verdict,
+        "tolerance_rel": verification.tolerance_rel,
+        "tolerance_stated": verification.tolerance_stated,
+        "mean_rel": verification.mean_rel,
+        "expanded_mean_rel": verification.mean_expanded_rel,
+        "same_meter": verification.same_meter,
+        "meter": str(verification.meter),
+        "calibration_meter": str(verification.calibration_meter),
+        "calibrated": minute(verification.calibration_measured),
+        "verified": minute(verification.measured),
+    }
+    return Table.of_rows("verdict", "Verification", columns, [row], decision_rule(verification))
+
+
+def verified_patches(verification: Verification) -> Table:
+    """Return the patches with deviation, U, tolerance and verdict, with rising luminance."""
+    columns = (
+        Column("patch", "patch"),
+        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
+        *uncertain(Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.")),
+        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera."),
+        *uncertain(Column("deviation_rel", "deviation d", "%", "Relative deviation of the camera from the meter.")),
+        Column("tolerance_rel", "tolerance T", "%", "Largest deviation that conforms.", digits=2),
+        Column("verdict", "verdict", "", "By the decision rule."),
+        Column(
+            "conformance_probability",
+            "p of conformity",
+            "",
+            "Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2).",
+            decimals=3,
+        ),
+        Column("exposures", "exposures", "", "Exposures that were used."),
+    )
+    rows = [
+        {
+            "patch": row.patch,
+            "n_readings": row.n_readings,
+            **uncertain_values("meter_cd_m2", row.reading_cd_m2, row.reading_random_cd_m2),
+            "camera_cd_m2": row.luminance_cd_m2,
+            "deviation_rel": row.deviation_rel,
+            "expanded_deviation_rel": row.expanded_rel,
+            "u_deviation_rel": row.standard_uncertainty_rel,
+            "tolerance_rel": row.tolerance_rel,
+            "verdict": row.verdict,
+            "conformance_probability": row.conformance_probability,
+            "exposures": exposures(row.exposures_s),
+        }
+        for row in verification.patches
+    ]
+    return Table.of_rows("patches", "Patches measured again", columns, rows).sorted_by("meter_cd_m2")
+
+
+def _planes(verification: Verification) -> Table:
+    columns = (
+        Column("plane", "plane"),
+        Column(
+            "balance_rel",
+            "against all planes",
+            "%",
+            "On grey patches, without the meter.",
+            expanded="expanded_balance_rel",
+        ),
+        Column("expanded_balance_rel", "U", "%", "U (95 %).", digits=2, shown=False),
+        Column(
+            "change_rel",
+            "against the meter",
+            "%",
+            "Of the responsivity, on grey patches.",
+            expanded="expanded_change_rel",
+        ),
+        Column("expanded_change_rel", "U of change", "%", "U (95 %).", digits=2, shown=False),
+        Column("responsivity", "responsivity now", RESPONSIVITY, "With this change.", expanded="expanded_responsivity"),
+        Column("expanded_responsivity", "U of responsivity", RESPONSIVITY, "U (95 %).", digits=2, shown=False),
+    )
+    rows = []
+    for one in verification.planes:
+        row: dict[str, str | float | None] = {"plane": f"{one.plane}"}
+        if one.drift is not None:
+            r = one.drift.responsivity_dn_s_cd_m2
+            row |= {
+                "balance_rel": one.balance_rel,
+                "expanded_balance_rel": one.balance_expanded_rel,
+                "change_rel": one.drift.relative,
+                "expanded_change_rel": one.drift.expanded_rel,
+                "responsivity": r,
+                "expanded_responsivity": r * one.drift.responsivity_expanded_rel,
+            }
+        rows.append(row)
+    return Table.of_rows("planes", "Colour planes", columns, rows)
+
+
+def _darks(verification: Verification) -> Table:
+    columns = (
+        Column("exposure_s", "exposure", "s", "Exposure time of the dark frames.", digits=0, time=True),
+        *((Column("plane", "plane", "", "Colour plane."),) if len(verification.planes) > 1 else ()),
+        Column("mean_dn", "now", "DN", "Mean of the new dark frames.", decimals=2),
+        Column("expected_dn", "by the calibration", "DN", "Mean dark signal by the calibration.", decimals=2),
+        *uncertain(Column("difference_dn", "difference", "DN", "New minus expected.")),
+        Column("effect_rel", "effect", "%", "Of the difference on the lowest calibrated luminance.", decimals=2),
+    )
+    rows = [
+        {
+            "exposure_s": row.exposure_s,
+            "plane": row.plane or "",
+            "mean_dn": row.mean_dn,
+            "expected_dn": row.expected_dn,
+            **uncertain_values("difference_dn", row.difference_dn, row.standard_uncertainty_dn),
+            "effect_rel": row.effect_rel,
+        }
+        for row in verification.darks
+    ]
+    return Table.of_rows("darks", "Dark signal measured again", columns, rows)

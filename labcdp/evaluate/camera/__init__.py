@@ -1,0 +1,1 @@
+"""Characterisation of a camera after EMVA 1288."""

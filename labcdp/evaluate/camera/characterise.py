@@ -1,0 +1,246 @@
+"""Characterisation of a camera after EMVA 1288, from a data set or from a recorded session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import hypot, inf
+from os import PathLike
+
+import numpy as np
+
+from ...calibration.emva import characterise_data_set
+from ...calibration.emva.assemble import Transfer, assemble, with_frame_changes
+from ...calibration.emva.dark_current import fit_dark_current
+from ...calibration.emva.nonuniformity import (
+    combined,
+    dark_pattern_variances,
+    dsnu_e,
+    dsnu_parts,
+    flat_variance,
+    prnu_rel,
+    rounding_of_spread_dn,
+)
+from ...calibration.emva.photon_transfer import points_to_fit, system_gain
+from ...calibration.emva.result import (
+    Characterisation,
+    Origin,
+    Quantity,
+    SaturationLimit,
+    Sensitivity,
+    SpatialImages,
+    SpatialNonuniformity,
+)
+from ...calibration.emva.saturation import Saturation
+from ...calibration.emva.series import Level, SeriesPoint
+from ...calibration.frames.measure import MeasuredFrames
+from ...calibration.frames.observe import dark_observation
+from ...calibration.frames.spatial import Estimate, spatial_variance
+from ...calibration.signal_limits import MAX_CLIPPED_SHARE
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...session import Session
+from .frames import SessionFrames, measure_session
+from .light import patch_deviations, patch_linearity, photometric_responsivity, quantum_efficiency_estimate
+
+#: Dark signal farther away in temperature than this, in kelvin, is reported.
+_SAME_TEMPERATURE_K = 2.0
+#: From this share on a point is saturated altogether.
+_SATURATED_SHARE = 0.99
+#: Definition of saturation used.
+_SATURATED = "saturation capacity, mean of the patches that are completely saturated"
+_BRIGHTEST = "brightest unsaturated patch"
+#: Range of signals, as shares of saturation, for PRNU; below, noise dominates.
+_PRNU_SHARES = (0.1, 0.9)
+
+
+def characterise_index(
+    path: str | PathLike[str], report: Callable[[int, int], None] = lambda _done, _total: None
+) -> Characterisation:
+    """Characterise a camera from the index of a data set; see `labcdp.calibration.emva.characterise_data_set`."""
+    return characterise_data_set(path, report)
+
+
+def characterise_session(
+    session: Session, report: Callable[[int, int], None] = lambda _done, _total: None
+) -> Characterisation:
+    """Characterise the camera of a recorded session.
+
+    Dark frames give read noise, dark current and DSNU; all patches at all exposures together give photon transfer,
+    their brightest unsaturated exposures PRNU, the exposures of each patch linearity, the readings of the meter the
+    responsivity. The photons are not known: the quantum efficiency is an estimate from the data of the lens.
+
+    Parameters
+    ----------
+    session : Session
+        To read.
+    report : callable
+        Called with the number of frames read, and of all frames.
+
+    Raises
+    ------
+    SessionError
+        If a file is missing or altered.
+    CalibrationError
+        If there are too few frames or exposures, the camera changes, or the noise does not grow with the signal.
+    InputError
+        If a patch lies outside the image.
+    """
+    measured = measure_session(session, report)
+    state = measured.state
+    reference, findings = _reference(measured)
+    darks = [dark_observation(level) for level in reference.values()]
+    missing = sorted({level.exposure_s for level in measured.patches} - set(reference))
+    if missing:
+        findings.append(warning("no-dark-frames-at", exposures_s=missing))
+    usable = [level for level in measured.patches if level.exposure_s in reference]
+    if not usable:
+        raise CalibrationError("the session has no light and dark frames at the same exposure: record both")
+    found = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
+    pairs = sorted(zip(found, usable, strict=True), key=lambda pair: pair[0].net_dn)
+    points = [point for point, _ in pairs]
+    dark = fit_dark_current(darks)
+    transfer = _transfer(points, dark.dark_signal_dn().value, state.bit_depth, state.saturation_dn)
+    spatial, more = _nonuniformity(reference, pairs, transfer)
+    origin = Origin(
+        source=session.configuration.name,
+        camera=str(state.camera) + ("" if state.plane is None else f", plane {state.plane}"),
+        simulated=state.camera.simulated,
+        bits=state.bit_depth,
+        image_shape=state.image_shape,
+        gain_db=state.gain_db,
+        temperature_c=dark.model.temperature_c,
+    )
+    doubling = fit_dark_current([dark_observation(level) for level in measured.darks]).doubling_temperature_c()
+    parts = (origin, _sensitivity(session, pairs, transfer, measured), spatial)
+    return assemble(parts, points, darks, transfer, doubling, [*findings, *more])
+
+
+def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:
+    """Dark frames by exposure, those nearest to the temperature in the light; and findings."""
+    known = [level.temperature_c for level in measured.patches if level.temperature_c is not None]
+    light_c = float(np.median(known)) if known else None
+    chosen: dict[float, MeasuredFrames] = {}
+
+    def distance_k(level: MeasuredFrames) -> float:
+        return inf if light_c is None or level.temperature_c is None else abs(level.temperature_c - light_c)
+
+    for level in measured.darks:
+        best = chosen.get(level.exposure_s)
+        if best is None or distance_k(level) < distance_k(best):
+            chosen[level.exposure_s] = level
+    findings = list(measured.findings)
+    farthest = max(chosen.values(), key=distance_k)
+    if light_c is not None and _SAME_TEMPERATURE_K < distance_k(farthest) < inf:
+        temperatures = {"dark_c": farthest.temperature_c, "light_c": light_c}
+        findings.append(warning("dark-frames-of-other-temperature", exposure_s=farthest.exposure_s, **temperatures))
+    return chosen, findings
+
+
+def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SeriesPoint:
+    assert level.region is not None
+    # The mean of dark signal is that of the patch's pixels, with their uncertainty.
+    mean_dn = float(dark.statistics.image_dn[level.window][level.statistics.used].mean(dtype=float))
+    below = replace(Level.of(dark.statistics), mean_dn=mean_dn, n_pixels=level.statistics.n_pixels)
+    return SeriesPoint(level.region.name, level.exposure_s, None, Level.of(level.statistics), below)
+
+
+def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, saturation_dn: float) -> Transfer:
+    """Saturation by patches that are completely saturated, and K over all others, weighted.
+
+    A full pixel holds electrons of light and of dark signal: its DN are counted from the black level.
+
+    The points of a session lie far apart and differ in their pixels: weights make the most of them, where the standard
+    with its dense series has none.
+    """
+    clear = [point for point in points if point.light.saturated_share <= MAX_CLIPPED_SHARE]
+    if not clear:
+        raise CalibrationError("all patches are saturated at all exposures: record shorter exposures")
+    fitted = points_to_fit(clear, saturation_dn - clear[0].dark.mean_dn)
+    slope = system_gain(fitted, weighted=True)
+    full = [point for point in points if point.light.saturated_share >= _SATURATED_SHARE]
+    limit: SaturationLimit = "not reached"
+    if not full:
+        last = points.index(clear[-1])
+        return Transfer(
+            Saturation(last, limit), clear[-1].net_dn, clear[-1].net_uncertainty_dn, tuple(fitted), slope, _BRIGHTEST
+        )
+    end = 2**bits - 1
+    level = float(np.mean([point.light.mean_dn for point in full]))
+    limit = "converter" if level > end - 1 else "full well"
+    # Rounding hides half a DN; patches at the full well scatter.
+    spread = float(np.std([point.light.mean_dn for point in full], ddof=1)) if len(full) > 1 else 0.0
+    saturation = Saturation(points.index(full[-1]), limit)
+    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), tuple(fitted), slope, _SATURATED)
+
+
+def _sensitivity(
+    session: Session, pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], transfer: Transfer, measured: SessionFrames
+) -> Sensitivity:
+    readings: dict[str, list[float]] = {}
+    for record in session.readings():
+        if record.reading.unit != "%":
+            readings.setdefault(record.patch, []).append(record.reading.luminance_cd_m2)
+    usable = [pair for pair in pairs if pair[0].light.saturated_share <= MAX_CLIPPED_SHARE]
+    configuration = session.configuration
+    r = photometric_responsivity(usable, readings, configuration, measured.state)
+    lowest, highest, mean = patch_linearity(patch_deviations([point for point, _ in usable], transfer.net_dn))
+    return Sensitivity(
+        responsivity=r,
+        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration),
+        linearity_error_min_rel=lowest,
+        linearity_error_max_rel=highest,
+        linearity_error_rel=mean,
+    )
+
+
+def _nonuniformity(
+    darks: Mapping[float, MeasuredFrames], pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], transfer: Transfer
+) -> tuple[SpatialNonuniformity, list[Finding]]:
+    k = transfer.k
+    shortest, longest = (darks[choose(darks)] for choose in (min, max))
+    exposures_s, frames = list(darks), [level.statistics for level in darks.values()]
+    dsnu_e_s, note = None, f"at {shortest.exposure_s:g} s, the only exposure of the dark frames"
+    variance = spatial_variance(frames[0].image_dn, frames[0].temporal.scaled(1 / frames[0].n_frames))
+    if len(darks) > 1:
+        variance, rates = dark_pattern_variances(frames, exposures_s)
+        spread = dsnu_e(rates.total, k)
+        # Rounding changes each exposure's pattern by some part of its step, 1 DN.
+        s = longest.statistics
+        rounding_dn = rounding_of_spread_dn(s.temporal_variance_dn2, s.spatial_variance_dn2)
+        uncertainty = hypot(spread.standard_uncertainty, rounding_dn / k.value / longest.exposure_s)
+        dsnu_e_s, note = Quantity(spread.value, uncertainty, "e-/s", spread.note), "at zero exposure"
+    prnu = _prnu(pairs, darks, transfer.net_dn)
+    low, high = _PRNU_SHARES
+    findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if prnu is None else []
+    s = shortest.statistics
+    return SpatialNonuniformity(
+        **dsnu_parts(variance, k, s.temporal_variance_dn2, s.spatial_variance_dn2, note),
+        dsnu_e_s=dsnu_e_s,
+        prnu_rel=prnu,
+        spatial=SpatialImages.of(longest.statistics),
+    ), findings
+
+
+def _prnu(
+    pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], darks: Mapping[float, MeasuredFrames], saturation_net_dn: float
+) -> Quantity | None:
+    """PRNU of the patches, each at its brightest exposure below saturation: other exposures show the same pixels."""
+    low, high = (share * saturation_net_dn for share in _PRNU_SHARES)
+    chosen = {
+        point.label: (point, level)
+        for point, level in pairs
+        if low <= point.net_dn <= high and point.light.saturated_share == 0 and level.statistics.n_pixels >= 4 * 6
+    }
+    estimates = []
+    for point, level in chosen.values():
+        dark, s = darks[level.exposure_s].statistics, level.statistics
+        net = (s.image_dn.astype(float) - dark.image_dn[level.window])[s.used]
+        noise = s.temporal_variance_dn2 / s.n_frames + dark.temporal_variance_dn2 / dark.n_frames
+        rows, columns = np.nonzero(s.used)
+        found = flat_variance(net, rows, columns, noise)
+        estimates.append(Estimate(found.value / point.net_dn**2, found.uncertainty / point.net_dn**2))
+    if not estimates:
+        return None
+    note = f"within {len(estimates)} patches, slow gradients subtracted; includes the patches' own texture"
+    return prnu_rel(combined(estimates), Estimate(0.0, 0.0), 1.0, note)

@@ -1,0 +1,221 @@
+"""Figures of a characterisation over signal, exposure or photons: photon transfer, linearity, SNR, dark signal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...calibration.emva.dark_current import fit_dark_current
+from ...calibration.emva.linearity import linearity
+from ...calibration.emva.photon_transfer import FIT_SHARE
+from ...calibration.emva.snr import snr
+from ...report.digits import Z_95, with_half_width
+from ...report.drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILLION,
+    finish,
+    new_figure,
+    one_two_five,
+    png,
+)
+from ...report.figures import ReportFigure
+from .light import patch_deviations
+from .result import is_series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ...calibration.emva.result import Characterisation, Quantity
+
+_SIZE_IN = (9.0, 4.6)
+
+
+#: Captions of the figures, in the order they are shown.
+_CAPTIONS = {
+    "photon-transfer": "Photon transfer: temporal variance over mean, both above those of the dark frames. The slope "
+    "of the line, fitted up to 70 % of saturation, is the overall system gain K.",
+    "sensitivity": "Sensitivity: mean above the dark signal. The slope over photons, fitted up to 70 % of saturation, "
+    "is the responsivity R.",
+    "linearity": "Linearity: deviation from the line that minimises the relative deviations, 5 to 95 % of saturation.",
+    "snr": "Signal-to-noise ratio: measured, by the linear model, with the fixed pattern of all pixels, and of a "
+    "sensor without noise of its own.",
+    "dark-current": "Dark signal over the exposure. The slope of the mean over K, and that of the variance over K², "
+    "are the dark current.",
+}
+_POINTS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 4, "linestyle": "none"}
+_DASHED: dict[str, Any] = {"linewidth": 1.0, "linestyle": "dashed"}
+_BARS: dict[str, Any] = {"fmt": "o", "color": "black", "markersize": 4, "capsize": 2.0}
+
+
+def signal_figures(found: Characterisation) -> list[ReportFigure]:
+    """Draw photon transfer, sensitivity, linearity, SNR and dark signal."""
+    drawn = (photon_transfer_figure, sensitivity_figure, linearity_figure, snr_figure, dark_figure)
+    figures = zip(_CAPTIONS.items(), (draw(found) for draw in drawn), strict=True)
+    return [figure_of(name, data, caption) for (name, caption), data in figures if data is not None]
+
+
+def figure_of(name: str, data: bytes, caption: str) -> ReportFigure:
+    """Return a figure with its file name; the caption also is its alternative."""
+    return ReportFigure(f"characterise-{name}.png", data, caption, caption)
+
+
+def photon_transfer_figure(result: Characterisation) -> bytes:
+    """Draw temporal variance over signal, with the line whose slope is K."""
+    figure, axes = _figure(result)
+    net, variance = _values(result.series, "net_dn"), _values(result.series, "net_variance_dn2")
+    limit = FIT_SHARE * result.saturation_dn.value
+    fitted = (net > 0) & (net <= limit)
+    axes.plot(net[~fitted], variance[~fitted], **(_POINTS | {"color": "0.6"}), label="not fitted")
+    axes.plot(net[fitted], variance[fitted], **_POINTS, label="fitted")
+    start = 0.0 if is_series(result) else max(float(net[net > 0].min()), 1e-3)
+    _slope(axes, result.k_dn_per_e, "K", "DN/e⁻", (start, result.saturation_dn.value))
+    axes.axvline(result.saturation_dn.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    if not is_series(result):
+        _both_logarithmic(axes)
+    finish(axes, "mean above dark in DN", "temporal variance above dark in DN²", "Photon transfer")
+    return png(figure)
+
+
+def sensitivity_figure(result: Characterisation) -> bytes:
+    """Draw signal over photons with the line whose slope is R; of a session signal over exposure."""
+    figure, axes = _figure(result)
+    if is_series(result):
+        axes.plot(_values(result.series, "photons"), _values(result.series, "net_dn"), **_POINTS, label="measured")
+        r, end = result.responsivity, result.saturation_photons
+        if r is not None and end is not None:
+            _slope(axes, r, "R", "DN/photon", (0.0, end.value))
+            axes.axvline(end.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+        finish(axes, "photons per pixel", "mean above dark in DN", "Sensitivity")
+        return png(figure)
+    for name in dict.fromkeys(point.label for point in result.series):
+        own = [point for point in result.series if point.label == name and point.net_dn > 0]
+        own.sort(key=lambda point: point.exposure_s)
+        exposure_ms = 1e3 * _values(own, "exposure_s")
+        axes.plot(exposure_ms, _values(own, "net_dn"), "o-", color="0.5", markersize=4, linewidth=0.8)
+    axes.axhline(result.saturation_dn.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    _both_logarithmic(axes)
+    finish(axes, "exposure in ms", "mean above dark in DN", "Sensitivity: each line is a patch")
+    return png(figure)
+
+
+def linearity_figure(result: Characterisation) -> bytes | None:
+    """Draw the deviations from the line over the stimulus; None where linearity is not known."""
+    if result.linearity_error_min_rel is None or result.linearity_error_max_rel is None:
+        return None
+    line = linearity(result.series, result.saturation_dn.value) if is_series(result) else None
+    figure = sized(result, _SIZE_IN[1] if line is None else 6.6)
+    if line is None:
+        below = figure.subplots()
+        rows = patch_deviations(result.series, result.saturation_dn.value)
+        x, deviation, u = np.array([(row.point.net_dn, row.deviation_rel, row.uncertainty_rel) for row in rows]).T
+        labels = "mean above dark in DN", "Deviation of each patch from its own line over the exposure"
+    else:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
+        photons = _values(result.series, "photons")
+        ends = np.array([0.0, photons.max()])
+        above.plot(photons, _values(result.series, "net_dn"), **_POINTS, label="measured")
+        text = f"line: {line.intercept_dn:.4g} DN + {line.slope_dn:.5g} DN/photon"
+        above.plot(ends, line.intercept_dn + line.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
+        finish(above, "", "mean above dark in DN", "Linearity, from 5 to 95 % of saturation")
+        x, deviation, u = line.stimulus, line.deviation_rel, line.uncertainty_rel
+        labels = "photons per pixel", "Deviation from the line"
+    below.errorbar(x, 100 * deviation, yerr=100 * Z_95 * u, **_BARS)
+    limits = [100 * one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel)]
+    below.axhline(0.0, color=BLUE, linewidth=1.5)
+    below.axhline(limits[0], color=ORANGE, **_DASHED, label=f"{limits[0]:+.3f} % and {limits[1]:+.3f} %")
+    below.axhline(limits[1], color=ORANGE, **_DASHED)
+    finish(below, labels[0], "deviation in %", f"{labels[1]}, bars: U (95 %) by noise, black level and lamp")
+    return png(figure)
+
+
+def snr_figure(result: Characterisation) -> bytes:
+    """Draw SNR over photons or electrons: measured, by the model, with the fixed pattern, and ideal."""
+    figure, axes = _figure(result)
+    series = is_series(result) and result.quantum_efficiency is not None
+    k, qe = result.k_dn_per_e.value, result.quantum_efficiency.value if series and result.quantum_efficiency else 1.0
+    net, variance = _values(result.series, "net_dn"), _values(result.series, "light.variance_dn2")
+    stimulus = _values(result.series, "photons") if series else net / k
+    sound = (net > 0) & (variance > 0) & (net <= result.saturation_dn.value) & (stimulus > 0)
+    axes.plot(stimulus[sound], net[sound] / np.sqrt(variance[sound]), **_POINTS, label="measured")
+    threshold, full = result.sensitivity_threshold_e.value, result.full_well_e.value
+    electrons = np.geomspace(threshold / 2, full, 200)
+    dark = result.dark_noise_e.value
+    axes.plot(electrons / qe, snr(electrons, dark, k), color=BLUE, linewidth=1.5, label="temporal noise, by the model")
+    if result.dsnu_e is not None and result.prnu_rel is not None:
+        total = snr(electrons, dark, k, max(result.dsnu_e.value, 0.0), max(result.prnu_rel.value, 0.0))
+        axes.plot(electrons / qe, total, color=GREEN, linewidth=1.5, label="with DSNU and PRNU")
+    text = "ideal sensor (QE 100 %)" if series else "photon noise alone"
+    axes.plot(electrons / qe, np.sqrt(electrons / qe), color="0.5", **_DASHED, label=text)
+    axes.axvline(threshold / qe, color=ORANGE, linewidth=1.0, linestyle="dotted", label="threshold, SNR 1")
+    axes.axvline(full / qe, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    _both_logarithmic(axes)
+    x = "photons per pixel" if series else "photo-electrons per pixel"
+    finish(axes, x, "SNR (mean / standard deviation)", "Signal-to-noise ratio")
+    return png(figure)
+
+
+def dark_figure(result: Characterisation) -> bytes:
+    """Draw mean and variance of the dark signal over the exposure, with the lines of the dark current."""
+    figure = sized(result, 6.2)
+    above, below = figure.subplots(2, 1, sharex=True)
+    fitted = fit_dark_current(result.darks)
+    model, variance = fitted.model, fitted.variance
+    exposure_ms = 1e3 * _values(result.darks, "exposure_s")
+    ends = np.array([0.0, float(exposure_ms.max())])
+    mean_line, variance_line = (model.offset_dn, model.rate_dn_s), (variance.intercept, variance.slope)
+    rows = (
+        (above, "mean_dn", mean_line, "mean in DN", result.dark_current_e_s),
+        (below, "temporal_variance_dn2", variance_line, "variance in DN²", result.dark_current_by_variance_e_s),
+    )
+    for axes, name, (intercept, slope), unit, current in rows:
+        axes.plot(exposure_ms, _values(result.darks, name), **_POINTS)
+        stated = "" if current is None else f"dark current {_with_expanded(current)} e⁻/s"
+        text = stated or "one exposure only: no dark current"
+        axes.plot(ends, intercept + slope * ends / 1e3, color=BLUE, linewidth=1.5, label=text)
+        axes.margins(y=0.25)
+        finish(axes, "exposure in ms" if axes is below else "", unit, "Dark signal" if axes is above else "")
+    return png(figure)
+
+
+def sized(result: Characterisation, height_in: float, width_in: float = _SIZE_IN[0]) -> Figure:
+    """Return an empty figure that says whether the camera is simulated."""
+    return new_figure(width_in, height_in, "camera" if result.simulated else "")
+
+
+def _figure(result: Characterisation) -> tuple[Figure, Axes]:
+    figure = sized(result, _SIZE_IN[1])
+    return figure, figure.subplots()
+
+
+def _slope(axes: Axes, slope: Quantity, name: str, unit: str, ends: tuple[float, float]) -> None:
+    """Draw a line through the origin, dotted beyond the points it is fitted to."""
+    fitted, beyond = np.array([ends[0], FIT_SHARE * ends[1]]), np.array([FIT_SHARE, 1.0]) * ends[1]
+    text = f"{name} = {_with_expanded(slope)} {unit}"
+    axes.plot(fitted, slope.value * fitted, color=BLUE, linewidth=1.5, label=text)
+    axes.plot(beyond, slope.value * beyond, color=BLUE, linewidth=1.5, linestyle="dotted")
+
+
+def _with_expanded(quantity: Quantity) -> str:
+    return with_half_width(quantity.value, Z_95 * quantity.standard_uncertainty)
+
+
+def _values(points: Sequence[object], name: str) -> NDArray[np.float64]:
+    return np.array([attrgetter(name)(point) for point in points], dtype=np.float64)
+
+
+def _saturation_text(result: Characterisation) -> str:
+    return "brightest, saturation not reached" if result.saturation_limit == "not reached" else "saturation"
+
+
+def _both_logarithmic(axes: Axes) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        one_two_five(axis)

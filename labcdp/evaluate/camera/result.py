@@ -1,0 +1,192 @@
+"""A characterisation as a result: its quantities, and the series they rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isfinite, log, log10
+
+from ...calibration import DarkObservation
+from ...calibration.dark.uncertainty import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
+from ...calibration.emva.result import Characterisation
+from ...calibration.emva.result import Quantity as Stated
+from ...calibration.emva.series import SeriesPoint
+from ...core.quantity import Quantity, quantity_table
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table, uncertain, uncertain_values
+from ..bench.calibration.quantities import RESPONSIVITY
+
+#: Quantities in the order they are shown, with what they are called.
+_NAMES = {
+    "k_dn_per_e": "overall system gain K",
+    "responsivity": "responsivity R",
+    "quantum_efficiency": "quantum efficiency η",
+    "black_level_dn": "dark signal µ_y.dark",
+    "dark_noise_dn": "temporal dark noise",
+    "dark_noise_e": "read noise, without rounding",
+    "dark_current_e_s": "dark current by the mean µ_I",
+    "dark_current_by_variance_e_s": "dark current by the variance µ_I",
+    "doubling_temperature_c": "doubling temperature T_d",
+    "dsnu_e": "DSNU1288",
+    "dsnu_pixel_e": "DSNU of pixels",
+    "dsnu_column_e": "DSNU of columns",
+    "dsnu_row_e": "DSNU of rows",
+    "dsnu_e_s": "spread of the dark current",
+    "prnu_rel": "PRNU1288",
+    "prnu_pixel_rel": "PRNU of pixels",
+    "prnu_column_rel": "PRNU of columns",
+    "prnu_row_rel": "PRNU of rows",
+    "saturation_dn": "saturation above the dark signal",
+    "saturation_photons": "saturation µ_p.sat",
+    "full_well_e": "saturation capacity µ_e.sat",
+    "linearity_error_min_rel": "linearity error, lowest LE_min",
+    "linearity_error_max_rel": "linearity error, highest LE_max",
+    "linearity_error_rel": "linearity error LE",
+    "snr_max": "largest SNR",
+    "sensitivity_threshold_e": "sensitivity threshold µ_e.min",
+    "sensitivity_threshold_photons": "sensitivity threshold µ_p.min",
+    "dynamic_range": "dynamic range DR",
+}
+_UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": RESPONSIVITY}
+#: Ratios of signal and noise; all other quantities without unit are shown in percent.
+_RATIOS = ("snr_max", "dynamic_range")
+#: 20 log10, as EMVA 1288 states ratios in decibels.
+_DB = 20.0
+#: Origin of a point.
+_COUNTS = (
+    Column("n_pixels", "pixels", meaning="Pixels that are averaged."),
+    Column("n_frames", "frames", meaning="Frames that are averaged."),
+)
+
+
+def is_series(found: Characterisation) -> bool:
+    """Whether the points are one series over photons, not the patches of a session."""
+    return all(point.photons is not None for point in found.series)
+
+
+def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile] = ()) -> Result:
+    """Return all numbers of a characterisation.
+
+    Parameters
+    ----------
+    found : Characterisation
+        What to report.
+    title : str
+        What was characterised; empty for its source.
+    inputs : sequence of InputFile
+        What it was made from.
+    """
+    height, width = found.image_shape
+    return Result(
+        "characterise",
+        title or found.source,
+        (
+            quantity_table("characterisation", "Quantities after EMVA 1288", _quantities(found)),
+            _series(found.series),
+            _darks(found.darks),
+        ),
+        found.findings,
+        tuple(inputs),
+        {
+            "source": found.source,
+            "camera": found.camera,
+            "definition": found.definition,
+            "bits": found.bits,
+            "height": height,
+            "width": width,
+            "gain_db": found.gain_db,
+            "temperature_c": found.temperature_c,
+            "saturation_limit": found.saturation_limit,
+        },
+        simulated=found.simulated,
+    )
+
+
+def _quantities(found: Characterisation) -> Iterator[Quantity]:
+    """Yield the quantities that are known; ratios in dB, too."""
+    known = found.quantities()
+    for key, name in _NAMES.items():
+        one = known[key]
+        if one is None:
+            continue
+        shown = stated(key, name, one)
+        yield shown
+        if key in _RATIOS and one.value > 0:
+            u_db = None if shown.u is None else _DB / log(10) * shown.u / one.value
+            yield Quantity(
+                f"{name} in dB", _DB * log10(one.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
+            )
+
+
+def stated(key: str, name: str, one: Stated) -> Quantity:
+    """Return a quantity after EMVA 1288 as the row of a table."""
+    percent = "" if key in _RATIOS else "%"
+    unit = percent if one.unit == "1" else _UNITS.get(one.unit, one.unit)
+    u = one.standard_uncertainty if isfinite(one.standard_uncertainty) else None
+    return Quantity(name, one.value, unit, one.note, u, key=key)
+
+
+def _series(points: Sequence[SeriesPoint]) -> Table:
+    of_dark = "of the dark frames"
+    columns = (
+        Column("patch", "patch", meaning="Patch of a session; missing in a data set."),
+        Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
+        Column("photons", "photons", "", "Mean photons of a pixel.", decimals=0),
+        Column("mean_dn", "mean", "DN", "Mean in the light.", digits=6),
+        Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel in the light.", digits=5),
+        Column("dark_mean_dn", "dark mean", "DN", f"Mean {of_dark} at this exposure.", digits=6),
+        Column("dark_variance_dn2", "dark variance", "DN²", f"Temporal variance {of_dark}.", digits=5),
+        *uncertain(Column("net_dn", "mean above dark", "DN", "Mean minus that of the dark frames.")),
+        *uncertain(Column("net_variance_dn2", "variance above dark", "DN²", "Variance minus that of the dark frames.")),
+        Column("saturated_share", "saturated", "%", "Share of values at the converter's last DN.", decimals=2),
+        Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {of_dark} at 0 DN.", decimals=2),
+        *_COUNTS,
+        Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {of_dark}."),
+        Column("dark_n_frames", "dark frames", meaning="Dark frames that are averaged."),
+    )
+    rows = [
+        {
+            "patch": point.label,
+            "exposure_s": point.exposure_s,
+            "photons": point.photons,
+            "mean_dn": point.light.mean_dn,
+            "variance_dn2": point.light.variance_dn2,
+            "dark_mean_dn": point.dark.mean_dn,
+            "dark_variance_dn2": point.dark.variance_dn2,
+            **uncertain_values("net_dn", point.net_dn, point.net_uncertainty_dn),
+            **uncertain_values("net_variance_dn2", point.net_variance_dn2, point.variance_uncertainty_dn2),
+            "saturated_share": point.light.saturated_share,
+            "dark_black_share": point.dark.black_share,
+            "n_pixels": point.light.n_pixels,
+            "n_frames": point.light.n_frames,
+            "dark_n_pixels": point.dark.n_pixels,
+            "dark_n_frames": point.dark.n_frames,
+        }
+        for point in points
+    ]
+    return Table.of_rows("series", "Light and dark at each level", columns, rows, detail=True)
+
+
+def _darks(points: Sequence[DarkObservation]) -> Table:
+    columns = (
+        Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
+        Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=1),
+        *uncertain(Column("mean_dn", "mean", "DN", "Mean dark signal.")),
+        *uncertain(Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel.")),
+        Column("spatial_variance_dn2", "spatial variance", "DN²", "Variance of the pixels' means.", digits=4),
+        *_COUNTS,
+    )
+    drift_dn, _ = drift_of_black_level(points)
+    uncertainties = zip(mean_uncertainties_dn(points, drift_dn), variance_uncertainties_dn2(points), strict=True)
+    rows = [
+        {
+            "exposure_s": point.exposure_s,
+            "temperature_c": point.temperature_c,
+            **uncertain_values("mean_dn", point.mean_dn, float(u_mean)),
+            **uncertain_values("variance_dn2", point.temporal_variance_dn2, float(u_variance)),
+            "spatial_variance_dn2": point.pattern_dn**2,
+            "n_pixels": point.n_pixels,
+            "n_frames": point.n_frames,
+        }
+        for point, (u_mean, u_variance) in zip(points, uncertainties, strict=True)
+    ]
+    return Table.of_rows("dark_signal", "Dark signal", columns, rows, detail=True)

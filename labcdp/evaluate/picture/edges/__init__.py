@@ -1,0 +1,1 @@
+"""CDP of every edge of an image."""

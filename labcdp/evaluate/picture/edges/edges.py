@@ -1,0 +1,294 @@
+"""Edges of a contrast map: contrast of neighbouring regions, whether it is one at all, and its CDP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from fractions import Fraction
+from math import isfinite, nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....metrics import Distribution, Epsilon
+from ....metrics.detection import result_of_tally
+from ....metrics.interval import TargetContrast
+from ....metrics.pairs import bright_and_dark, tally_pairs
+from ....metrics.uncertainty import confidence_interval
+from ....regions.superpixels.segment import Neighbours
+from .noise import MapNoise
+from .regions import MapRegions
+
+#: Fewest measured pixels of a region that an edge is judged by.
+FEWEST_PIXELS = 20
+
+#: Shortest border of an edge, as part of the size of the regions.
+_SHORTEST_BORDER = 1 / 8
+
+#: Share of saturated pixels from which a region's mean and noise are not to be trusted.
+SATURATED_SHARE = 0.01
+
+#: Chance that noise alone makes a single edge of an image, all its edges together (Bonferroni).
+FALSE_ALARM = 0.01
+
+#: Part of the pairs that miss a contrast which noise must account for; else the regions are not uniform.
+_LEAST_PART_OF_NOISE = 0.5
+
+#: An error of the calibration beyond the light itself leaves at least this part of it.
+_LEAST_FACTOR = 1e-3
+
+#: Relative errors of the calibration that differ by less than this between neighbours move no CDP by 0.0001.
+_LEAST_ERROR = 1e-5
+
+
+class EdgeKind(IntEnum):
+    """What an edge is."""
+
+    #: Contrast of at least the requested minimum, and probably detected.
+    SEEN = 0
+    #: The same, and probably not detected.
+    LOST = 1
+    #: A contrast below the requested minimum.
+    FAINT = 2
+    #: Contrast that is not significant.
+    NOISE = 3
+    #: One of the regions has saturated pixels.
+    SATURATED = 4
+    #: The darker region has no light above the black, and thus no contrast is defined.
+    BLACK = 5
+    #: One of the regions has too few pixels, or they touch at a corner only.
+    SMALL = 6
+    #: Probably not detected, but more for what the regions themselves are like (two surfaces, texture) than for noise.
+    UNEVEN = 7
+
+
+@dataclass(frozen=True, eq=False)
+class MapEdges:
+    """Edges between neighbouring regions, n of them; all arrays have one row for each.
+
+    Parameters
+    ----------
+    bright, dark : ndarray of int32, shape (n,)
+        The regions, the brighter one by its mean first.
+    border_px : ndarray of int64, shape (n,)
+        Length of the border in sides of pixels of the map.
+    middle_px : ndarray of float, shape (n, 2)
+        Middle (x, y) of the border in pixels of the map.
+    kind : ndarray of int8, shape (n,)
+        `EdgeKind`.
+    contrast, contrast_standard_uncertainty : ndarray of float, shape (n,)
+        Weber contrast of the means, a fraction; nan where it is not defined.
+    significant_contrast : ndarray of float, shape (n,)
+        Contrast from which on it would be significant.
+    cdp, cdp_standard_error, cdp_low, cdp_high : ndarray of float, shape (n,)
+        Probability that a pair of pixels shows the edge's contrast within the tolerance, and its 95 % interval; nan for
+        edges that are noise, saturated, black or small.
+    """
+
+    bright: NDArray[np.int32]
+    dark: NDArray[np.int32]
+    border_px: NDArray[np.int64]
+    middle_px: NDArray[np.float64]
+    kind: NDArray[np.int8]
+    contrast: NDArray[np.float64]
+    contrast_standard_uncertainty: NDArray[np.float64]
+    significant_contrast: NDArray[np.float64]
+    cdp: NDArray[np.float64]
+    cdp_standard_error: NDArray[np.float64]
+    cdp_low: NDArray[np.float64]
+    cdp_high: NDArray[np.float64]
+
+
+def map_edges(
+    regions: MapRegions,
+    near: Neighbours,
+    errors: Sequence[NDArray[np.float64]],
+    noise: MapNoise,
+    epsilon: Epsilon,
+    minimum_contrast: float,
+    detected: float,
+) -> MapEdges:
+    """Judge the edges between regions.
+
+    Parameters
+    ----------
+    regions : MapRegions
+        The regions.
+    near : Neighbours
+        Which of them share a border.
+    errors : sequence of ndarray of float, shape (number of regions,)
+        Independent errors that all regions share: relative error of each region for one standard uncertainty.
+    noise : MapNoise
+        What their noise is like.
+    epsilon : float or DetectionInterval
+        Tolerance of an edge's contrast.
+    minimum_contrast : float
+        Edges of less are `FAINT`.
+    detected : float
+        CDP from which an edge is `SEEN`.
+    """
+    first, second = near.pairs[:, 0], near.pairs[:, 1]
+    swapped = regions.mean[second] > regions.mean[first]
+    bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
+    by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
+    contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
+    # Where there is no light on the whole, there is no contrast either.
+    by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
+    kind = _kinds(regions, bright, dark, contrast, least, minimum_contrast)
+    kind[near.border_px < _SHORTEST_BORDER * regions.size_px] = EdgeKind.SMALL
+    measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (contrast > 0)
+    cdp = _cdps(regions, bright, dark, np.where(measured, contrast, nan), epsilon, by_calibration, noise.inflation)
+    missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < detected)
+    by_noise = _cdp_of_noise(regions, noise.deviation(regions), bright, dark, contrast, epsilon)
+    kind[missed] = EdgeKind.LOST
+    kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
+    return MapEdges(
+        bright=bright,
+        dark=dark,
+        border_px=near.border_px,
+        middle_px=near.middle_px,
+        kind=kind,
+        contrast=contrast,
+        contrast_standard_uncertainty=uncertainty,
+        significant_contrast=least,
+        cdp=cdp[:, 0],
+        cdp_standard_error=cdp[:, 1],
+        cdp_low=cdp[:, 2],
+        cdp_high=cdp[:, 3],
+    )
+
+
+def _contrasts(
+    regions: MapRegions,
+    bright: NDArray[np.int32],
+    dark: NDArray[np.int32],
+    by_calibration: NDArray[np.float64],
+    inflation: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Contrast of each edge, its standard uncertainty, and the contrast from which on it is significant.
+
+    The test is Welch's (B. L. Welch, Biometrika 34, 1947) of equal means, at `FALSE_ALARM` over the number of edges.
+    """
+    from scipy.special import stdtrit
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = inflation * regions.std**2 / regions.n_pixels
+        of_bright, of_dark = variance[bright], variance[dark]
+        means = regions.mean[bright], regions.mean[dark]
+        contrast = np.where(means[1] > 0, means[0] / means[1] - 1, nan)
+        rel = np.sqrt(of_bright / means[0] ** 2 + of_dark / means[1] ** 2 + by_calibration**2)
+        # Without a contrast the bright region is as bright as the dark one.
+        rel_without = np.sqrt((of_bright + of_dark) / means[1] ** 2 + by_calibration**2)
+        freedom = (of_bright + of_dark) ** 2 / (
+            of_bright**2 / (regions.n_pixels[bright] - 1) + of_dark**2 / (regions.n_pixels[dark] - 1)
+        )
+        # Regions without any scatter have no degrees of freedom, and need none.
+        k = stdtrit(np.where(np.isfinite(freedom), freedom, 1.0), 1 - FALSE_ALARM / (2 * max(bright.size, 1)))
+        least = np.where(of_bright + of_dark > 0, k, 1.0) * rel_without
+    known = means[1] > 0
+    return contrast, np.where(known, (1 + contrast) * rel, nan), np.where(known, least, nan)
+
+
+def _kinds(
+    regions: MapRegions,
+    bright: NDArray[np.int32],
+    dark: NDArray[np.int32],
+    contrast: NDArray[np.float64],
+    least: NDArray[np.float64],
+    minimum_contrast: float,
+) -> NDArray[np.int8]:
+    """Sort the edges, those that are lost still among those that are seen."""
+
+    def either(of_region: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = of_region[bright] | of_region[dark]
+        return found
+
+    kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
+    with np.errstate(invalid="ignore"):
+        kind[contrast < minimum_contrast] = EdgeKind.FAINT
+        kind[~(contrast > least)] = EdgeKind.NOISE
+        kind[~(regions.mean[dark] > 0)] = EdgeKind.BLACK
+    kind[either(regions.saturated_share > SATURATED_SHARE)] = EdgeKind.SATURATED
+    kind[either(regions.n_pixels < FEWEST_PIXELS)] = EdgeKind.SMALL
+    return kind
+
+
+def _cdps(
+    regions: MapRegions,
+    bright: NDArray[np.int32],
+    dark: NDArray[np.int32],
+    contrast: NDArray[np.float64],
+    epsilon: Epsilon,
+    by_calibration: NDArray[np.float64],
+    inflation: float,
+) -> NDArray[np.float64]:
+    """CDP, standard error and interval of each edge, shape (n, 4); nan where the contrast is."""
+    results = np.full((bright.size, 4), nan)
+    chosen = np.flatnonzero(np.isfinite(contrast))
+    wanted = np.zeros(regions.mean.size, dtype=np.bool_)
+    wanted[bright[chosen]] = wanted[dark[chosen]] = True
+    pixels = regions.distributions(wanted)
+    for edge in chosen:
+        a, b = pixels[bright[edge]], pixels[dark[edge]]
+        assert a is not None
+        assert b is not None
+        results[edge] = _cdp(a, b, float(contrast[edge]), epsilon, inflation, float(by_calibration[edge]))
+    return results
+
+
+def _cdp(
+    a: Distribution, b: Distribution, contrast: float, epsilon: Epsilon, inflation: float, by_calibration: float
+) -> tuple[float, float, float, float]:
+    """CDP of an edge with its standard uncertainty and 95 % interval, by pixels and calibration."""
+    asked = TargetContrast(contrast, epsilon, "weber")
+    bright, dark, name = bright_and_dark(a, b)
+    result = result_of_tally(tally_pairs(bright, dark, asked.low, asked.high), bright, dark, name, asked, inflation)
+    if by_calibration < _LEAST_ERROR:
+        return result.cdp, result.standard_error, *result.confidence_interval
+    factors = (1 + by_calibration, max(1 - by_calibration, _LEAST_FACTOR))
+    changes = [_changed(bright, dark, asked, factor) - result.cdp for factor in factors]
+    variance = result.standard_error**2 + float(np.mean(np.square(changes)))
+    return (
+        result.cdp,
+        sqrt(variance),
+        *confidence_interval(result.cdp, variance, min(a.size or 0, b.size or 0) / inflation),
+    )
+
+
+def _changed(bright: Distribution, dark: Distribution, asked: TargetContrast, factor: float) -> float:
+    """CDP with all bright pixels `factor` times as bright, which is the same as other ends of the interval."""
+
+    def end(contrast: Fraction | None) -> Fraction | None:
+        return None if contrast is None else max((1 + contrast) / Fraction(factor) - 1, Fraction(-1))
+
+    return tally_pairs(bright, dark, end(asked.low), end(asked.high)).inside
+
+
+def _cdp_of_noise(
+    regions: MapRegions,
+    deviation: NDArray[np.float64],
+    bright: NDArray[np.int32],
+    dark: NDArray[np.int32],
+    contrast: NDArray[np.float64],
+    epsilon: Epsilon,
+) -> NDArray[np.float64]:
+    """CDP of each edge if the regions were uniform but for their noise, and this normal.
+
+    A pair has a contrast of at most c if b - (1 + c) d, which then is normal, is not above 0.
+    """
+    from scipy.special import ndtr
+
+    # The ends of the interval are in proportion to the contrast.
+    low, high = TargetContrast(1.0, epsilon, "weber").interval
+
+    def up_to(limit: NDArray[np.float64]) -> NDArray[np.float64]:
+        ratio = 1 + limit
+        apart = ratio * regions.mean[dark] - regions.mean[bright]
+        scatter = np.hypot(deviation[bright], ratio * deviation[dark])
+        share: NDArray[np.float64] = ndtr(apart / scatter)
+        return share
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = up_to(low * contrast) if isfinite(low) else np.zeros(contrast.size)
+        return (up_to(high * contrast) if isfinite(high) else np.ones(contrast.size)) - below

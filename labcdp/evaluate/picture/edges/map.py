@@ -1,0 +1,202 @@
+"""CDP of the local contrasts of an image: every edge between neighbouring superpixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.errors import InputError
+from ....core.finding import Finding, warning
+from ....core.luminance import LuminanceMap
+from ....metrics import Epsilon
+from ....metrics.interval import TargetContrast
+from ....regions.superpixels.segment import Neighbours, neighbours
+from .edges import FALSE_ALARM, EdgeKind, MapEdges, map_edges
+from .noise import MapNoise, map_noise
+from .regions import MapRegions, map_regions, mean_of
+
+#: Smallest superpixels whose inner pixels suffice to judge an edge.
+SMALLEST_SIZE_PX = 10
+
+#: Noise of neighbouring pixels counts as independent up to this factor of the variance of a mean.
+_CORRELATED = 1.5
+#: Share of the edges where the minimum contrast is below the noise, from which on other settings are recommended.
+_MOSTLY_BLIND = 0.5
+
+
+@dataclass(frozen=True)
+class ContrastMapSettings:
+    """How an image's edges are judged.
+
+    Parameters
+    ----------
+    size_px : int
+        Side of the regions in pixels of the image, 10 or more: about half the smallest object that matters.
+    epsilon : float or DetectionInterval
+        Tolerance of a contrast, as for `labcdp.metrics.cdp`.
+    minimum_contrast : float
+        Weber contrast from which an edge is one of an object, a fraction above 0.
+    detected : float
+        Smallest CDP of a detected edge, above 0 and up to 1.
+
+    Raises
+    ------
+    InputError
+        If one is out of range.
+    """
+
+    size_px: int = 40
+    epsilon: Epsilon = 0.5
+    minimum_contrast: float = 0.1
+    detected: float = 0.9
+
+    def __post_init__(self) -> None:
+        if self.size_px < SMALLEST_SIZE_PX:
+            raise InputError(
+                f"the size of the regions is {self.size_px} pixels: give {SMALLEST_SIZE_PX} or more, so that noise can "
+                "be distinguished from contrast"
+            )
+        if not (isfinite(self.minimum_contrast) and self.minimum_contrast > 0):
+            raise InputError(f"the minimum contrast is {self.minimum_contrast}: give a fraction above 0 (1.0 is 100 %)")
+        if not 0 < self.detected <= 1:
+            raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
+        # Refuses a tolerance that is out of range.
+        TargetContrast(self.minimum_contrast, self.epsilon, "weber")
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastMap:
+    """Local contrasts of an image.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The image.
+    settings : ContrastMapSettings
+        How it was judged.
+    regions : MapRegions
+        Its superpixels.
+    near : Neighbours
+        Which of them share a border, and where; rows as in `edges`.
+    edges : MapEdges
+        Their contrasts.
+    noise : MapNoise
+        What the noise is like.
+    findings : tuple of Finding
+        What a user should know.
+    """
+
+    luminance: LuminanceMap
+    settings: ContrastMapSettings
+    regions: MapRegions
+    near: Neighbours
+    edges: MapEdges
+    noise: MapNoise
+    findings: tuple[Finding, ...]
+
+    def count(self, *kinds: EdgeKind) -> int:
+        """Count the edges of some kinds."""
+        return int(np.count_nonzero(self.of_kind(*kinds)))
+
+    def of_kind(self, *kinds: EdgeKind) -> NDArray[np.bool_]:
+        """Mask of the edges of some kinds."""
+        return np.isin(self.edges.kind, kinds)
+
+    @property
+    def detected_share(self) -> float:
+        """Share of the edges with at least the minimum contrast that are probably detected; nan without any."""
+        judged = self.of_kind(EdgeKind.SEEN, EdgeKind.LOST)
+        return float(np.mean(self.edges.kind[judged] == EdgeKind.SEEN)) if judged.any() else float("nan")
+
+    @property
+    def detected_border_share(self) -> float:
+        """The same by length of border."""
+        lengths = np.bincount(self.edges.kind, weights=self.edges.border_px, minlength=len(EdgeKind))
+        judged = float(lengths[EdgeKind.SEEN] + lengths[EdgeKind.LOST])
+        return float(lengths[EdgeKind.SEEN]) / judged if judged else float("nan")
+
+    @property
+    def blind_share(self) -> float:
+        """Share of the edges, of those with a contrast, where the minimum contrast would not be significant."""
+        known = np.isfinite(self.edges.significant_contrast) & ~self.of_kind(EdgeKind.SATURATED, EdgeKind.SMALL)
+        blind = self.edges.significant_contrast[known] > self.settings.minimum_contrast
+        return float(np.mean(blind)) if known.any() else float("nan")
+
+    @property
+    def threshold_sigmas(self) -> float:
+        """Standard uncertainties from which on a contrast is significant, for regions of many pixels."""
+        from scipy.special import ndtri
+
+        return float(-ndtri(FALSE_ALARM / (2 * max(self.edges.kind.size, 1))))
+
+    def weakest(self, n: int) -> NDArray[np.intp]:
+        """Rows of the `n` edges of lowest CDP with at least the minimum contrast, the lowest first."""
+        judged = np.flatnonzero(self.of_kind(EdgeKind.SEEN, EdgeKind.LOST))
+        return judged[np.argsort(self.edges.cdp[judged], kind="stable")][:n]
+
+
+def contrast_map(luminance: LuminanceMap, settings: ContrastMapSettings | None = None) -> ContrastMap:
+    """Measure the contrast between all neighbouring regions of an image, and how probably each is detected.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The image; relative luminance gives the same contrasts.
+    settings : ContrastMapSettings or None
+        None takes those by default.
+
+    Raises
+    ------
+    InputError
+        If the image is smaller than a region, or no pixel is finite.
+
+    Notes
+    -----
+    The image is cut into superpixels with one half of its pixels; the other half is measured, away from the borders
+    (`map_regions`). The contrast of an edge is the Weber contrast K of the two means. Its CDP is the share of all pairs
+    of a pixel of the one and a pixel of the other region that show a contrast of K (1 - epsilon) to K (1 + epsilon), as
+    `labcdp.metrics.cdp` of the two. An edge is one if its contrast is significant: Welch's test at 1 % over the
+    number of edges, so that noise alone makes an edge in one of 100 images. What the calibration leaves uncertain
+    counts as far as it differs between two neighbours; slow changes across the image (flat field, darkness) are alike
+    for neighbours and cancel.
+    """
+    asked = ContrastMapSettings() if settings is None else settings
+    step = luminance.step
+    size = max(round(asked.size_px / step), 1)
+    if size < SMALLEST_SIZE_PX:
+        raise InputError(
+            f"regions of {asked.size_px} pixels have {size} of each colour plane of this camera along a side: give "
+            f"{SMALLEST_SIZE_PX * step} or more"
+        )
+    regions = map_regions(luminance, size)
+    near = neighbours(regions.labels)
+    noise = map_noise(luminance.luminance_cd_m2, regions)
+    errors = _errors(luminance, regions)
+    edges = map_edges(regions, near, errors, noise, asked.epsilon, asked.minimum_contrast, asked.detected)
+    found = ContrastMap(luminance, asked, regions, near, edges, noise, ())
+    return replace(found, findings=_findings(found))
+
+
+def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
+    """Relative errors of the mean of each region by those errors of the calibration that are not alike everywhere."""
+    n = regions.mean.size
+    mean = mean_of(regions.labels, luminance.luminance_cd_m2, n)
+    found = []
+    for error in luminance.common:
+        if np.ndim(error.relative):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                # By the light of each pixel: relative errors have no bound where there is hardly any.
+                found.append(mean_of(regions.labels, error.relative * luminance.luminance_cd_m2, n) / mean)
+    return found
+
+
+def _findings(found: ContrastMap) -> tuple[Finding, ...]:
+    findings = []
+    if found.noise.inflation > _CORRELATED:
+        findings.append(warning("correlated-noise", factor=found.noise.inflation**0.5))
+    if found.blind_share > _MOSTLY_BLIND:
+        findings.append(warning("mostly-noise", contrast=found.settings.minimum_contrast))
+    return tuple(findings)

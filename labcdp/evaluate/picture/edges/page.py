@@ -1,0 +1,245 @@
+"""A contrast map as an interactive page that needs nothing else, not even a network."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.result import Result
+from ....core.table import Table
+from ....metrics import DetectionInterval, Epsilon
+from ....report.digits import percent, share_percent
+from ....report.html import render_page
+from ....report.interactive import interactive
+from ....report.layout import SIMULATED, Card, Facts, Page, Section
+from .edges import FALSE_ALARM, EdgeKind
+from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay
+from .map import ContrastMap
+from .result import MapSource
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter
+
+#: Points under the pointer of one kind; more would make the page slow. The longest borders are kept.
+_MOST_POINTS = 6000
+
+#: Width of the drawing on a usual screen, and margins, in pixels; it is no higher than the screen.
+_WIDTH, _BESIDE, _ABOVE, _HIGHEST = 1040, 90, 90, 600
+_HELP = (
+    "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
+    "or hides dots; the wheel zooms, dragging moves."
+)
+
+
+def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Result) -> str:
+    """Return a contrast map as a page: the overlay, and under the pointer luminances, contrast and CDP of an edge.
+
+    Parameters
+    ----------
+    found : ContrastMap
+        The map.
+    drawn : Overlay
+        Its overlay.
+    source : MapSource
+        What it was made from.
+    result : Result
+        Its numbers.
+
+    Returns
+    -------
+    str
+        HTML 5, with the drawing program (plotly.js, 4.8 MB) inside; its security policy forbids to load anything.
+    """
+    weakest: list[str | Table] = [result.table("weakest")] if len(result.table("weakest")) else []
+    return render_page(
+        Page(
+            "Contrast detection probability (CDP) at the edges of an image",
+            source.file,
+            banner=SIMULATED if source.simulated else "",
+            cards=_cards(found),
+            lead=[interactive(_figure(found, drawn, source), scroll_zoom=True)],
+            findings=result.findings,
+            sections=[
+                Section("", [_HELP, *weakest]),
+                Section("All edges", [result.table("summary")]),
+                Section("Settings and provenance", [_facts(found, source)], collapsed=True),
+            ],
+        )
+    )
+
+
+def _cards(found: ContrastMap) -> list[Card]:
+    asked = found.settings
+    least = percent(asked.minimum_contrast)
+    seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
+    if seen + lost == 0:
+        return [Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")]
+    of_length = f"{share_percent(1 - found.detected_border_share)} of their length"
+    return [
+        Card(
+            "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",
+            (f"contrast of at least {least}", f"CDP of at least {asked.detected:g}"), state="good",
+        ),
+        Card("Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}",), state="bad" if lost else "good"),
+    ]  # fmt: skip
+
+
+def _facts(found: ContrastMap, source: MapSource) -> Facts:
+    asked, luminance = found.settings, found.luminance
+    height, width = luminance.shape
+    size = f"{asked.size_px} x {asked.size_px}"
+    return Facts(
+        [
+            ("image", f"{source.file}, {width * luminance.step} x {height * luminance.step} pixels"),
+            ("luminance", source.conversion),
+            ("regions", f"{found.regions.mean.size} superpixels of about {size} pixels"),
+            ("contrast that counts as detected", f"that of the edge {_tolerance(asked.epsilon)}"),
+            ("minimum contrast of an object", percent(asked.minimum_contrast)),
+            (
+                "significant contrast",
+                f"{found.threshold_sigmas:.2f} standard uncertainties: {percent(FALSE_ALARM)} probability of one false "
+                "edge in the whole image",
+            ),
+            ("SHA-256 of the image", source.sha256),
+            *((one.role, f"{one.path} (SHA-256 {one.sha256})") for one in source.inputs),
+        ]
+    )
+
+
+def _tolerance(epsilon: Epsilon) -> str:
+    """Write a tolerance as it stands behind a contrast."""
+    if not isinstance(epsilon, DetectionInterval):
+        return f"± {percent(epsilon)} of it"
+    below = "and all below" if epsilon.below is None else f"- {percent(epsilon.below)}"
+    above = "and all above" if epsilon.above is None else f"+ {percent(epsilon.above)}"
+    return f"{below}, {above} of it"
+
+
+def _figure(found: ContrastMap, drawn: Overlay, source: MapSource) -> Figure:
+    from plotly.graph_objects import Figure
+
+    width, height = drawn.extent_px
+    least = percent(found.settings.minimum_contrast)
+    groups = [
+        ((EdgeKind.LOST,), "lost", COLOURS[0][1]),
+        ((EdgeKind.SEEN,), "detected", COLOURS[-1][1]),
+        ((EdgeKind.FAINT,), f"contrast below {least}", FAINT_COLOUR),
+        ((EdgeKind.UNEVEN,), "not uniform", UNEVEN_COLOUR),
+        ((EdgeKind.SATURATED, EdgeKind.BLACK), "saturated or black", UNMEASURABLE_COLOUR),
+    ]
+    figure = Figure()
+    for kinds, name, colour in groups:
+        if found.count(*kinds):
+            figure.add_traces(_points(found, source, kinds, f"{name} ({found.count(*kinds)})", colour))
+    figure.add_layout_image(
+        source=_data_uri(drawn.rgb),
+        x=0,
+        y=0,
+        sizex=width,
+        sizey=height,
+        xref="x",
+        yref="y",
+        sizing="stretch",
+        layer="below",
+    )
+    figure.update_xaxes(title="x in pixels", range=[0, width], showgrid=False, zeroline=False, constrain="domain")
+    figure.update_yaxes(
+        title="y in pixels", range=[height, 0], showgrid=False, zeroline=False, scaleanchor="x", constrain="domain"
+    )
+    figure.update_layout(
+        margin={"t": 50, "r": 20},
+        height=min(round(_ABOVE + (_WIDTH - _BESIDE) * max(height / width, 0.3)), _HIGHEST),
+        hovermode="closest",
+        dragmode="pan",
+        legend={
+            "orientation": "h",
+            "x": 0,
+            "y": 1.0,
+            "yanchor": "bottom",
+            "bgcolor": "#c8c8c8",
+            "itemsizing": "constant",
+        },
+        coloraxis={
+            "colorscale": [list(pair) for pair in COLOURS],
+            "cmin": 0,
+            "cmax": 1,
+            "colorbar": {"title": "CDP"},
+        },
+    )
+    return figure
+
+
+def _points(
+    found: ContrastMap, source: MapSource, kinds: tuple[EdgeKind, ...], name: str, colour: str
+) -> list[Scatter]:
+    """Make a point with a tooltip in the middle of each edge of some kinds, and their entry in the legend."""
+    from plotly.graph_objects import Scatter
+
+    edges, step = found.edges, found.luminance.step
+    chosen = np.flatnonzero(found.of_kind(*kinds))
+    chosen = chosen[np.argsort(-edges.border_px[chosen], kind="stable")][:_MOST_POINTS]
+    with_cdp = kinds[0] in (EdgeKind.LOST, EdgeKind.SEEN)
+    marker: dict[str, Any] = {"size": 5, "line": {"width": 0.5, "color": "#222222"}}
+    marker |= {"color": _rounded(edges.cdp[chosen], 3), "coloraxis": "coloraxis"} if with_cdp else {"color": colour}
+    # Faint edges can be many; a click on the legend shows them.
+    shown = "legendonly" if EdgeKind.FAINT in kinds else True
+    unit = "(relative)" if source.unit == "relative" else source.unit
+    rows = [
+        f"bright side %{{customdata[0]:.4~g}} {unit}",
+        f"dark side %{{customdata[1]:.4~g}} {unit}",
+        "contrast %{customdata[2]:.1f} % ± %{customdata[3]:.1f} % (95 %)",
+        "CDP %{customdata[4]:.3f} (95 %: %{customdata[5]:.3f} to %{customdata[6]:.3f})"
+        if np.isfinite(edges.cdp[chosen]).any()
+        else "",
+        "border %{customdata[7]} pixels at x %{x:.0f}, y %{y:.0f}",
+    ]
+    points = Scatter(
+        x=_rounded(edges.middle_px[chosen, 0] * step, 1),
+        y=_rounded(edges.middle_px[chosen, 1] * step, 1),
+        mode="markers",
+        name=name,
+        legendgroup=name,
+        showlegend=False,
+        visible=shown,
+        marker=marker,
+        customdata=_hover(found, chosen),
+        hovertemplate="<br>".join(row for row in rows if row) + "<extra></extra>",
+    )
+    # A scale of colours has none of its own in the legend.
+    entry = Scatter(
+        x=[None],
+        y=[None],
+        mode="markers",
+        name=name,
+        legendgroup=name,
+        visible=shown,
+        marker={"size": 11, "color": colour},
+    )
+    return [points, entry]
+
+
+def _hover(found: ContrastMap, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+    edges, mean = found.edges, found.regions.mean
+    columns = [
+        mean[edges.bright[chosen]],
+        mean[edges.dark[chosen]],
+        _rounded(100 * edges.contrast[chosen], 2),
+        _rounded(196 * edges.contrast_standard_uncertainty[chosen], 2),
+        *(_rounded(values[chosen], 4) for values in (edges.cdp, edges.cdp_low, edges.cdp_high)),
+        edges.border_px[chosen] * found.luminance.step,
+    ]
+    return np.stack(columns, axis=1).astype(np.float64)
+
+
+def _rounded(values: NDArray[np.floating[Any]], n_decimals: int) -> NDArray[np.float64]:
+    return np.array(np.round(values.astype(np.float64), n_decimals), dtype=np.float64)
+
+
+def _data_uri(rgb: NDArray[np.uint8]) -> str:
+    import cv2
+
+    _, data = cv2.imencode(".png", rgb[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    return f"data:image/png;base64,{b64encode(data.tobytes()).decode()}"

@@ -1,0 +1,175 @@
+"""Regions of a contrast map: an image cut into superpixels, and what the pixels of each say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.luminance import Invalid, LuminanceMap
+from ....metrics import Distribution
+from ....regions.superpixels.segment import inner, seen_half, superpixel_labels
+
+#: Pixels this close to another region are left out: lens and pixel mix the light of both sides there.
+_MARGIN_PX, _SMALL_MARGIN_PX = 2, 1
+
+#: Superpixels below this size get the small margin.
+_SMALL_SIZE_PX = 20
+
+#: Share of the largest differences of a region that is left out, because the light may differ there, and the mean size
+#: of the rest for noise of a standard deviation of 1, 2 (pdf(0) - pdf(z)) / (1 - share) with cdf(z) = 1 - share / 2.
+_TRIMMED, _MEAN_OF_TRIMMED = 0.5, 0.32466
+
+
+@dataclass(frozen=True, eq=False)
+class MapRegions:
+    """Superpixels of a luminance map, in pixels of the map.
+
+    Parameters
+    ----------
+    size_px : int
+        Side of a region, about.
+    labels : ndarray of int32, shape (height, width)
+        Region of each pixel, 0 to n - 1.
+    n_pixels : ndarray of int64, shape (n,)
+        Pixels of each region that are measured: away from its border, and not those that the borders were found with.
+    mean, std : ndarray of float, shape (n,)
+        Of these pixels, the latter with n - 1; nan where there are too few.
+    noise : ndarray of float, shape (n,)
+        Standard deviation of the noise of these pixels as neighbours along diagonals differ, which the light's own
+        changes across the region hardly touch; too low for noise in which these are correlated. nan where there are
+        too few.
+    saturated_share, invalid_share : ndarray of float, shape (n,)
+        Share of all pixels of the region that are saturated, and that are not valid for any reason.
+    centre_px : ndarray of float, shape (n, 2)
+        Middle (x, y) of all pixels of the region.
+    values : ndarray of float64, shape (sum of n_pixels,)
+        Measured pixels, region after region.
+    """
+
+    size_px: int
+    labels: NDArray[np.int32]
+    n_pixels: NDArray[np.int64]
+    mean: NDArray[np.float64]
+    std: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    saturated_share: NDArray[np.float64]
+    invalid_share: NDArray[np.float64]
+    centre_px: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    def distributions(self, wanted: NDArray[np.bool_]) -> list[Distribution | None]:
+        """Distribution of the measured pixels of each region that a mask of shape (n,) wants, None of the others."""
+        parts = np.split(self.values, np.cumsum(self.n_pixels)[:-1])
+        return [Distribution.from_array(part) if take else None for part, take in zip(parts, wanted, strict=True)]
+
+
+def map_regions(luminance: LuminanceMap, size_px: int) -> MapRegions:
+    """Cut a luminance map into superpixels of about `size_px` squared pixels and measure each.
+
+    Raises
+    ------
+    InputError
+        As `superpixel_labels`.
+
+    Notes
+    -----
+    Borders that were laid by the noise of the very pixels they are judged by would make contrasts of noise. One half of
+    the pixels, as the white squares of a chessboard, finds the regions; the other half alone is measured.
+    """
+    image = luminance.luminance_cd_m2
+    labels, measured = map_cut(image, size_px)
+    n = int(labels.max()) + 1
+    order, n_pixels = _by_region(labels, measured, n)
+    values = image.ravel()[order].astype(np.float64)
+    mean, std = mean_and_std(values, n_pixels)
+    saturated = np.not_equal(luminance.invalid & Invalid.SATURATED, 0)
+    return MapRegions(
+        size_px=size_px,
+        labels=labels,
+        n_pixels=n_pixels,
+        mean=mean,
+        std=std,
+        noise=_noise(image, labels, measured, n),
+        saturated_share=share_of(labels, saturated, n),
+        invalid_share=share_of(labels, ~luminance.valid, n),
+        centre_px=_centres(labels, n),
+        values=values,
+    )
+
+
+def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Cut an image into superpixels; their labels, and a mask of the pixels to measure.
+
+    Raises
+    ------
+    InputError
+        As `superpixel_labels`.
+    """
+    labels = superpixel_labels(image, size_px, half=True)
+    measured = inner(labels, _MARGIN_PX if size_px >= _SMALL_SIZE_PX else _SMALL_MARGIN_PX)
+    measured &= ~seen_half((image.shape[0], image.shape[1]))
+    measured &= np.isfinite(image)
+    return labels, measured
+
+
+def mean_of(labels: NDArray[np.int32], pattern: NDArray[np.floating[Any]], n: int) -> NDArray[np.float64]:
+    """Mean of a pattern over each of `n` regions; what is not finite counts as 0."""
+    finite: NDArray[np.floating[Any]] = np.where(np.isfinite(pattern), pattern, 0.0)
+    sums = np.bincount(labels.ravel(), weights=finite.ravel(), minlength=n)
+    means: NDArray[np.float64] = sums / np.bincount(labels.ravel(), minlength=n)
+    return means
+
+
+def share_of(labels: NDArray[np.int32], mask: NDArray[np.bool_], n: int) -> NDArray[np.float64]:
+    """Share of the pixels of each of `n` regions that a mask marks."""
+    marked, of_all = (np.bincount(each.ravel(), minlength=n) for each in (labels[mask], labels))
+    shares: NDArray[np.float64] = marked / of_all
+    return shares
+
+
+def _by_region(
+    labels: NDArray[np.int32], measured: NDArray[np.bool_], n: int
+) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """List the indices of the measured pixels, region after region, and how many each has."""
+    places = np.flatnonzero(measured.ravel())
+    own = labels.ravel()[places]
+    return places[np.argsort(own, kind="stable")], np.bincount(own, minlength=n).astype(np.int64)
+
+
+def mean_and_std(
+    values: NDArray[np.float64], n_pixels: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation (with n - 1) of values that are ordered by region, `n_pixels` of each."""
+    own = np.repeat(np.arange(n_pixels.size), n_pixels)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(own, weights=values, minlength=n_pixels.size) / n_pixels
+        squares = np.bincount(own, weights=(values - mean[own]) ** 2, minlength=n_pixels.size)
+        return mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
+
+
+def _noise(
+    image: NDArray[np.floating[Any]], labels: NDArray[np.int32], measured: NDArray[np.bool_], n: int
+) -> NDArray[np.float64]:
+    """Estimate the standard deviation of the noise of each region from differences of its measured pixels."""
+    both = measured[:-1, :-1] & measured[1:, 1:] & (labels[:-1, :-1] == labels[1:, 1:])
+    own = labels[:-1, :-1][both]
+    sizes = np.abs(image[1:, 1:][both].astype(np.float64) - image[:-1, :-1][both])
+    order = np.lexsort((sizes, own))
+    n_sizes = np.bincount(own, minlength=n)
+    rank = np.arange(own.size) - np.repeat(np.cumsum(n_sizes) - n_sizes, n_sizes)
+    kept = order[rank < np.repeat((1 - _TRIMMED) * n_sizes, n_sizes)]
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(own[kept], weights=sizes[kept], minlength=n) / np.bincount(own[kept], minlength=n)
+    noise: NDArray[np.float64] = mean / (_MEAN_OF_TRIMMED * sqrt(2))
+    return noise
+
+
+def _centres(labels: NDArray[np.int32], n: int) -> NDArray[np.float64]:
+    height, width = labels.shape
+    rows = np.broadcast_to(np.arange(height)[:, None] + 0.5, labels.shape)
+    columns = np.broadcast_to(np.arange(width) + 0.5, labels.shape)
+    return np.stack([mean_of(labels, columns, n), mean_of(labels, rows, n)], axis=1)

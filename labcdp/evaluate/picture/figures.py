@@ -1,0 +1,198 @@
+"""The figures of a picture: its regions, its contrasts and its values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, isfinite, log
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.roi import Roi
+from ...report.digits import percent, shortened
+from ...report.drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    SMALL_SIZE,
+    VERMILLION,
+    finish,
+    label,
+    placed_figure,
+    png,
+    taken_literally,
+)
+from ...report.figures import ReportFigure
+from ...report.image_drawing import ImageFigure, drawn_pixels
+from ...report.plots import ContrastPanel, contrast_figures
+from .tables import combined, neighbour_name
+
+if TYPE_CHECKING:
+    from ...core.luminance import LuminanceMap
+    from ...files.picture.picture import Picture
+    from ...metrics import DetectionResult
+    from .image import ImageEvaluation
+
+#: Most contrasts of a pair with a panel each; of more, only the one closest to the measured contrast is shown.
+_MOST_CONTRASTS = 3
+#: Panels of contrasts.
+_MOST_PANELS = 24
+#: Regions, and pairs, that are drawn in one plot.
+_COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, "#CC79A7", "#56B4E9", "#8C6D1F", "black")
+#: Share of the pixels that may be brighter than the white of a drawn picture, and how it is brightened.
+_WHITE_SHARE, _GAMMA = 0.001, 0.45
+#: Most bars of a histogram.
+_MOST_BARS = 256
+
+
+def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
+    """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
+    found = _found(evaluation)
+    panels = [panel for name, results, distribution, measured in found if distribution is not None
+              for panel in _panels(name, results, distribution, measured)]  # fmt: skip
+    figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
+    if any(len(results) > 1 for _, results, _, _ in found):
+        figures.append(_curves([(name, results) for name, results, _, _ in found]))
+    return [*figures, _values(evaluation, picture, luminance)]
+
+
+def _found(evaluation: ImageEvaluation) -> list[tuple[str, list[DetectionResult], Any, float]]:
+    """List name, CDP of each contrast, distribution and measured contrast of pairs and neighbours."""
+    found: list[tuple[str, list[DetectionResult], Any, float]] = [
+        (pair.name, [combined(one) for one in pair.result.results], pair.distribution, pair.result.contrast.value)
+        for pair in evaluation.pairs
+    ]
+    near = evaluation.neighbours
+    if near is not None:
+        results = [combined(one) for one in near.results]
+        found.append((neighbour_name(near.rectangle), results, near.distribution, near.contrast))
+    return found
+
+
+def luminance_label(unit: str) -> str:
+    """Return what stands at an axis of luminance."""
+    return "relative luminance" if unit == "relative" else f"luminance in {unit}"
+
+
+def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigure:
+    from matplotlib.colors import PowerNorm
+
+    drawn, side = drawn_pixels(luminance)
+    finite = drawn[np.isfinite(drawn)]
+    white = float(np.quantile(finite, 1 - _WHITE_SHARE)) if finite.size else 1.0
+    white = white if white > 0 else 1.0
+    regions = [region.roi for region in evaluation.regions]
+    if evaluation.neighbours is not None and evaluation.neighbours.rectangle is not None:
+        x0, y0, x1, y1 = evaluation.neighbours.rectangle
+        regions.append(Roi.rectangle("nearest-neighbour", x0, y0, x1 + 1 - x0, y1 + 1 - y0))
+    height, width = (length * luminance.step for length in luminance.shape)
+    figure = ImageFigure.of((width, height), shortened(evaluation.path.name, 60), False, regions)
+    norm = PowerNorm(_GAMMA, 0, white)
+    shown = figure.axes.imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=figure.extent)
+    figure.add_scale(shown, luminance_label(evaluation.unit), extend="max")
+    figure.draw_regions()
+    scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
+    return ReportFigure(
+        "picture.png",
+        png(figure.figure),
+        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened, with its regions.{scale}",
+        f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
+    )
+
+
+def _panels(name: str, found: Sequence[DetectionResult], distribution: Any, measured: float) -> list[ContrastPanel]:
+    if len(found) > _MOST_CONTRASTS:
+        known = isfinite(measured) and measured > 0
+        found = [
+            min(found, key=lambda one: abs(log(one.contrast / measured)))
+            if known
+            else max(found, key=lambda one: one.cdp)
+        ]
+    return [ContrastPanel(shortened(name, 40), distribution, one, measured) for one in found]
+
+
+def _curves(found: Sequence[tuple[str, Sequence[DetectionResult]]]) -> ReportFigure:
+    """Draw CDP over the target contrast, a line a pair."""
+    figure = placed_figure(9.0, 4.2)
+    axes = figure.add_axes((0.08, 0.14, 0.6, 0.77))
+    drawn = found[: len(_COLOURS)]
+    for (name, results), colour in zip(drawn, _COLOURS, strict=False):
+        percents = np.array([100 * result.contrast for result in results])
+        ends = np.array([result.confidence_interval for result in results]).reshape(-1, 2)
+        known = np.isfinite(ends).all(axis=1)
+        axes.plot(percents, [one.cdp for one in results], "o-", color=colour, markersize=3, label=shortened(name, 30))
+        axes.fill_between(percents[known], *ends[known].T, color=colour, alpha=0.2, linewidth=0)
+    axes.set_ylim(-0.02, 1.05)
+    title = "CDP over the target contrast, with 95 % intervals"
+    beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "frameon": False}
+    finish(axes, "target Weber contrast in %", "CDP", title, **beside)
+    best = max((one for _, results in drawn for one in results), key=lambda one: one.cdp)
+    left_out = f" Only the first {len(drawn)} of {len(found)} pairs are drawn." if len(found) > len(drawn) else ""
+    return ReportFigure(
+        "cdp.png",
+        png(figure),
+        f"CDP of each target contrast, with its 95 % interval.{left_out}",
+        f"CDP over contrast; the largest is {best.cdp:.4f} at {percent(best.contrast)}.",
+    )
+
+
+def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> ReportFigure:
+    """Draw histograms of picture and regions, of the values of the file and of the luminance."""
+    native = picture.light if picture.frame is None else picture.frame.dn
+    assert native is not None
+    in_pairs = {region.roi.name for pair in evaluation.pairs for region in (pair.result.a, pair.result.b)}
+    rois = [one.roi for one in evaluation.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
+    maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(evaluation.unit))]
+    # Without a scale and a tone curve, luminance has the histogram of the values.
+    if evaluation.unit != "relative" or picture.encoding != "linear":
+        maps.insert(0, (native, lambda roi: roi, "DN" if picture.frame is not None else "value in the file"))
+    figure = placed_figure(9.6, 3.5)
+    width = 0.86 / len(maps) - 0.05
+    for number, (values, placed, text) in enumerate(maps):
+        axes = figure.add_axes((0.06 + number * (width + 0.07), 0.27, width, 0.66))
+        edges = histogram_edges(values)
+        axes.stairs(_density(values, edges), edges, fill=True, color="0.75", label="whole picture")
+        for roi, colour in zip(rois, _COLOURS, strict=False):
+            inside = placed(roi).select(values)
+            axes.stairs(_density(inside, edges), edges, color=colour, linewidth=1.3, label=shortened(roi.name, 24))
+        axes.set_ylim(0.0, 1.05)
+        label(axes, text, "density, scaled to 1" if number == 0 else "", "")
+    legend = figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="lower center", ncols=5, fontsize=SMALL_SIZE, frameon=False
+    )
+    taken_literally(legend)
+    return ReportFigure(
+        "values.png",
+        png(figure),
+        "Histograms of the picture (grey) and its regions, each scaled to a largest bar of 1.",
+        f"Histograms of the whole picture and of {len(rois)} regions.",
+    )
+
+
+def histogram_edges(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Edges of bars that fit the values: one for each of few distinct ones, as of 8 bits, else equal ones.
+
+    Of whole numbers each bar holds as many of them.
+    """
+    flat = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    if not flat.size:
+        return np.array([0.0, 1.0])
+    low, high = float(flat.min()), float(flat.max())
+    if values.dtype.kind != "f":
+        width = ceil((high - low + 1) / _MOST_BARS)
+        return np.arange(low, high + width + 1, width, dtype=np.float64) - 0.5
+    distinct = np.unique(flat).astype(np.float64)
+    if distinct.size == 1:
+        only = float(distinct[0])
+        return only + np.array([-0.5, 0.5]) * (abs(only) or 1.0)
+    if distinct.size > _MOST_BARS:
+        return np.linspace(low, high, _MOST_BARS // 2 + 1)
+    middles = (distinct[1:] + distinct[:-1]) / 2
+    return np.concatenate(([2 * low - middles[0]], middles, [2 * high - middles[-1]]))
+
+
+def _density(values: NDArray[Any], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    density: NDArray[np.float64] = np.histogram(finite, edges)[0] / np.diff(edges)
+    return density / density.max() if density.any() else density

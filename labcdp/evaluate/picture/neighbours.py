@@ -1,0 +1,201 @@
+"""Nearest-neighbour CDP of a luminance map, with the uncertainty by the calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, inf, isfinite, isnan, nan, sqrt
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.finding import Finding, info, warning
+from ...core.luminance import LuminanceMap, Window
+from ...metrics import ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
+from ...metrics.uncertainty import confidence_interval
+
+#: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
+Rectangle: TypeAlias = tuple[int, int, int, int]
+
+#: Bars of the contrast histogram, the share of the contrasts that they leave out, and how many times the highest
+#: detected contrast they reach at the most.
+_N_BINS, _CUT_OFF, _MOST_TIMES = 200, 0.001, 10.0
+
+
+@dataclass(frozen=True)
+class CalibratedNeighbourCdp:
+    """Nearest-neighbour CDP of calibrated luminances.
+
+    Parameters
+    ----------
+    result : NeighbourCdp
+        CDP, and what the finite number of pixels leaves uncertain.
+    calibration_standard_uncertainty : float
+        Standard uncertainty of the CDP by the calibration.
+    confidence_interval : (float, float)
+        95 % interval by both; (nan, nan) where the pixels do not suffice for a standard error.
+    """
+
+    result: NeighbourCdp
+    calibration_standard_uncertainty: float
+    confidence_interval: tuple[float, float]
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Combined standard uncertainty, by pixels and calibration."""
+        return hypot(self.result.standard_error, self.calibration_standard_uncertainty)
+
+
+@dataclass(frozen=True)
+class NeighbourEvaluation:
+    """Nearest-neighbour CDP of a picture or a rectangle of it.
+
+    Parameters
+    ----------
+    rectangle : (int, int, int, int) or None
+        Corner pixels of the rectangle, both in; None for the whole picture.
+    contrast : float
+        Measured contrast of the neighbours: mean of the brighter over mean of the darker pixels of all pairs, minus 1;
+        nan where no darker one is above 0.
+    results : tuple of CalibratedNeighbourCdp
+        One for each contrast.
+    distribution : ContrastDistribution or None
+        Of the contrasts of all neighbours, for plots; None where none is finite.
+    findings : tuple of Finding
+        What a user should know.
+    """
+
+    rectangle: Rectangle | None
+    contrast: float
+    results: tuple[CalibratedNeighbourCdp, ...]
+    distribution: ContrastDistribution | None
+    findings: tuple[Finding, ...]
+
+
+def evaluate_neighbours(
+    luminance: LuminanceMap,
+    contrasts: Sequence[float] | None = None,
+    epsilon: Epsilon = 0.5,
+    rectangle: Rectangle | None = None,
+) -> NeighbourEvaluation:
+    """Evaluate CDP of each pixel against its right and its lower neighbour.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The map.
+    contrasts : sequence of float or None
+        Contrasts to be detected, fractions; None for the measured contrast of the neighbours, without a result if that
+        is not defined or 0.
+    epsilon : float or DetectionInterval
+        Their tolerance, as for `labcdp.metrics.cdp`.
+    rectangle : (int, int, int, int) or None
+        Opposite corner pixels of the image, in any order, both in; what lies outside is cut off. None for all pixels.
+
+    Raises
+    ------
+    InputError
+        As `labcdp.metrics.cdp_neighbours`, and if the rectangle lies outside the image.
+
+    Notes
+    -----
+    Errors of the calibration are propagated as by `labcdp.metrics.cdp_with_common_errors`. A factor common to all
+    pixels cancels between neighbours, and so does one that changes slowly; slow changes of the dark signal count as if
+    they were the same everywhere, which is the most that they can do.
+    """
+    window, inside = _window(luminance, rectangle)
+    values = np.asarray(luminance.luminance_cd_m2[window], dtype=np.float64)
+    contrast = neighbour_contrast(values)
+    asked = contrasts if contrasts is not None else (contrast,) if contrast > 0 else ()
+    base = cdp_neighbours_range(values, asked, epsilon)
+    variance = np.zeros(len(base))
+    for error in _errors(luminance, window, values):
+        changed = np.array(
+            [[one.cdp for one in cdp_neighbours_range(values * (1 + sign * error), asked, epsilon)] for sign in (1, -1)]
+        )
+        variance += np.square(changed - [one.cdp for one in base]).mean(axis=0)
+    findings = [info("neighbour-contrast-is-measured")] if contrasts is None else []
+    return NeighbourEvaluation(
+        rectangle=inside,
+        contrast=contrast,
+        results=tuple(_calibrated(one, sqrt(added)) for one, added in zip(base, variance, strict=True)),
+        distribution=_distribution(values, _MOST_TIMES * max((one.interval[1] for one in base), default=inf)),
+        findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
+    )
+
+
+def neighbour_contrast(values: NDArray[np.float64]) -> float:
+    """Return the mean of the brighter over the mean of the darker pixels of all pairs, minus 1; nan if not defined."""
+    brighter = darker = 0.0
+    with np.errstate(invalid="ignore"):
+        for first, second in ((values[:, :-1], values[:, 1:]), (values[:-1], values[1:])):
+            brighter += float(np.maximum(first, second).sum())
+            darker += float(np.minimum(first, second).sum())
+    return brighter / darker - 1 if darker > 0 and isfinite(brighter) else nan
+
+
+def _window(luminance: LuminanceMap, rectangle: Rectangle | None) -> tuple[Window, Rectangle | None]:
+    """Rows and columns of the map in a rectangle of the image, and the rectangle as it was cut off."""
+    if rectangle is None:
+        return (slice(None), slice(None)), None
+    height, width = (length * luminance.step for length in luminance.shape)
+    x0, y0, x1, y1 = rectangle
+    left, right, top, bottom = max(min(x0, x1), 0), max(x0, x1), max(min(y0, y1), 0), max(y0, y1)
+    right, bottom = min(right, width - 1), min(bottom, height - 1)
+    if left > right or top > bottom:
+        raise InputError(
+            f"rectangle from {(x0, y0)} to {(x1, y1)} lies outside the image of {width} x {height} pixels: move it "
+            "inside"
+        )
+    rows, columns = (
+        slice(first // luminance.step, last // luminance.step + 1) for first, last in ((top, bottom), (left, right))
+    )
+    return (rows, columns), (left, top, right, bottom)
+
+
+def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Relative errors of each pixel that may differ between neighbours."""
+    found = [np.asarray(e.relative, dtype=float) for e in luminance.common_in(window) if np.ndim(e.relative)]
+    if np.any(luminance.slow_cd_m2):
+        slow_cd_m2 = np.broadcast_to(luminance.slow_cd_m2, luminance.shape)[window]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found.append(slow_cd_m2 / np.abs(values))
+    # A pixel exactly at the dark signal has no relative error, and nothing is seen there.
+    return [np.where(np.isfinite(error), error, 0.0) for error in found]
+
+
+def _calibrated(result: NeighbourCdp, by_calibration: float) -> CalibratedNeighbourCdp:
+    if isnan(result.standard_error):
+        return CalibratedNeighbourCdp(result, by_calibration, (nan, nan))
+    variance = result.standard_error**2 + by_calibration**2
+    # One pixel takes part in four pairs.
+    return CalibratedNeighbourCdp(result, by_calibration, confidence_interval(result.cdp, variance, result.pairs / 4))
+
+
+def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribution | None:
+    """Cumulative probability of the contrasts of all neighbours, larger over smaller, up to `most`, for plots."""
+    contrasts = []
+    undefined = pairs = 0
+    for first, second in ((values[:, :-1], values[:, 1:]), (values[:-1], values[1:])):
+        larger, smaller = np.maximum(first, second).ravel(), np.minimum(first, second).ravel()
+        pairs += larger.size
+        undefined += int(np.count_nonzero(larger <= 0))
+        lit = smaller > 0
+        # Plots do not need more digits than these.
+        contrasts.append((larger[lit] / smaller[lit] - 1).astype(np.float32))
+    finite = np.sort(np.concatenate(contrasts))
+    if not finite.size:
+        return None
+    last = min(float(finite[min(int((1 - _CUT_OFF) * finite.size), finite.size - 1)]), most)
+    edges = np.linspace(0.0, last, _n_bins(values, last) + 1) if last > 0 else np.linspace(0.0, 1.0, 2)
+    cumulative = (undefined + np.searchsorted(finite, edges.astype(np.float32), side="right")) / pairs
+    return ContrastDistribution(edges, cumulative, (pairs - undefined - finite.size) / pairs, undefined / pairs)
+
+
+def _n_bins(values: NDArray[np.float64], last: float) -> int:
+    """Count the bins up to a contrast, none narrower than the contrast of neighbouring values, as of whole DN."""
+    levels, counts = np.unique(values, return_counts=True)
+    spacing = float(np.average(np.diff(levels), weights=np.minimum(counts[1:], counts[:-1])))
+    return min(max(int(last * abs(float(values.mean())) / spacing), 1), _N_BINS)

@@ -1,0 +1,155 @@
+"""The pages of pictures: one for each, and one over all of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...core.result import Result
+from ...core.table import Table
+from ...report.cells import cell_text
+from ...report.digits import exposure
+from ...report.figures import ReportFigure
+from ...report.html import render_page
+from ...report.layout import SIMULATED, Block, Card, Facts, Links, Page, Section, input_facts
+from .tables import ReportedPicture
+
+#: Cards of a page; the table has all.
+_MOST_CARDS = 8
+#: Rows of the table next to the picture.
+_MOST_ROWS = 12
+#: Columns next to the picture.
+_SHORT = ("picture", "pair", "measured_contrast", "contrast", "contrast_origin", "cdp")
+
+
+def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: str, surface: bool) -> str:
+    """Return the page of one picture.
+
+    Parameters
+    ----------
+    result : Result
+        Of this picture alone.
+    figures : sequence of ReportFigure
+        Its figures.
+    conversion : str
+        How its values became luminance.
+    surface : bool
+        Whether there is also a page with its surface.
+    """
+    table = result.table("cdp") if _has(result, "cdp") else None
+    named = {figure.file_name: figure for figure in figures}
+    lead: list[Block] = [named.pop("picture.png")]
+    values = named.pop("values.png")
+    details: list[Block] = [*named.values()]
+    if table is not None:
+        lead.append(_short(table))
+        details.append(table)
+    regions: list[Block] = [result.table("regions")] if _has(result, "regions") else []
+    sections = [
+        Section("Contrasts", details),
+        Section("Regions and values", [*regions, values]),
+        *([Section("Surface", [Links([("The luminance as a surface that can be turned", "surface.html")])])]
+          if surface else []),
+        Section("Provenance", [_provenance(result, conversion)], collapsed=True),
+    ]  # fmt: skip
+    return render_page(
+        Page(
+            "Contrast detection probability (CDP) of a picture",
+            result.title,
+            banner=SIMULATED if result.simulated else "",
+            cards=[] if table is None else _cards(table),
+            lead=lead,
+            findings=result.findings,
+            sections=sections,
+        )
+    )
+
+
+def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversion: str) -> str:
+    """Return the page over several pictures, with their failures, and links to the page of each.
+
+    Parameters
+    ----------
+    result : Result
+        Of all pictures.
+    pictures : sequence of ReportedPicture
+        In the order they were given.
+    conversion : str
+        How their values became luminance.
+    """
+    failed = sum(one.evaluation is None for one in pictures)
+    pages = [(one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation is not None]
+    card = Card(
+        "Pictures", str(len(pages)), "evaluated", (f"{failed} failed" if failed else "none failed",),
+        state="bad" if failed else "good",
+    )  # fmt: skip
+    sections = [
+        Section("Pages of the pictures", [Links(pages)]),
+        Section("Details", [result.table(name) for name in ("regions", "pictures") if _has(result, name)], True),
+        Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
+    ]
+    return render_page(
+        Page(
+            "Contrast detection probability (CDP) of pictures",
+            result.title,
+            banner=SIMULATED if result.simulated else "",
+            cards=[card],
+            lead=[result.table("cdp")] if _has(result, "cdp") else [],
+            findings=result.findings,
+            sections=sections,
+        )
+    )
+
+
+def _has(result: Result, name: str) -> bool:
+    return any(table.name == name for table in result.tables)
+
+
+def _best(table: Table) -> Table:
+    """Return of each pair the row of the contrast with the largest CDP."""
+    best: dict[str, tuple[float, int]] = {}
+    for at, row in enumerate(table.rows()):
+        cdp = -1.0 if row["cdp"] is None else row["cdp"]
+        if cdp > best.get(row["pair"], (-2.0, 0))[0]:
+            best[row["pair"]] = cdp, at
+    return table.select([at for _, at in best.values()])
+
+
+def _short(table: Table) -> Table:
+    """Return the table next to the picture: few columns, and of many contrasts the largest CDP of each pair."""
+    short = (table if len(table) <= _MOST_ROWS else _best(table)).showing(*_SHORT)
+    text = "The contrast with the largest CDP of each pair; all are below." if len(table) > _MOST_ROWS else ""
+    return replace(short, note=text)
+
+
+def _cards(table: Table) -> list[Card]:
+    """Make a card for each pair, of the contrast with the largest CDP."""
+    cards = []
+    n_contrasts = len(set(table["contrast"]))
+    for row in list(_best(table).rows())[:_MOST_CARDS]:
+        texts = {column.name: cell_text(column, row) for column in table.columns}
+        value, _, interval = texts["cdp"].partition(" (")
+        asked = f"target contrast {texts['contrast']} %"
+        if row["contrast_origin"] == "measured":
+            asked += " (as measured)"
+        elif n_contrasts > 1:
+            asked += f" (largest CDP of {n_contrasts})"
+        unit = "" if texts["measured_contrast"] in ("-", "∞") else " %"
+        measured = f"contrast measured {texts['measured_contrast']}{unit}"
+        detail = f"CDP, 95 %: {interval.rstrip(')')}" if interval else "CDP"
+        cards.append(Card(row["pair"], value, detail, (asked, measured)))
+    return cards
+
+
+def _provenance(result: Result, conversion: str) -> Facts:
+    (row,) = result.table("pictures").rows()
+    return Facts(
+        [
+            *input_facts(result),
+            ("size", f"{row['width_px']} x {row['height_px']} pixels"),
+            ("exposure", "not known" if row["exposure_s"] is None else exposure(row["exposure_s"])),
+            *([("camera", row["camera"])] if row["camera"] else []),
+            ("unit", row["unit"]),
+            ("conversion", conversion),
+        ]
+    )

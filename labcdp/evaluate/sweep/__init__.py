@@ -1,0 +1,1 @@
+"""Simulated and predicted CDP over parameters of a chain."""

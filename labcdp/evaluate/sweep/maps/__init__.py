@@ -1,0 +1,1 @@
+"""Maps of CDP: usable range, isolines, transitions."""

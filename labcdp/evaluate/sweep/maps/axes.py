@@ -1,0 +1,217 @@
+"""The axes of a map of CDP: which are numbers, which are logarithmic, and which of them span the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Values of the parameters that are fixed in a section of a map, by name.
+At: TypeAlias = dict[str, float | str]
+
+_LUMINANCE_UNITS = ("cd/m^2", "cd/m²", "cd/m2", "cd m-2")
+
+#: Units of plain numbers, and of scales on which 0 is a place as any other.
+_PLAIN_UNITS, _SCALE_UNITS = ("", "1"), ("degC", "°C", "dB")
+
+
+@dataclass(frozen=True, eq=False)
+class MapAxis:
+    """An axis of a map.
+
+    Parameters
+    ----------
+    name : str
+        The parameter as a user types it.
+    values : ndarray of float or str, shape (n,)
+        Its coordinates; numbers rise.
+    unit, long_name : str
+        For labels; empty if unknown.
+    numeric : bool
+        Whether the coordinates are numbers.
+    """
+
+    name: str
+    values: NDArray[Any]
+    unit: str
+    long_name: str
+    numeric: bool
+
+    @property
+    def log(self) -> bool:
+        """Whether the steps of the logarithms are more even than those of the values."""
+        if not self.numeric or self.values.size < 3 or self.values[0] <= 0:
+            return False
+        steps, ratios = np.diff(self.values), np.diff(np.log(self.values))
+        return bool(np.std(ratios) / np.mean(ratios) < np.std(steps) / np.mean(steps))
+
+    @property
+    def is_luminance(self) -> bool:
+        """Whether the values are luminances."""
+        return self.numeric and self.unit in _LUMINANCE_UNITS
+
+    @property
+    def is_contrast(self) -> bool:
+        """Whether the values are Weber contrasts (fractions)."""
+        return self.numeric and self.name.rpartition(".")[2] == "contrast"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the values are whole numbers without a unit, as bits are, so that nothing lies between them."""
+        plain = self.numeric and self.unit in _PLAIN_UNITS and not self.is_contrast
+        return plain and bool((self.values == np.rint(self.values)).all())
+
+    @property
+    def of_ratios(self) -> bool:
+        """Whether a ratio of two values is meaningful: of luminances, and of quantities varied by ratios."""
+        named = self.is_contrast or self.unit not in (*_PLAIN_UNITS, *_SCALE_UNITS)
+        return self.is_luminance or (self.log and named)
+
+    @property
+    def never_negative(self) -> bool:
+        """Whether values below 0 make no sense: of all but temperatures and levels in dB, unless the map has some."""
+        return self.numeric and self.unit not in _SCALE_UNITS and bool(self.values[0] >= 0)
+
+    def scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the scale on which the axis is even: log10 of the values on a logarithmic axis."""
+        return np.log10(values) if self.log else np.asarray(values, dtype=np.float64)
+
+    def unscaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undo `scaled`."""
+        return np.power(10.0, values) if self.log else np.asarray(values, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class MapLayout:
+    """Which axes span the picture of a map.
+
+    Parameters
+    ----------
+    x : MapAxis
+        Across: the luminance if it is varied, else the first axis of numbers, else the first axis.
+    y : MapAxis or None
+        Up: the next axis of numbers; None if there is only one.
+    others : tuple of str
+        The other axes that hold more than one value.
+    """
+
+    x: MapAxis
+    y: MapAxis | None
+    others: tuple[str, ...]
+
+    @property
+    def spanned(self) -> tuple[str, ...]:
+        """Names of the axes that span the picture."""
+        return (self.x.name,) if self.y is None else (self.y.name, self.x.name)
+
+
+def check_map(dataset: Dataset) -> None:
+    """Refuse a dataset that is no map of CDP.
+
+    Raises
+    ------
+    InputError
+        If it has no variable `cdp`, no axis, an empty axis, an axis without coordinates, or a variable that is not of
+        numbers or has an axis that CDP does not have.
+    """
+    if "cdp" not in dataset.data_vars:
+        raise InputError(f"the map has no variable cdp, only {sorted(map(str, dataset.data_vars))}: give a map of CDP")
+    if not dataset["cdp"].dims:
+        raise InputError("the map has no axis: vary at least one parameter")
+    for name in map(str, dataset["cdp"].dims):
+        if name not in dataset.coords:
+            raise InputError(f"axis {name} of the map has no coordinates: give its values")
+        if dataset.sizes[name] == 0:
+            raise InputError(f"axis {name} of the map is empty: give at least one value")
+    for variable in dataset.data_vars.values():
+        if variable.dtype.kind not in "iuf" or not set(variable.dims) <= set(dataset["cdp"].dims):
+            raise InputError(
+                f"variable {variable.name} of the map is of type {variable.dtype} over {list(map(str, variable.dims))}"
+                ": give numbers over the axes of CDP"
+            )
+
+
+def map_axis(dataset: Dataset, name: str) -> MapAxis:
+    """Describe an axis of a map.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The map.
+    name : str
+        Name of the axis.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or its numbers are not finite or not distinct.
+    """
+    if name not in dataset.coords:
+        raise InputError(f"the map has no axis {name!r}: choose one of {', '.join(map(str, dataset['cdp'].dims))}")
+    coordinate = dataset.coords[name]
+    numeric = coordinate.dtype.kind in "iuf"
+    values = np.atleast_1d(coordinate.values)
+    if numeric:
+        values = np.sort(values.astype(np.float64))
+        if not np.isfinite(values).all() or (np.diff(values) == 0).any():
+            raise InputError(f"the values of axis {name} are not finite or not distinct: give each value once")
+    else:
+        values = np.array([str(value) for value in values])
+    attributes = coordinate.attrs
+    return MapAxis(name, values, str(attributes.get("unit", "")), str(attributes.get("long_name", "")), numeric)
+
+
+def map_layout(dataset: Dataset) -> MapLayout:
+    """Choose which axes span the picture of a map; axes of one value do not, unless there is no other.
+
+    Raises
+    ------
+    InputError
+        If the dataset is no map (see `check_map`), or an axis cannot be used (see `map_axis`).
+    """
+    check_map(dataset)
+    axes = [map_axis(dataset, str(name)) for name in dataset["cdp"].dims]
+    varied = [axis for axis in axes if axis.values.size > 1] or axes[:1]
+    ranked = sorted(varied, key=lambda axis: (not axis.is_luminance, not axis.numeric))
+    x, rest = ranked[0], ranked[1:]
+    y = rest[0] if rest and rest[0].numeric else None
+    return MapLayout(x, y, tuple(axis.name for axis in varied if axis is not x and axis is not y))
+
+
+def sections(dataset: Dataset, keep: Sequence[str]) -> Iterator[tuple[At, Dataset]]:
+    """Go through the sections of a map over some of its axes, numbers in rising order.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The map.
+    keep : sequence of str
+        Axes the sections have.
+
+    Yields
+    ------
+    at : dict of str to (float or str)
+        Values of all other axes in the section.
+    section : xarray.Dataset
+        The part of the map there; its variables have the axes `keep` in that order.
+    """
+    check_map(dataset)
+    axes = {name: map_axis(dataset, name) for name in map(str, dataset["cdp"].dims)}
+    missing = [name for name in keep if name not in axes]
+    if missing:
+        raise InputError(f"the map has no axis {missing[0]!r}: choose one of {', '.join(axes)}")
+    ordered = dataset.broadcast_like(dataset["cdp"]).sortby([name for name, axis in axes.items() if axis.numeric])
+    others = [name for name in axes if name not in keep]
+    for places in product(*(range(ordered.sizes[name]) for name in others)):
+        section = ordered.isel(dict(zip(others, places, strict=True)))
+        at = {name: axes[name].values[place].item() for name, place in zip(others, places, strict=True)}
+        yield at, section.transpose(*keep)

@@ -1,0 +1,196 @@
+"""Usable range: over which part of an axis CDP is high enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf, log10, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.errors import InputError
+from .axes import At, MapAxis, map_axis, sections
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+#: Largest step of CDP between two grid points for linear interpolation of the crossing.
+_RESOLVED_STEP = 0.2
+
+
+@dataclass(frozen=True)
+class UsableInterval:
+    """A part of an axis on which CDP is high enough, no wider than the grid shows.
+
+    Parameters
+    ----------
+    low, high : float
+        Its ends, in the unit of the axis; of an end that is not resolved, the last grid point that is high enough.
+    low_open, high_open : bool
+        Whether the end is that of the map, or is next to a missing value, so that the range may continue beyond it.
+    low_resolved, high_resolved : bool
+        Whether CDP changes so little from grid point to grid point, by at most 0.2, that the end is known. If not,
+        all that is known is that it lies in the bracket.
+    low_bracket, high_bracket : (float, float)
+        The grid points around the end, the lower one first; of an open end, the last grid point twice.
+    of_ratios : bool
+        Whether the ratio of the ends is meaningful, as for luminances.
+
+    Attributes
+    ----------
+    decades : float
+        log10(high / low); infinity if `low` is not above 0, nan if the ratio is not meaningful.
+    range_db : float
+        20 log10(high / low), as dynamic range is given by EMVA 1288.
+    """
+
+    low: float
+    high: float
+    low_open: bool
+    high_open: bool
+    low_resolved: bool
+    high_resolved: bool
+    low_bracket: tuple[float, float]
+    high_bracket: tuple[float, float]
+    of_ratios: bool
+    decades: float = field(init=False)
+    range_db: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        decades = nan if not self.of_ratios else log10(self.high / self.low) if self.low > 0 else inf
+        object.__setattr__(self, "decades", decades)
+        object.__setattr__(self, "range_db", 20 * decades)
+
+    @property
+    def width(self) -> tuple[float, float]:
+        """By which intervals are compared: decades if meaningful, then the difference of the ends."""
+        return (self.decades if self.of_ratios else 0.0, self.high - self.low)
+
+
+@dataclass(frozen=True)
+class UsableRange:
+    """All parts of an axis on which CDP is high enough, at one value of all other parameters.
+
+    Parameters
+    ----------
+    at : dict of str to (float or str)
+        Values of the other parameters.
+    axis : str
+        Name of the axis.
+    level : float
+        CDP that is high enough.
+    intervals : tuple of UsableInterval
+        In rising order; empty if CDP is nowhere high enough.
+
+    Attributes
+    ----------
+    widest : UsableInterval or None
+        The one of the largest ratio of its ends, or of the largest difference where a ratio is not meaningful.
+    """
+
+    at: At
+    axis: str
+    level: float
+    intervals: tuple[UsableInterval, ...]
+    widest: UsableInterval | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        widest = max(self.intervals, key=lambda one: one.width, default=None)
+        object.__setattr__(self, "widest", widest)
+
+
+def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
+    """Find where CDP is at least `level` along an axis, for each value of the other parameters.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The map.
+    axis : str
+        Name of an axis of numbers, best the luminance.
+    level : float
+        Lowest CDP that is high enough, above 0, up to 1.
+
+    Returns
+    -------
+    tuple of UsableRange
+        One for each section of the map.
+
+    Raises
+    ------
+    InputError
+        If the axis is missing or not of numbers, or the level is out of range.
+
+    Notes
+    -----
+    Between grid points CDP is taken as linear in the axis, or in its logarithm where the axis is logarithmic; not so
+    between those of more than 0.2 difference, as where a sensor saturates, and on an axis of whole numbers: there the
+    range ends at the last grid point that is high enough.
+    """
+    along = map_axis(dataset, axis)
+    if not along.numeric:
+        raise InputError(f"axis {axis} has no range: choose an axis of numbers")
+    if not 0 < level <= 1:
+        raise InputError(f"level is {level}: give a CDP above 0, up to 1")
+    return tuple(
+        UsableRange(at, axis, float(level), _intervals(along, section["cdp"].values, level))
+        for at, section in sections(dataset, (axis,))
+    )
+
+
+def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
+    """Return the range whose widest interval is the widest of all; None if all are empty."""
+    found = [(one.widest.width, one) for one in ranges if one.widest]
+    return max(found, key=lambda entry: entry[0])[1] if found else None
+
+
+def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tuple[UsableInterval, ...]:
+    enough = np.concatenate(([False], values >= level, [False]))
+    starts, stops = np.flatnonzero(~enough[:-1] & enough[1:]), np.flatnonzero(enough[:-1] & ~enough[1:])
+    intervals = []
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        low, high = _end(axis, values, level, start, start - 1), _end(axis, values, level, stop - 1, stop)
+        intervals.append(
+            UsableInterval(
+                low=low.place,
+                high=high.place,
+                low_open=low.is_open,
+                high_open=high.is_open,
+                low_resolved=low.resolved,
+                high_resolved=high.resolved,
+                low_bracket=low.bracket,
+                high_bracket=high.bracket,
+                of_ratios=axis.of_ratios,
+            )
+        )
+    return tuple(intervals)
+
+
+@dataclass(frozen=True)
+class _End:
+    """An end of an interval, as in `UsableInterval`."""
+
+    place: float
+    bracket: tuple[float, float]
+    is_open: bool = False
+    resolved: bool = True
+
+
+def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> _End:
+    """Where CDP crosses the level between two neighbouring grid points."""
+    last = float(axis.values[inside])
+    if not 0 <= outside < values.size or not np.isfinite(values[outside]):
+        return _End(last, (last, last), is_open=True)
+    low, high = sorted((last, float(axis.values[outside])))
+    if axis.is_whole:
+        return _End(last, (low, high))
+    step = values[inside] - values[outside]
+    if step > _RESOLVED_STEP:
+        return _End(last, (low, high), resolved=False)
+    share = (level - values[outside]) / step
+    if share == 1:  # no rounding where the grid point itself is the end
+        return _End(last, (low, high))
+    places = axis.scaled(axis.values[[outside, inside]])
+    return _End(float(axis.unscaled(places[0] + share * (places[1] - places[0]))), (low, high))

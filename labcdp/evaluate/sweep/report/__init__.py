@@ -1,0 +1,1 @@
+"""A map of CDP as result, picture, page and files."""

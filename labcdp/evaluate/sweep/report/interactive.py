@@ -1,0 +1,204 @@
+"""A map of CDP as an interactive figure: all variables of a cell under the pointer, lines to switch on and off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ....metrics.known_snr import known_values
+from ....report.interactive import interactive
+from ....report.layout import Script
+from ..maps.axes import At, MapAxis
+from .labels import axis_label, shown, variable_name, variable_unit
+from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+    from xarray import Dataset
+
+#: Dashes of the isolines, in rising order of their levels.
+_DASHES = ("dot", "solid", "dash")
+
+#: Ends of the axis of CDP.
+_CDP_ENDS = (-0.03, 1.05)
+
+
+def map_script(view: MapView) -> Script:
+    """Draw a map; over two axes of numbers as heat maps, else as curves."""
+    figure = _heat_maps(view) if view.layout.y is not None else _curves(view)
+    figure.update_layout(margin={"t": 45, "r": 20, "l": 70, "b": 10})
+    return interactive(figure)
+
+
+def _heat_maps(view: MapView) -> Figure:
+    """Draw one heat map for each section, of which one is shown at a time."""
+    from plotly.graph_objects import Figure
+
+    assert view.layout.y is not None
+    figure, owners = Figure(), []
+    for number, (at, section) in enumerate(view.parts):
+        traces = [_heat_map(view, section), *_isolines(view, at)]
+        figure.add_traces([trace.update(visible=number == 0) for trace in traces])
+        owners += [number] * len(traces)
+    if len(view.parts) > 1:
+        buttons = [
+            {
+                "label": _escaped(view.text_of(at)),
+                "method": "update",
+                "args": [{"visible": [owner == number for owner in owners]}],
+            }
+            for number, (at, _) in enumerate(view.parts)
+        ]
+        menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
+        figure.update_layout(updatemenus=[menu])
+    figure.update_xaxes(**_axis_settings(view.layout.x), showgrid=False)
+    figure.update_yaxes(**_axis_settings(view.layout.y), showgrid=False)
+    # The legend below, as plotly's buttons are above.
+    figure.update_layout(height=520, legend={"orientation": "h", "x": 0, "y": -0.16}, plot_bgcolor=MISSING)
+    return figure
+
+
+def _heat_map(view: MapView, section: Dataset) -> Any:
+    from plotly.graph_objects import Heatmap
+
+    x, y = view.layout.x, view.layout.y
+    assert y is not None
+    up, across = np.meshgrid(shown(y, y.values), shown(x, x.values), indexing="ij")
+    coordinates = [(f"{_escaped(axis_label(axis))}: ", ".5~g") for axis in (x, y)]
+    rows, values = _under_pointer(section)
+    return Heatmap(
+        x=shown(x, cell_edges(x)),
+        y=shown(y, cell_edges(y)),
+        z=section["cdp"].values,
+        zmin=0,
+        zmax=1,
+        colorscale=SCALE,
+        colorbar={"title": "CDP"},
+        customdata=np.stack([across, up, *values], axis=-1),
+        hovertemplate=_template([*coordinates, *rows]) + "<extra></extra>",
+        hoverongaps=False,
+    )
+
+
+def _isolines(view: MapView, at: At) -> Iterator[Any]:
+    """Yield the isolines of a section; those of one level are one trace, which the legend switches."""
+    from plotly.graph_objects import Scatter
+
+    for number, level, lines in view.isolines(at):
+        yield Scatter(
+            x=[value for x, _ in lines for value in (*x.tolist(), None)],
+            y=[value for _, y in lines for value in (*y.tolist(), None)],
+            mode="lines",
+            line={"color": "black", "width": 1.5, "dash": _DASHES[number % len(_DASHES)]},
+            name=f"CDP {level:g}",
+            hoverinfo="skip",
+        )
+    found = view.widest(at)
+    if found is not None:
+        (x, y), text = found
+        name = _escaped(f"widest usable range, {text}")
+        yield Scatter(x=x, y=y, mode="lines", line={"color": WIDEST, "width": 4}, name=name, hoverinfo="skip")
+
+
+def _curves(view: MapView) -> Figure:
+    """Draw CDP along the axis, and below it the SNR of the map."""
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
+
+    cdp, snr = view.curves()
+    axis, level = view.layout.x, view.analysis.level
+    figure = make_subplots(rows=2 if snr else 1, cols=1, shared_xaxes=True, vertical_spacing=0.05)
+    if view.usable:
+        bottom, top = _CDP_ENDS
+        area = {"line": {"width": 0, "color": USABLE}, "fill": "toself", "fillcolor": "rgba(230, 159, 0, 0.15)"}
+        x = [place for low, high in view.usable for place in (low, low, high, high, None)]
+        y = [bottom, top, top, bottom, None] * len(view.usable)
+        figure.add_trace(Scatter(x=x, y=y, mode="lines", name="usable range", hoverinfo="skip", **area), row=1, col=1)
+    for row, lines in enumerate((cdp, snr), start=1):
+        traces = list(_traces(view, lines))
+        if row == 2:  # only what the curves of CDP do not have already
+            known = {trace.name for trace in figure.data}
+            traces = [trace.update(showlegend=trace.name not in known) for trace in traces]
+        figure.add_traces(traces, rows=row, cols=1)
+    places = _ends(axis) if axis.numeric else _texts(axis)
+    line = {"color": "grey", "width": 1, "dash": "dot"}
+    threshold = Scatter(x=places, y=[level] * len(places), mode="lines", line=line, name=f"CDP {level:g}")
+    figure.add_trace(threshold.update(hoverinfo="skip"), row=1, col=1)
+    figure.update_xaxes(**_axis_settings(axis) | {"title": None})
+    figure.update_xaxes(title=_escaped(axis_label(axis)), row=2 if snr else 1, col=1)
+    figure.update_yaxes(title="CDP", range=_CDP_ENDS, row=1, col=1)
+    if snr:
+        figure.update_yaxes(title="SNR in dB (20 log<sub>10</sub>)", row=2, col=1)
+    figure.update_layout(height=560 if snr else 420, legend_traceorder="normal")
+    return figure
+
+
+def _traces(view: MapView, lines: Sequence[Line]) -> Iterator[Any]:
+    """Yield curves with their bands and dips; curves of one section are switched together."""
+    from plotly.graph_objects import Scatter
+
+    axis, with_dips = view.layout.x, [line for line in lines if line.dips[0].size]
+    places = shown(axis, axis.values) if axis.numeric else _texts(axis)
+    for line in lines:
+        text, skip = _escaped(line.text), {"hoverinfo": "skip"}
+        if line.band is not None:
+            edge = {"mode": "lines", "line": {"width": 0, "color": line.colour}, "legendgroup": "band"}
+            single = len(lines) == 1
+            yield Scatter(x=places, y=line.band[0], showlegend=False, **edge, **skip)
+            name = "95 % intervals" if single else ""
+            yield Scatter(x=places, y=line.band[1], fill="tonexty", name=name, showlegend=single, **edge, **skip)
+        rows, values = _under_pointer(line.section)
+        yield Scatter(
+            x=places,
+            y=line.values,
+            name=text,
+            mode="lines+markers" if view.marked else "lines",
+            line={"color": line.colour},
+            legendgroup=text,
+            customdata=np.stack(values, axis=-1),
+            hovertemplate="<br>".join([f"{_escaped(axis_label(axis))}: %{{x}}", _template(rows)]),
+        )
+        if line.dips[0].size:
+            ring = {"symbol": "circle-open", "size": 14, "color": "black"}
+            named = {"name": "dip", "legendgroup": "dip", "showlegend": line is with_dips[0]}
+            yield Scatter(x=line.dips[0], y=line.dips[1], mode="markers", marker=ring, **named, **skip)
+
+
+def _axis_settings(axis: MapAxis) -> dict[str, Any]:
+    """Title, kind and ends of a drawn axis."""
+    kind = ("log" if axis.log else "linear") if axis.numeric else "category"
+    settings: dict[str, Any] = {"title": _escaped(axis_label(axis)), "type": kind}
+    if axis.numeric:
+        ends = _ends(axis)
+        settings |= {"tickformat": "~g", "range": (np.log10(ends) if axis.log else ends).tolist()}
+    return settings
+
+
+def _ends(axis: MapAxis) -> Any:
+    return shown(axis, cell_edges(axis)[[0, -1]])
+
+
+def _texts(axis: MapAxis) -> list[str]:
+    return [_escaped(str(value)) for value in axis.values]
+
+
+def _under_pointer(section: Dataset) -> tuple[list[tuple[str, str]], list[Any]]:
+    """Return name and format of each variable, and its values; an SNR without noise is not a number."""
+    rows, values = [], []
+    for name in map(str, section.data_vars):
+        unit = variable_unit(section, name)
+        rows.append((f"{_escaped(variable_name(section, name))}{unit and f' in {_escaped(unit)}'}: ", ".4~g"))
+        values.append((100 if unit == "%" else 1) * known_values(name, section[name].values))
+    return rows, values
+
+
+def _template(rows: Sequence[tuple[str, str]]) -> str:
+    return "<br>".join(f"{text}%{{customdata[{number}]:{form}}}" for number, (text, form) in enumerate(rows))
+
+
+def _escaped(text: str) -> str:
+    """Escape text that plotly would interpret as a tag or, in a hover template, as a variable."""
+    return escape(text, quote=False).replace("%{", "% {")

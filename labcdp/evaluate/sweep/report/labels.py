@@ -1,0 +1,133 @@
+"""What tables, picture and page of a map call its axes, variables and ranges."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ....report.digits import printable
+from ..maps.axes import At, MapAxis
+from ..maps.ranges import UsableInterval
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Short names of the variables that every sweep has; their own are too long for legends and heads of columns.
+_NAMES = {
+    "cdp": "CDP",
+    "standard_error": "u of CDP",
+    "below": "below",
+    "above": "above",
+    "mean_contrast": "mean contrast",
+    "csnr": "CSNR",
+    "snr_dark": "SNR, dark region",
+    "snr_bright": "SNR, bright region",
+    "snr_dark_standard_error": "u of SNR, dark region",
+    "snr_bright_standard_error": "u of SNR, bright region",
+    "saturated_share": "saturated, bright region",
+}
+
+#: Variables that are shown in percent.
+_PERCENT = ("below", "above", "mean_contrast", "saturated_share")
+
+#: Parts of units as they are typed, and as they are printed.
+_PRINTED = {"^2": "²", "^3": "³", "m2": "m²", "degC": "°C"}
+
+
+def unit_text(unit: str) -> str:
+    """Write a unit as in print; a plain ratio has none."""
+    printed = "" if unit == "1" else printable(unit)
+    for typed, written in _PRINTED.items():
+        printed = printed.replace(typed, written)
+    return printed
+
+
+def axis_name(axis: MapAxis) -> str:
+    """Name an axis."""
+    return printable(axis.long_name or axis.name.rpartition(".")[2].replace("_", " "))
+
+
+def axis_unit(axis: MapAxis) -> str:
+    """Return the unit in which an axis is shown; contrasts are in percent."""
+    return "%" if axis.is_contrast else unit_text(axis.unit)
+
+
+def axis_label(axis: MapAxis) -> str:
+    """Label an axis, with its unit."""
+    unit = axis_unit(axis)
+    return f"{axis_name(axis)} in {unit}" if unit else axis_name(axis)
+
+
+def shown(axis: MapAxis, values: Any) -> Any:
+    """Return coordinates as they are drawn: contrasts in percent."""
+    return 100 * np.asarray(values) if axis.is_contrast else np.asarray(values)
+
+
+def plain(value: float, n_digits: int = 3) -> str:
+    """Write a value with a number of digits, 0 to 999999 without a power of ten, and no zeros at its end."""
+    rounded = float(f"{value:.{n_digits - 1}e}")
+    return f"{rounded:.7g}" if 1e-4 <= abs(rounded) < 1e6 or not rounded else f"{rounded:g}"
+
+
+def value_text(axis: MapAxis, value: float | str) -> str:
+    """Write a coordinate with its unit."""
+    if isinstance(value, str):
+        return printable(value)
+    return f"{plain(float(shown(axis, value)), 4 if axis.is_contrast else 3)} {axis_unit(axis)}".rstrip()
+
+
+def at_text(at: At, axes: dict[str, MapAxis]) -> str:
+    """Write the values of fixed parameters; those that the map does not vary are left out."""
+    varied = [name for name in at if axes[name].values.size > 1]
+    return ", ".join(f"{axis_name(axes[name])} {value_text(axes[name], at[name])}" for name in varied)
+
+
+def ends_text(axis: MapAxis, interval: UsableInterval) -> str:
+    """Write the ends of an interval; an end of the map is a bound."""
+    ends = [plain(float(shown(axis, value)), 4 if axis.is_contrast else 3) for value in (interval.low, interval.high)]
+    bounds = ("≤ " if interval.low_open else "", "≥ " if interval.high_open else "")
+    return f"{bounds[0]}{ends[0]} to {bounds[1]}{ends[1]}"
+
+
+def width_text(interval: UsableInterval) -> str:
+    """Write the ratio of the ends of an interval, if it is meaningful."""
+    if not isfinite(interval.decades):
+        return ""
+    known = interval.low_resolved and interval.high_resolved and not (interval.low_open or interval.high_open)
+    return f"{'' if known else 'at least '}{interval.decades:.2f} decades, {interval.range_db:.1f} dB"
+
+
+def variable_name(dataset: Dataset, name: str) -> str:
+    """Name a variable of a map."""
+    return printable(str(_NAMES.get(name) or dataset[name].attrs.get("long_name") or name.replace("_", " ")))
+
+
+def variable_unit(dataset: Dataset, name: str) -> str:
+    """Return the unit in which a variable of a map is shown."""
+    return "%" if name in _PERCENT else unit_text(str(dataset[name].attrs.get("unit", "")))
+
+
+def title(dataset: Dataset) -> str:
+    """Title of a map."""
+    return printable(str(dataset.attrs.get("title") or "Map of CDP"))
+
+
+def conditions(dataset: Dataset) -> str:
+    """Write in a line how the map was made and for which contrast."""
+    attributes = dataset.attrs
+    contrast, epsilon = (_number(attributes.get(name)) for name in ("contrast", "epsilon"))
+    parts = [
+        f"contrast {plain(100 * contrast, 4)} %" if isfinite(contrast) else "",
+        f"tolerance ε {epsilon:g}" if isfinite(epsilon) else "",
+        *(printable(str(attributes.get(name, ""))) for name in ("method", "position")),
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return float("nan")

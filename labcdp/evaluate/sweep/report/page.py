@@ -1,0 +1,104 @@
+"""The files of a map: page, picture, spreadsheet, numbers and NetCDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ....core.finding import info
+from ....core.result import Result
+from ....output import Destination, write_files
+from ....report.digits import significant
+from ....report.files import result_files
+from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
+from ....report.netcdf import dataset_bytes
+from ..maps.dips import SnrDip
+from .interactive import map_script
+from .labels import at_text, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
+from .static import map_picture
+from .view import MapView
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+    from ..maps.map import MapAnalysis
+
+
+def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: Destination) -> list[Path]:
+    """Write a map with all that it shows into a folder as `write_files` takes it.
+
+    Everything is made before the first file is written; InputError is raised if one cannot be written.
+
+    Returns
+    -------
+    list of Path
+        map.nc, map.png, results.json, report.html and results.xlsx.
+    """
+    view = MapView.of(dataset, analysis)
+    files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": map_picture(view)}
+    return write_files(folder, "sweep", {**files, **result_files(result, _page(result, view))})
+
+
+def _page(result: Result, view: MapView) -> Page:
+    dataset, n_parts = view.dataset, len(view.parts)
+    left_out = [info("map-sections-not-drawn", n_drawn=n_parts, n_sections=n_parts + view.left_out)]
+    facts = [
+        (str(name).replace("_", " "), str(value))
+        for name, value in dataset.attrs.items()
+        if name not in ("title", "chain") and value == value
+    ]
+    chain = str(dataset.attrs.get("chain", ""))
+    tables = [table for table in result.tables if len(table) and (table.name == "dips" or not table.detail)]
+    return Page(
+        "map of contrast detection probability",
+        title(dataset),
+        summary=conditions(dataset),
+        banner=SIMULATED,
+        cards=_cards(view),
+        lead=(map_script(view),),
+        findings=(*result.findings, *(left_out if view.left_out else ())),
+        sections=[
+            *([Section("Numbers", tables)] if tables else []),
+            Section(
+                "Chain and provenance",
+                (Facts(facts), *([Verbatim(chain)] if chain else [])),
+                collapsed=True,
+            ),
+        ],
+    )
+
+
+def _cards(view: MapView) -> list[Card]:
+    """Return the widest usable range, the deepest dip of each variable, and how well CDP is known."""
+    analysis, axes, cards = view.analysis, view.axes, []
+    one = analysis.widest
+    if one is not None and one.widest is not None:
+        several = len(analysis.usable_ranges) > 1 or len(one.intervals) > 1
+        name = f"{'Widest usable' if several else 'Usable'} range, CDP ≥ {one.level:g}"
+        at, x = at_text(one.at, axes), axes[one.axis]
+        detail = ", ".join(part for part in (axis_unit(x), width_text(one.widest)) if part)
+        cards.append(Card(name, ends_text(x, one.widest), detail, (f"at {at}",) if at else ()))
+    elif analysis.usable_ranges:
+        highest = significant(float(view.dataset["cdp"].max()), 3)
+        cards.append(Card(f"Usable range, CDP ≥ {analysis.level:g}", "none", f"highest CDP {highest}", state="bad"))
+    for variable in analysis.dip_variables:
+        dips = [dip for dip in analysis.dips if dip.variable == variable]
+        if dips:
+            cards.append(_dip(view, max(dips, key=lambda dip: dip.depth_db)))
+    if "standard_error" in view.dataset:
+        u = float(view.dataset["standard_error"].max())
+        cards += [Card("Largest standard uncertainty of CDP", significant(u, 2))] if u == u else []
+    return cards
+
+
+def _dip(view: MapView, dip: SnrDip) -> Card:
+    axis = view.axes[view.analysis.x]
+    value = f"to {dip.highest / dip.depth_ratio:.3g}" if dip.variable == "cdp" else f"{dip.depth_db:.1f} dB"
+    at = at_text(dip.at, view.axes)
+    lines = [f"at {at}"] if at else []
+    if dip.expected == dip.expected:
+        lines.append(f"change of exposure at {value_text(axis, dip.expected)}")
+    if dip.variable != "cdp" and dip.lowest_cdp == dip.lowest_cdp:
+        lines.append(f"lowest CDP {dip.lowest_cdp:.3g}")
+    name = f"Deepest dip of {variable_name(view.dataset, dip.variable)}"
+    return Card(name, value, f"at {value_text(axis, dip.position)}", tuple(lines))

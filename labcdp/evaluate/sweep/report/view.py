@@ -1,0 +1,203 @@
+"""What the picture and the page of a map draw: its panels or curves, in the units that are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....metrics.known_snr import LARGEST_SNR, SNR_VARIABLES
+from ....report.digits import Z_95
+from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
+from ..maps.axes import At, MapAxis, MapLayout, map_axis, map_layout, sections
+from ..maps.map import MapAnalysis
+from .labels import at_text, axis_unit, ends_text, shown, variable_name
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: More panels than this are too small to read.
+MOST_PANELS = 12
+
+#: Colours of curves: the most that are distinguishable.
+COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, "#CC79A7", "#56B4E9", "#000000", "#8C7500")
+
+#: Colours of the SNR of a single curve, none of them that of its CDP.
+SNR_COLOURS = {"snr_dark": GREEN, "snr_bright": "#CC79A7", "csnr": "#000000"}
+
+#: Colours of missing values, of usable ranges and of the widest one in a heat map, and name of the scale of CDP.
+MISSING, USABLE, WIDEST, SCALE = "#d9d9d9", ORANGE, VERMILLION, "viridis"
+
+#: Points of a curve up to which each has a mark.
+_MARKED = 40
+
+Points = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A curve.
+
+    Parameters
+    ----------
+    at : dict of str to (float or str)
+        Where the section is that it belongs to.
+    text, colour : str
+        In the legend; of several sections, the curves of one have the same.
+    section : Dataset
+        The section.
+    values : ndarray of float, shape (n,)
+        CDP, or SNR in dB.
+    band : (ndarray, ndarray) or None
+        Ends of the 95 % intervals.
+    dips : (ndarray, ndarray)
+        Places and values of its dips.
+    """
+
+    at: At
+    text: str
+    colour: str
+    section: Dataset
+    values: NDArray[np.float64]
+    band: Points | None
+    dips: Points
+
+
+@dataclass(frozen=True, eq=False)
+class MapView:
+    """A map as it is drawn.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        The map.
+    analysis : MapAnalysis
+        Of the same map.
+    layout : MapLayout
+        Which axes span the picture.
+    axes : dict of str to MapAxis
+        All axes by name.
+    parts : list of (At, Dataset)
+        Sections that are drawn: each a panel if the picture has two axes, else a curve.
+    left_out : int
+        Sections that are not drawn, as there are too many.
+    """
+
+    dataset: Dataset
+    analysis: MapAnalysis
+    layout: MapLayout
+    axes: dict[str, MapAxis]
+    parts: list[tuple[At, Dataset]]
+    left_out: int
+
+    @classmethod
+    def of(cls, dataset: Dataset, analysis: MapAnalysis) -> MapView:
+        """Choose what is drawn: of too many sections some, evenly spread from the first to the last."""
+        layout = map_layout(dataset)
+        axes = {str(name): map_axis(dataset, str(name)) for name in dataset["cdp"].dims}
+        count = prod(axis.values.size for name, axis in axes.items() if name not in layout.spanned)
+        most = len(COLOURS) if layout.y is None else MOST_PANELS
+        chosen = set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist())
+        parts = [part for place, part in enumerate(sections(dataset, layout.spanned)) if place in chosen]
+        return cls(dataset, analysis, layout, axes, parts, count - len(parts))
+
+    @property
+    def marked(self) -> bool:
+        """Whether each point of a curve has a mark."""
+        return not self.layout.x.numeric or self.layout.x.values.size <= _MARKED
+
+    @property
+    def usable(self) -> list[tuple[float, float]]:
+        """Ends of the usable ranges of a single curve."""
+        ranges = self.analysis.usable_ranges
+        intervals = ranges[0].intervals if len(ranges) == 1 else ()
+        return [tuple(shown(self.layout.x, [one.low, one.high]).tolist()) for one in intervals]
+
+    def text_of(self, at: At) -> str:
+        """Name a section."""
+        return at_text(at, self.axes)
+
+    def isolines(self, at: At) -> Iterator[tuple[int, float, list[Points]]]:
+        """Iterate over the levels of the map: number, level, and the lines of a section."""
+        x, y = self.layout.x, self.layout.y
+        assert y is not None
+        for number, level in enumerate(sorted({line.level for line in self.analysis.isolines})):
+            own = [line for line in self.analysis.isolines if line.at == at and line.level == level]
+            yield number, level, [(shown(x, line.x), shown(y, line.y)) for line in own]
+
+    def widest(self, at: At) -> tuple[Points, str] | None:
+        """Return the widest usable range of the map and its text, if it lies in a section."""
+        one, x, y = self.analysis.widest, self.layout.x, self.layout.y
+        if one is None or one.widest is None or y is None or any(one.at[name] != at[name] for name in at):
+            return None
+        ends = shown(x, [one.widest.low, one.widest.high])
+        return (ends, shown(y, [one.at[y.name]] * 2)), f"{ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
+
+    def curves(self) -> tuple[list[Line], list[Line]]:
+        """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips."""
+        names = [name for name in SNR_VARIABLES if name in self.dataset]
+        if len(self.parts) > 1:
+            names = [name for name in names if name in self.analysis.dip_variables]
+        cdp, snr = [], []
+        for number, (at, section) in enumerate(self.parts):
+            own = self.text_of(at) if len(self.parts) > 1 else ""
+            values = section["cdp"].values
+            cdp.append(self._line(at, own or "CDP", COLOURS[number], section, "cdp", values, _band(section)))
+            for name in names:
+                text, colour = own or variable_name(section, name), COLOURS[number] if own else SNR_COLOURS[name]
+                snr.append(self._line(at, text, colour, section, name, _decibels(section[name].values), None))
+        return cdp, snr
+
+    def _line(
+        self,
+        at: At,
+        text: str,
+        colour: str,
+        section: Dataset,
+        variable: str,
+        values: NDArray[np.float64],
+        band: Points | None,
+    ) -> Line:
+        axis = self.layout.x
+        places = [dip.position for dip in self.analysis.dips if dip.at == at and dip.variable == variable]
+        dips = shown(axis, np.array(places)), values[np.searchsorted(axis.values, places)] if places else np.array([])
+        return Line(at, text, colour, section, values, band, dips)
+
+
+def drawn_places(axis: MapAxis) -> Any:
+    """Return the places of the values of an axis in the picture; texts are numbered."""
+    return shown(axis, axis.values) if axis.numeric else np.arange(axis.values.size)
+
+
+def cell_edges(axis: MapAxis) -> NDArray[np.float64]:
+    """Edges of the cells around the values of an axis, half way on its scale, shape (n + 1,).
+
+    A cell ends at 0 where nothing can be below it, as with contrasts.
+    """
+    places = axis.scaled(axis.values)
+    if places.size == 1:
+        half = 0.5 * (abs(places[0]) or 1.0)
+        edges = axis.unscaled(np.array([places[0] - half, places[0] + half]))
+    else:
+        middles = (places[1:] + places[:-1]) / 2
+        edges = axis.unscaled(np.r_[2 * places[0] - middles[0], middles, 2 * places[-1] - middles[-1]])
+    return np.maximum(edges, 0) if axis.never_negative else edges
+
+
+def _band(section: Dataset) -> Points | None:
+    if "standard_error" not in section or not np.isfinite(section["standard_error"].values).any():
+        return None
+    expanded = Z_95 * section["standard_error"].values
+    low, high = np.clip([section["cdp"].values - expanded, section["cdp"].values + expanded], 0, 1)
+    return low, high
+
+
+def _decibels(ratio: NDArray[Any]) -> NDArray[np.float64]:
+    """20 log10 of a ratio, as EMVA 1288 gives SNR; nan where it is 0 or there is no noise."""
+    values = np.asarray(ratio, dtype=np.float64)
+    fits = (values > 0) & (values <= LARGEST_SNR)
+    return 20 * np.log10(np.where(fits, values, np.nan))

@@ -1,0 +1,184 @@
+"""Sweeps: CDP and its relatives over any parameters of a chain, simulated or predicted, as a labelled array."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from itertools import product
+from math import nan
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from ...chain.predict.chain import predict_chain
+from ...core.disk import validated_as
+from ...core.disk.journal import LineJournal
+from ...core.errors import InputError
+from ...metrics import Estimate
+from ...output import Destination, open_results
+from .dataset import VARIABLES, labelled
+from .plan import Sweep, of_scene
+from .simulation.evaluation import PairRow, RegionRow
+from .simulation.run import evaluate_pair
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Name of the journal in the folder of the results.
+JOURNAL = "sweep.jsonl"
+#: Cells predicted at once: a table is made for each block, so a map of usual size is a single block, which takes under
+#: a minute.
+_BLOCK = 20_000
+
+#: Share of saturated pixels from which a region has no SNR: what clipping takes from the noise is no signal.
+_CLIPPED = 0.01
+
+Cells = Sequence[tuple[Any, ...]]
+
+
+class _Block(BaseModel):
+    """Finished cells as the journal keeps them, those from `first` on."""
+
+    model_config = ConfigDict(extra="forbid")
+    first: int = Field(ge=0)
+    values: list[Annotated[list[float], Field(min_length=len(VARIABLES), max_length=len(VARIABLES))]] = Field(
+        min_length=1
+    )
+
+
+def run_sweep(
+    sweep: Sweep, folder: Destination | None = None, progress: Callable[[int, int], None] | None = None
+) -> Dataset:
+    """Run a sweep, or what is left of it.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        What to run.
+    folder : path, ResultsFolder or None
+        Where finished cells are kept in a journal; the same sweep started again resumes there. None keeps nothing.
+    progress : callable or None
+        Called with the number of cells done and in total.
+
+    Returns
+    -------
+    xarray.Dataset
+        The variables of `VARIABLES` over the axes.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another sweep or cannot be written, or a cell cannot be calculated.
+    """
+    cells = list(product(*(axis.values for axis in sweep.axes)))
+    values = np.full((len(cells), len(VARIABLES)), np.nan)
+    done = np.zeros(len(cells), bool)
+    with ExitStack() as stack:
+        journal = None
+        if folder is not None:
+            results = stack.enter_context(open_results(folder, "sweep"))
+            path = results.journal(JOURNAL)
+            journal = LineJournal.open(path, sweep.identity(), "sweep")
+            # Without a finished cell there is nothing to resume.
+            stack.callback(lambda: None if done.any() else path.unlink(missing_ok=True))
+            stack.callback(journal.close)
+        for first, block in () if journal is None else _recorded(journal, len(cells)):
+            values[first : first + len(block)] = block
+            done[first : first + len(block)] = True
+        left = _blocks(sweep, done)
+        calculate = _predicted if sweep.exact else _simulated
+        for first, block in calculate(sweep, cells, left):
+            values[first : first + len(block)] = block
+            done[first : first + len(block)] = True
+            if journal is not None:
+                journal.add({"first": first, "values": block.tolist()})
+            if progress is not None:
+                progress(int(done.sum()), len(cells))
+    return labelled(sweep, values)
+
+
+def _recorded(journal: LineJournal, n_cells: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Blocks that are in a journal: number of the first cell, and values of shape (cells, variables)."""
+    for row in journal.rows():
+        block = validated_as(_Block, row)
+        if block.first + len(block.values) > n_cells:
+            raise InputError(f"{journal.path} holds a cell that is not of this sweep: remove it, and start again")
+        yield block.first, np.array(block.values)
+
+
+def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
+    """Return the cells that are left in blocks: single cells to simulate, runs of one chain to predict."""
+    if not sweep.exact:
+        return [range(index, index + 1) for index in np.flatnonzero(~done).tolist()]
+    # Axes of the scene at the end of the list need no new chain, so their cells are predicted together.
+    trailing = 1
+    for axis in reversed(sweep.axes):
+        if not of_scene(sweep.chain, axis.parameter):
+            break
+        trailing *= len(axis.values)
+    blocks = []
+    for start in range(0, done.size, trailing):
+        for first in range(start, start + trailing, _BLOCK):
+            block = range(first, min(first + _BLOCK, start + trailing))
+            if not done[block.start : block.stop].all():
+                blocks.append(block)
+    return blocks
+
+
+def _predicted(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    names = [axis.parameter for axis in sweep.axes]
+    in_scene = [name for name in names if of_scene(sweep.chain, name)]
+    for block in blocks:
+        settings = [dict(zip(names, cells[index], strict=True)) for index in block]
+        # A block has one value of each parameter outside the scene; see `_blocks`.
+        outside = {name: value for name, value in settings[0].items() if name not in in_scene}
+        inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
+        chain = sweep.chain.with_(**outside) if outside else sweep.chain
+        found = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
+        values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
+        values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
+        values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
+        yield block.start, np.stack(list(values.values()), axis=1)
+
+
+def _simulated(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    names = [axis.parameter for axis in sweep.axes]
+
+    def simulate(index: int) -> tuple[int, NDArray[np.float64]]:
+        chain = sweep.chain.with_(**dict(zip(names, cells[index], strict=True)))
+        # A seed of its own for each cell, whichever cells are left and in whatever order they finish.
+        seed = int(np.random.SeedSequence(sweep.seed, spawn_key=(index,)).generate_state(1)[0])
+        run = chain.run(seed, threads=1)
+        assert sweep.stage is not None
+        return index, _row(*evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon))
+
+    waiting = iter(blocks)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        running: set[Future[tuple[int, NDArray[np.float64]]]] = set()
+        try:
+            while True:
+                while len(running) < 2 * (os.cpu_count() or 1) and (block := next(waiting, None)) is not None:
+                    running.add(pool.submit(simulate, block.start))
+                if not running:
+                    return
+                finished, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    index, row = future.result()
+                    yield index, row[None]
+        finally:
+            for future in running:
+                future.cancel()
+
+
+def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float64]:
+    """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
+    found = pair.cdp
+    shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.standard_error, found.below, found.above)
+    snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Estimate(nan, nan) for one in (dark, bright)]
+    values = [one.value for one in snr]
+    errors = [one.standard_error for one in snr]
+    return np.array([*shares, pair.mean_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])

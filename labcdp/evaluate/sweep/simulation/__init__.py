@@ -1,0 +1,1 @@
+"""One simulated image, stage by stage."""

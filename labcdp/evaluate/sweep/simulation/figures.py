@@ -1,0 +1,217 @@
+"""The figures and pictures of a simulated chain."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....metrics.known_snr import LARGEST_SNR
+from ....report.digits import printable, shortened
+from ....report.drawing import (
+    BLUE,
+    GREEN,
+    SMALL_SIZE,
+    block_mean,
+    label,
+    new_figure,
+    plain_numbers,
+    png,
+    reduction,
+)
+from ....report.figures import ReportFigure
+from ....report.plots import ContrastPanel
+from ....report.stage_plots import stage_figure
+from .evaluation import PairRow, SimulationEvaluation, StageRow, final_stages
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: A picture of a stage is enlarged, by repeating pixels, to at least this many pixels.
+_PICTURE_SIDE = 600
+
+_Points = Sequence[tuple[StageRow, PairRow]]
+
+
+def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
+    """Draw CDP and SNR along the chain, for each sensor and each pair of regions."""
+    figures = []
+    for key, names in _branches(evaluation):
+        stages = [stage for stage in evaluation.stages if stage.name in names]
+        for number in range(len(stages[0].pairs)):
+            points = [(stage, stage.pairs[number]) for stage in stages]
+            pair = pair_name(points[0][1])
+            kind = "nearest-neighbour" if points[0][1].neighbours else "region to region"
+            figures.append(
+                ReportFigure(
+                    f"chain-{key}{number + 1}.png",
+                    _along(points),
+                    f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {points[0][1].bright}, of the "
+                    "values (also in dB, 10 lg) and of the luminance they stand for.",
+                    f"CDP and SNR behind each stage, {pair}.",
+                )
+            )
+    return figures
+
+
+def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
+    """Return the contrasts of each pair behind the last stage of each sensor."""
+    final = final_stages(evaluation.chain)
+    return [
+        ContrastPanel(f"{pair_name(row)}, behind {printable(stage.name)}", row.contrasts, row.cdp)
+        for stage in evaluation.stages
+        if stage.name in final
+        for row in stage.pairs
+        if row.cdp is not None and row.contrasts is not None
+    ]
+
+
+def stage_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
+    """Draw the distribution of the values behind each stage."""
+    return [
+        ReportFigure(
+            f"stage-{file_name(stage.name)}.png",
+            stage_figure(
+                stage.name, stage.native, f"{stage.quantity} in {stage.unit.replace('^2', '²')}", stage.luminance
+            ),
+            f"{printable(stage.name)}: cumulative probability (blue) and density (grey, scaled to 1) of the values of "
+            "the whole frame, and of the luminance they stand for.",
+            f"Distribution of the values behind {printable(stage.name)}.",
+        )
+        for stage in evaluation.stages
+    ]
+
+
+def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
+    """Return the picture of a stage for the page, a large one with fewer pixels."""
+    side = reduction((values.shape[0], values.shape[1]))
+    low, high = float(values.min()), float(values.max())
+    reduced = f"; {side} x {side} pixels are drawn as one" if side > 1 else ""
+    return ReportFigure(
+        f"{file_name(name)}.png",
+        picture(values if side == 1 else block_mean(values, side)),
+        f"{printable(name)}: {low:.4g} to {high:.4g}{reduced}",
+        f"Grey picture behind {printable(name)}.",
+    )
+
+
+def picture(values: NDArray[Any]) -> bytes:
+    """Draw the values of a stage as a grey PNG, from the lowest to the highest."""
+    import cv2
+
+    low, high = float(values.min()), float(values.max())
+    grey = np.zeros(values.shape, np.uint8)
+    if high > low:
+        grey = np.rint((values - low) * (255 / (high - low))).astype(np.uint8)
+    times = max(1, _PICTURE_SIDE // max(grey.shape))
+    enlarged = np.repeat(np.repeat(grey, times, axis=0), times, axis=1)
+    done, data = cv2.imencode(".png", enlarged)
+    assert done
+    return data.tobytes()
+
+
+def file_name(stage: str) -> str:
+    """Return the name of a stage as part of a file's name."""
+    return re.sub(r"[^\w.]+", "-", stage).strip("-")
+
+
+def pair_name(row: PairRow) -> str:
+    """Return "bright / dark"."""
+    return printable(f"{row.bright} / {row.dark}")
+
+
+def _branches(evaluation: SimulationEvaluation) -> list[tuple[str, tuple[str, ...]]]:
+    """Return the stages that follow each other, for each sensor, with a key for its files."""
+    chain = evaluation.chain
+    if len(chain.sensors) < 2:
+        return [("", chain.stage_names)]
+    front = ("scene", *(name for name, _ in chain.before))
+    return [
+        (f"{file_name(own)}-", (*front, *(chain.of_sensor(name, own) for name in chain.recorded_names)))
+        for own, _ in chain.sensors
+    ]
+
+
+def _along(points: _Points) -> bytes:
+    """Draw CDP with its intervals, and below it the SNR of the bright region, from stage to stage."""
+    names = [shortened(stage.name, 24) for stage, _ in points]
+    figure = new_figure(max(6.0, 2.0 + 1.1 * len(names)), 6.4, "chain")
+    above, below = figure.subplots(2, 1, sharex=True)
+    _draw_cdp(above, points)
+    bright = [next(row for row in stage.regions if row.region == pair.bright) for stage, pair in points]
+    texts = [f"{row.snr_10log10_db.value:.1f} dB" for row in bright]
+    values, luminance = (np.array([getattr(row, name).value for row in bright]) for name in ("snr", "luminance_snr"))
+    _draw_snr(below, values, luminance, texts)
+    slanted = max(map(len, names)) > 11
+    below.set_xticks(
+        range(len(names)), names, rotation=30 if slanted else 0, ha="right" if slanted else "center", parse_math=False
+    )
+    below.set_xlim(-0.5, len(names) - 0.5)
+    figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=SMALL_SIZE)
+    for panel in (above, below):
+        panel.grid(color="0.9")
+        panel.set_axisbelow(True)
+    return png(figure)
+
+
+def _draw_cdp(axes: Axes, points: _Points) -> None:
+    found = [(place, pair.neighbours or pair.cdp) for place, (_, pair) in enumerate(points)]
+    known = [(place, one.cdp, *one.confidence_interval) for place, one in found if one is not None]
+    if known:
+        places, cdp, low, high = np.array(known).T
+        axes.plot(places, cdp, "o-", color=BLUE, linewidth=1.5, markersize=5)
+        # A bar cannot have a negative length, which an interval by another method than the point's may ask for.
+        bars = np.clip(np.nan_to_num([cdp - low, high - cdp]), 0, None)
+        axes.errorbar(places, cdp, yerr=bars, fmt="none", ecolor="black", capsize=3, elinewidth=1.0)
+        for place, value, top in zip(places, cdp, cdp + bars[1], strict=True):
+            _write_above(axes, place, top, f"{value:.3f}")
+    axes.set_ylim(-0.05, 1.2)
+    axes.set_yticks(np.linspace(0, 1, 6))
+    label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
+
+
+def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.float64], texts: Sequence[str]) -> None:
+    """Draw two SNR; without noise but that of rounding they are arrows above all others."""
+    from matplotlib.ticker import LogLocator
+
+    both = np.concatenate((values, luminance))
+    finite = both[(both > 0) & (both <= LARGEST_SNR)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (1.0, 1.0)
+    top = high * max((high / low) ** 0.25, 1.5)
+    axes.set_yscale("log")
+    # The luminance on top, in smaller marks, so that both show where they are equal.
+    for ratio, style, colour, size, text in (
+        (values, "o-", BLUE, 7, "SNR of the values"),
+        (luminance, "s--", GREEN, 4, "SNR of the luminance in cd/m²"),
+    ):
+        places, drawn, endless = np.arange(ratio.size), (ratio > 0) & (ratio <= LARGEST_SNR), ratio > LARGEST_SNR
+        axes.plot(places[drawn], ratio[drawn], style, color=colour, linewidth=1.5, markersize=size, label=text)
+        axes.plot(places[endless], np.full(endless.sum(), top), "^", color=colour, markersize=size)
+    axes.set_ylim(low / max((high / low) ** 0.15, 1.3), top * max((high / low) ** 0.15, 1.3))
+    plain_numbers(axes.yaxis)
+    if finite.size:
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    else:
+        axes.set_yticks([])
+    for place in np.flatnonzero(values > 0).tolist():
+        shown = values[place] <= LARGEST_SNR
+        _write_above(axes, place, values[place] if shown else top, texts[place] if shown else "∞")
+    label(axes, "", "SNR (mean/std)", "SNR after each stage")
+
+
+def _write_above(axes: Axes, x: float, y: float, text: str) -> None:
+    """Write a value above its point, readable across a line."""
+    from matplotlib.patheffects import withStroke
+
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=(0, 7),
+        textcoords="offset points",
+        horizontalalignment="center",
+        fontsize=SMALL_SIZE,
+        path_effects=[withStroke(linewidth=3, foreground="white")],
+    )

@@ -1,0 +1,1 @@
+"""Comparison of the published values of the 2018 thesis with those of labcdp."""

@@ -1,0 +1,205 @@
+"""Compare the twin of a camera with the measurement: CDP of each pair of patches, signal of each patch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeAlias
+
+from ...calibration import AnyCalibration, Calibration
+from ...calibration.emva.result import Characterisation
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, info, warning
+from ...metrics.interval import TargetContrast
+from ...report.findings import finding_text
+from ...session import Session
+from ..bench.observe import ObservedSession
+from ..bench.session import mismatch
+from .corrected import CorrectedTwin
+from .pair import Judgement, PairAsked, TwinPair, compare_pair
+from .parameters import TwinParameters, require_monochrome, twin_parameters
+from .prediction import TwinRegion, predict_regions
+from .regions import regions_of, seen_regions
+from .signal import TwinPatch, twin_patch
+
+#: Fewest patches that can be compared.
+_PAIR = 2
+#: Least Weber contrast, by the meter, of pairs that are compared by default.
+LEAST_CONTRAST = 0.1
+#: Why a pair is not compared, and its patches.
+_LeftOut: TypeAlias = tuple[str, str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class TwinEvaluation:
+    """A camera, its twin, and their comparison.
+
+    Parameters
+    ----------
+    observed : ObservedSession
+        The session.
+    calibration : Calibration
+        Calibration that converted the frames to luminance.
+    parameters : TwinParameters
+        The twin.
+    regions : tuple of TwinRegion
+        The patches, with luminances by the meter.
+    pairs : tuple of TwinPair
+        Pairs of patches, those of the configuration first.
+    patches : tuple of TwinPatch
+        Each patch's signal in the longest exposure that does not saturate it.
+    findings : tuple of Finding
+        Findings on comparisons not made, limits of the twin, and the calibration.
+    """
+
+    observed: ObservedSession
+    calibration: Calibration
+    parameters: TwinParameters
+    regions: tuple[TwinRegion, ...]
+    pairs: tuple[TwinPair, ...]
+    patches: tuple[TwinPatch, ...]
+    findings: tuple[Finding, ...]
+
+    def count(self, judgement: Judgement) -> int:
+        """Return the number of pairs of a judgement."""
+        return sum(pair.judgement == judgement for pair in self.pairs)
+
+
+def twin_session(
+    session: Session,
+    observed: ObservedSession,
+    calibration: AnyCalibration,
+    characterisation: Characterisation,
+    contrast: float | None = None,
+    epsilon: float = 0.5,
+    report: Callable[[int, int], None] = lambda _done, _total: None,
+) -> TwinEvaluation:
+    """Make the twin of a session's camera, and compare what it predicts with what was measured.
+
+    Parameters
+    ----------
+    session : Session
+        To read frames from.
+    observed : ObservedSession
+        What `observe_session` returned for it.
+    calibration : Calibration
+        Of this camera and its settings.
+    characterisation : Characterisation
+        What `characterise_session` returned for it.
+    contrast : float or None
+        Weber contrast to be detected between all pairs of patches, a fraction; None for each pair's own by the meter.
+        Pairs below `LEAST_CONTRAST` by the meter are left out. The pairs of the session's configuration are compared
+        at theirs as well.
+    epsilon : float
+        Tolerance of `contrast`.
+    report : callable
+        Called with the number of exposures done, and of all.
+
+    Returns
+    -------
+    TwinEvaluation
+
+    Raises
+    ------
+    CalibrationError
+        If the camera has colour filters, K cannot be known, or no two patches can be compared.
+    InputError
+        If contrast or epsilon is out of range.
+    """
+    frame = require_monochrome(session)
+    if not isinstance(calibration, Calibration):
+        raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
+    found = mismatch(observed.configuration, calibration)
+    twin = twin_parameters(session, observed, calibration, characterisation)
+    regions = regions_of(observed, calibration, twin, calibration.to_luminance(frame).slow_rel)
+    if len(regions) < _PAIR:
+        raise CalibrationError(
+            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
+        )
+    corrected = CorrectedTwin.of(twin, calibration)
+    usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
+    longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
+    asked, left_out = _asked(observed, regions, contrast, epsilon)
+    at: dict[float, list[PairAsked]] = {}
+    for pair in asked:
+        exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
+        if exposure_s is None:
+            left_out.append(("pairs-saturated", pair.bright, pair.dark))
+        else:
+            at.setdefault(exposure_s, []).append(pair)
+    compared: dict[PairAsked, TwinPair] = {}
+    for done, (exposure_s, group) in enumerate(sorted(at.items())):
+        report(done, len(at))
+        names = {name for pair in group for name in (pair.bright, pair.dark)}
+        seen = seen_regions(session, observed, calibration, exposure_s, names)
+        shown = [region for region in regions.values() if region.name in names]
+        predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, calibration.response)
+        for pair in group:
+            both = seen[pair.bright], seen[pair.dark]
+            if max(one.luminance_cd_m2.max() for one in both) <= 0:
+                left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
+            else:
+                compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
+    report(len(at), len(at))
+    if not compared:
+        reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
+        raise CalibrationError(f"no two patches can be compared: {reasons}")
+    return TwinEvaluation(
+        observed=observed,
+        calibration=calibration,
+        parameters=twin,
+        regions=tuple(regions.values()),
+        pairs=tuple(compared[pair] for pair in asked if pair in compared),
+        patches=tuple(
+            twin_patch(corrected.at(o.exposure_s), regions[name], o, calibration.response)
+            for name, o in longest.items()
+        ),
+        findings=(
+            *_left_out(left_out),
+            *found,
+            *corrected.findings(o.exposure_s for o in usable),
+            *twin.findings,
+            *(one for one in calibration.findings if one.severity != "info"),
+        ),
+    )
+
+
+def _asked(
+    observed: ObservedSession, regions: dict[str, TwinRegion], contrast: float | None, epsilon: float
+) -> tuple[list[PairAsked], list[_LeftOut]]:
+    """Pairs to compare, those of the configuration first, and pairs of too little contrast."""
+    TargetContrast(LEAST_CONTRAST if contrast is None else contrast, epsilon, "weber")
+    asked: list[PairAsked] = []
+    left_out: list[_LeftOut] = []
+    for pair in observed.configuration.contrasts:
+        if pair.bright not in regions or pair.dark not in regions:
+            left_out.append(("pairs-without-patch", pair.bright, pair.dark))
+            continue
+        own = _contrast(regions, pair.bright, pair.dark)
+        if own <= 0:
+            left_out.append(("pairs-reversed", pair.bright, pair.dark))
+            continue
+        asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
+    for first, second in combinations(regions, 2):
+        bright, dark = sorted((first, second), key=lambda name: -regions[name].luminance_cd_m2)
+        own = _contrast(regions, bright, dark)
+        if own < LEAST_CONTRAST:
+            left_out.append(("pairs-alike", bright, dark))
+        else:
+            asked.append(PairAsked(bright, dark, round(own, 4) if contrast is None else contrast, epsilon, own))
+    return list(dict.fromkeys(asked)), left_out
+
+
+def _left_out(pairs: Iterable[_LeftOut]) -> Iterator[Finding]:
+    """Yield a finding for each reason for omitting pairs."""
+    names: dict[str, list[str]] = {}
+    for code, bright, dark in dict.fromkeys(pairs):
+        names.setdefault(code, []).append(f"{bright} / {dark}")
+    for code, found in names.items():
+        finding = info if code in ("pairs-alike", "pairs-without-patch") else warning
+        yield finding(code, n_pairs=len(found), example=found[0], pairs=found, least_contrast=LEAST_CONTRAST)
+
+
+def _contrast(regions: dict[str, TwinRegion], bright: str, dark: str) -> float:
+    return regions[bright].luminance_cd_m2 / regions[dark].luminance_cd_m2 - 1

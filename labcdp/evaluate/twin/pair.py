@@ -1,0 +1,213 @@
+"""A pair of patches: measured and predicted CDP, and the uncertainty of their difference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.table import Z_95
+from ...metrics import CdpResult, Distribution
+from ...metrics.detection import result_of_tally
+from ...metrics.interval import TargetContrast
+from ...metrics.pairs import PairTally, tally_pairs
+from .prediction import RegionPrediction, Shifted, added, scaled
+from .regions import RegionError, SeenRegion
+
+#: Whether prediction and measurement agree.
+Judgement: TypeAlias = Literal["agree", "differ", "undecided"]
+#: Name of the contribution of the finite number of pixels.
+SAMPLING = "number of pixels"
+#: Share of all possible CDPs inside the joint interval above which a pair is undecided.
+_VACUOUS = 0.8
+#: Weight of one outlying pixel, as in the intervals of `labcdp.metrics`.
+_OUTLIER_WEIGHT = 0.1
+#: Relative errors of two luminances that differ by less than this cancel in their contrast.
+_CANCELLED = 1e-9
+
+
+@dataclass(frozen=True)
+class PairAsked:
+    """A pair to compare.
+
+    Parameters
+    ----------
+    bright, dark : str
+        The patches.
+    contrast, epsilon : float
+        Weber contrast to be detected, a fraction, and its tolerance.
+    meter_contrast : float
+        Weber contrast of the two by the meter.
+    """
+
+    bright: str
+    dark: str
+    contrast: float
+    epsilon: float
+    meter_contrast: float
+
+
+@dataclass(frozen=True)
+class TwinPair:
+    """CDP of a pair of patches, measured and predicted.
+
+    Parameters
+    ----------
+    asked : PairAsked
+        Patches and contrast.
+    exposure_s : float
+        Exposure of the frames.
+    frame_number, dark_frame_number : int
+        Frames of the bright and of the dark patch.
+    measured : CdpResult
+        CDP by the camera; its interval is for the finite number of pixels.
+    predicted : float
+        CDP by the twin, for an infinite region.
+    u_predicted : float
+        Standard uncertainty of the prediction by the parameters of the twin and the meter's readings.
+    u_pixels : float
+        Scatter of the CDP of this number of pixels around its expectation, by the twin.
+    largest, largest_share : str and float
+        Largest part of the variance of the difference, and its share.
+    """
+
+    asked: PairAsked
+    exposure_s: float
+    frame_number: int
+    dark_frame_number: int
+    measured: CdpResult
+    predicted: float
+    u_predicted: float
+    u_pixels: float
+    largest: str
+    largest_share: float
+
+    @property
+    def difference(self) -> float:
+        """Measured less predicted."""
+        return self.measured.cdp - self.predicted
+
+    @property
+    def u_difference(self) -> float:
+        """Standard uncertainty of the difference."""
+        return hypot(self.u_predicted, self.u_pixels)
+
+    @property
+    def z(self) -> float:
+        """Difference in its standard uncertainties."""
+        return self.difference / self.u_difference
+
+    @property
+    def predicted_interval(self) -> tuple[float, float]:
+        """95 % interval of the prediction, inside 0 to 1."""
+        half_width = Z_95 * self.u_predicted
+        return max(self.predicted - half_width, 0.0), min(self.predicted + half_width, 1.0)
+
+    @property
+    def judgement(self) -> Judgement:
+        """Whether 0 lies in the 95 % interval of the difference; undecided if nearly any CDP would agree.
+
+        This depends only on the prediction, so leaving out undecided pairs does not bias the result.
+        """
+        half_width = Z_95 * self.u_difference
+        agreeing = min(self.predicted + half_width, 1.0) - max(self.predicted - half_width, 0.0)
+        if agreeing >= _VACUOUS:
+            return "undecided"
+        return "agree" if abs(self.z) <= Z_95 else "differ"
+
+
+def compare_pair(
+    pair: PairAsked,
+    seen: tuple[SeenRegion, SeenRegion],
+    predicted: tuple[RegionPrediction, RegionPrediction],
+) -> TwinPair:
+    """Compare measured and predicted CDP of two patches, the bright one first.
+
+    Parameters
+    ----------
+    pair : PairAsked
+        What to compare.
+    seen : (SeenRegion, SeenRegion)
+        Measured luminances.
+    predicted : (RegionPrediction, RegionPrediction)
+        Predicted ones.
+
+    Notes
+    -----
+    The variance of the difference has two parts. One is the scatter of a CDP of m dark and n bright pixels around its
+    expectation, the two-sample U-statistic's variance [(n - 1) zeta10 + (m - 1) zeta01 + zeta11] / (m n) (Hoeffding
+    1948), taken from the twin's distributions: temporal noise and the unknown fixed pattern of the specimen. As in a
+    score interval, the predicted distributions are used, so that it does not vanish where a region happens to hold no
+    outlying pixel and the measured CDP is 0 or 1; a tenth of the variance of one outlying pixel in the smaller region
+    is added. The other is the uncertainty of the parameters and readings, each shifted by a standard uncertainty to
+    both sides; its variance is the mean square of the two changes, which does not vanish at a maximum of the CDP.
+    """
+    asked = TargetContrast(pair.contrast, pair.epsilon, "weber")
+
+    def tally(bright: Distribution, dark: Distribution) -> PairTally:
+        return tally_pairs(bright, dark, asked.low, asked.high)
+
+    bright, dark = (Distribution.from_array(region.luminance_cd_m2) for region in seen)
+    best = tally(predicted[0].best, predicted[1].best)
+    m, n = seen[1].luminance_cd_m2.size, seen[0].luminance_cd_m2.size
+    of_pixels = sampling_variance(best, predicted[0].best, predicted[1].best, m, n) + _OUTLIER_WEIGHT / min(m, n) ** 2
+    parts = {
+        name: float(np.mean([(tally(b, d).inside - best.inside) ** 2 for b, d in both]))
+        for name, both in _shifted(predicted, seen).items()
+    }
+    of_parameters = sum(parts.values())
+    parts[SAMPLING] = of_pixels
+    largest = max(parts, key=lambda name: parts[name])
+    return TwinPair(
+        asked=pair,
+        exposure_s=seen[0].exposure_s,
+        frame_number=seen[0].frame_number,
+        dark_frame_number=seen[1].frame_number,
+        measured=result_of_tally(tally(bright, dark), bright, dark, "a", asked),
+        predicted=best.inside,
+        u_predicted=sqrt(of_parameters),
+        u_pixels=sqrt(of_pixels),
+        largest=largest,
+        largest_share=parts[largest] / (of_parameters + of_pixels),
+    )
+
+
+def _shifted(
+    predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[SeenRegion, SeenRegion]
+) -> dict[str, list[tuple[Distribution, Distribution]]]:
+    """Distributions of the two patches with one parameter lower, and higher, by its name."""
+    bright, dark = (dict(one.shifted) for one in predicted)
+    errors = [
+        (a, b) for a, b in zip(seen[0].errors, seen[1].errors, strict=True) if abs(a.relative - b.relative) > _CANCELLED
+    ]
+    if any(a.of_darkness for a, _ in errors):
+        # The calibration knows more about it: temperature, and its effect on the fit.
+        del bright["dark signal"], dark["dark signal"]
+    for number, (a, b) in enumerate(errors):
+        name = f"{a.source} of the calibration ({number})"
+        bright[name], dark[name] = _erring(predicted[0].best, a), _erring(predicted[1].best, b)
+    unchanged = [(one.best, one.best) for one in predicted]
+    return {
+        name: list(zip(bright.get(name, unchanged[0]), dark.get(name, unchanged[1]), strict=True))
+        for name in bright | dark
+    }
+
+
+def _erring(best: Distribution, error: RegionError) -> Shifted:
+    if error.of_darkness:
+        return added(best, -error.luminance_cd_m2), added(best, error.luminance_cd_m2)
+    return scaled(best, -error.relative), scaled(best, error.relative)
+
+
+def sampling_variance(tally: PairTally, bright: Distribution, dark: Distribution, m: int, n: int) -> float:
+    """Variance of the share of m dark and n bright pixels drawn from the two distributions."""
+    u = tally.inside
+
+    def variance(shares: NDArray[np.float64], region: Distribution) -> float:
+        return float(np.average((shares - u) ** 2, weights=region.weights))
+
+    of_dark, of_bright = variance(tally.inside_per_dark, dark), variance(tally.inside_per_bright, bright)
+    return ((n - 1) * of_dark + (m - 1) * of_bright + u * (1 - u)) / (m * n)

@@ -1,0 +1,255 @@
+"""Predicted luminance of the pixels of each patch as exact distributions, and its sensitivity to the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...calibration.emva.result import Quantity
+from ...chain import ExposureSettings
+from ...chain.camera_model import CameraModel
+from ...chain.predict.value_table import value_table
+from ...core.response import Response
+from ...metrics import Distribution
+from .corrected import dark_kinds
+from .noise import CameraNoise, known
+from .parameters import TwinParameters
+
+FloatArray = NDArray[np.float64]
+
+#: Pixels whose vignetting differs by less than this, relative, are grouped; and the largest number of groups.
+_VIGNETTING_STEP, _MOST_KINDS = 0.001, 9
+#: Nodes and weights of a normal distribution, exact up to its fourth moment.
+_NODES = ((-sqrt(3), 1 / 6), (0.0, 2 / 3), (sqrt(3), 1 / 6))
+#: Probabilities below this are left out.
+_NEVER = 1e-13
+#: Steps between DN at which the response is inverted.
+_INVERSE_STEPS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class TwinRegion:
+    """A patch as input of the twin.
+
+    Parameters
+    ----------
+    name : str
+        Name of the patch.
+    luminance_cd_m2 : float
+        Mean of the meter's readings.
+    reading_rel : float
+        Relative standard uncertainty of it as the luminance of this region: meter without its scale, and
+        non-uniformity.
+    unevenness_rel : float
+        Relative standard deviation of slow changes of the light across the region.
+    fall_off : ndarray of float, shape (n,)
+        V of its pixels.
+    darkness_dn : float
+        Standard uncertainty of the mean dark signal of this region relative to that of the sensor.
+    flat_field_rel : float
+        Relative standard uncertainty of the vignetting here relative to that elsewhere.
+    """
+
+    name: str
+    luminance_cd_m2: float
+    reading_rel: float
+    unevenness_rel: float
+    fall_off: FloatArray
+    darkness_dn: float
+    flat_field_rel: float
+
+    @cached_property
+    def kinds(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Groups of pixels: V, relative luminance, and frequency of each."""
+        low, high = float(self.fall_off.min()), float(self.fall_off.max())
+        count = min(max(ceil((high - low) / (_VIGNETTING_STEP * high)), 1), _MOST_KINDS)
+        parts = np.array_split(np.sort(self.fall_off), count)
+        v = np.array([part.mean() for part in parts])
+        share = np.array([part.size for part in parts]) / self.fall_off.size
+        nodes = _NODES if self.unevenness_rel > 0 else ((0.0, 1.0),)
+        light = np.array([1 + self.unevenness_rel * node for node, _ in nodes])
+        frequency = np.array([weight for _, weight in nodes])
+        return np.repeat(v, light.size), np.tile(light, v.size), np.outer(share, frequency).ravel()
+
+
+#: A distribution with a parameter lowered and raised by a standard uncertainty.
+Shifted = tuple[Distribution, Distribution]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionPrediction:
+    """Luminance of the pixels of a patch by the twin.
+
+    Parameters
+    ----------
+    best : Distribution
+        Distribution with the nominal parameters.
+    shifted : dict of str to (Distribution, Distribution)
+        Distributions with one parameter lowered and raised by a standard uncertainty, by its name; a name with that of
+        the patch is of this patch only.
+    """
+
+    best: Distribution
+    shifted: Mapping[str, Shifted]
+
+
+def predict_regions(
+    twin: TwinParameters, regions: Sequence[TwinRegion], exposure_s: float, response: Response
+) -> dict[str, RegionPrediction]:
+    """Predict the luminance of the pixels of patches, as a frame of one exposure would show it.
+
+    Parameters
+    ----------
+    twin : TwinParameters
+        The camera.
+    regions : sequence of TwinRegion
+        The patches.
+    exposure_s : float
+        Exposure of the frame.
+    response : Response
+        Response of the camera, used to predict signals and to convert them to luminance.
+
+    Returns
+    -------
+    dict of str to RegionPrediction
+        By name of the patch.
+
+    Notes
+    -----
+    The mean DN above dark of a pixel is h^-1(R t V L), its distribution that of `labcdp.chain.predict.dn_distribution`:
+    temporal noise and the fixed patterns of all pixels. It is converted to luminance with the R and d(t) of the
+    calibration, which are not shifted with a parameter: the effect of an error of the dark signal is that on the
+    measured luminance.
+    """
+    rel = known(twin.responsivity) / twin.responsivity.value
+    same = [1.0] * len(regions)
+    light = [same]
+    for sign in (-1, 1):
+        light += [[1 + sign * rel] * len(regions), [1 + sign * region.reading_rel for region in regions]]
+    best, *moved = _luminances(twin, regions, exposure_s, response, light)
+    noises = _shifted_noise(twin.noise)
+    of_noise = {
+        name: [_luminances(twin.with_noise(noise), regions, exposure_s, response, [same])[0] for noise in both]
+        for name, both in noises.items()
+    }
+    darkness_dn = twin.dark_standard_uncertainty_dn(exposure_s)
+    result = {}
+    for i, (region, own) in enumerate(zip(regions, best, strict=True)):
+        per_dn = luminance_per_dn(twin, region, exposure_s, response)
+        shifted = {name: (both[0][i], both[1][i]) for name, both in of_noise.items()}
+        shifted["responsivity"] = moved[0][i], moved[2][i]
+        shifted[f"meter reading of {region.name}"] = moved[1][i], moved[3][i]
+        for name, error_dn in (("dark signal", darkness_dn), (f"dark signal at {region.name}", region.darkness_dn)):
+            shifted[name] = added(own, -error_dn * per_dn), added(own, error_dn * per_dn)
+        if region.flat_field_rel > 0:
+            rel = region.flat_field_rel
+            shifted[f"flat field at {region.name}"] = scaled(own, -rel), scaled(own, rel)
+        result[region.name] = RegionPrediction(own, shifted)
+    return result
+
+
+def added(distribution: Distribution, luminance_cd_m2: float) -> Distribution:
+    """Return a distribution shifted by a luminance."""
+    return distribution.map(lambda values: values + luminance_cd_m2)
+
+
+def scaled(distribution: Distribution, error_rel: float) -> Distribution:
+    """Return a distribution with its luminances scaled."""
+    return distribution.map(lambda values: values * (1 + error_rel))
+
+
+def _shifted_noise(noise: CameraNoise) -> dict[str, tuple[CameraNoise, CameraNoise]]:
+    """Return the noise with each quantity a standard uncertainty lower and higher; in DN, as it was measured."""
+
+    def moved(names: Sequence[str], sign: int) -> CameraNoise:
+        old: dict[str, Quantity] = {name: getattr(noise, name) for name in names}
+        new = {name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()}
+        return replace(noise, **new)
+
+    labels = {
+        "system gain K": ("k_dn_per_e",),
+        "read noise": ("read_noise_dn",),
+        "PRNU": ("prnu_rel",),
+        "DSNU": ("dsnu_dn", "dsnu_dn_s"),
+    }
+    return {label: (moved(names, -1), moved(names, 1)) for label, names in labels.items()}
+
+
+def dn_above_dark(twin: TwinParameters, response: Response, linear_dn: ArrayLike) -> FloatArray:
+    """Return h^-1, which maps a linear signal to DN above dark."""
+    wanted = np.asarray(linear_dn, dtype=float)
+    if response.kind == "linear":
+        return wanted
+    grid = np.linspace(0.0, 2.0**twin.bits, _INVERSE_STEPS)
+    heights = response.linearise(grid)
+    inside = np.interp(wanted, heights, grid)
+    result: FloatArray = inside + np.maximum(wanted - heights[-1], 0) / float(response.slope(grid[-1]))
+    return result
+
+
+def luminance_per_dn(twin: TwinParameters, region: TwinRegion, exposure_s: float, response: Response) -> float:
+    """Return the change of a region's luminance with its DN, in cd/m^2."""
+    full = twin.responsivity.value * exposure_s * float(region.fall_off.mean())
+    net_dn = dn_above_dark(twin, response, full * region.luminance_cd_m2)
+    return float(response.slope(net_dn)) / full
+
+
+def _luminances(
+    twin: TwinParameters,
+    regions: Sequence[TwinRegion],
+    exposure_s: float,
+    response: Response,
+    factors: Sequence[Sequence[float]],
+) -> list[list[Distribution]]:
+    """Distributions of luminance of each region, for each set of factors of the light."""
+    r_t = twin.responsivity.value * exposure_s
+    signal = [
+        r_t * v * light * region.luminance_cd_m2 * factor
+        for of_set in factors
+        for region, factor in zip(regions, of_set, strict=True)
+        for v, light, _ in [region.kinds]
+    ]
+    per_s = twin.noise.k_dn_per_e.value * exposure_s
+    rates = dn_above_dark(twin, response, np.concatenate(signal)) / per_s
+    sensor = twin.sensor((1, 1), exposure_s)
+    settings = ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)
+    dn = np.arange(2.0**twin.bits) - twin.dark_dn(exposure_s)
+    kinds = dark_kinds(twin)
+    if kinds is None:
+        seen = [(_dn_rows(CameraModel(sensor, settings), rates), response.linearise(dn) / r_t)]
+    else:
+        seen = []
+        for frames_dn, taken_off_dn in kinds:
+            one = replace(sensor, dsnu_e=0.0, black_level_dn=max(sensor.black_level_dn + frames_dn, 0.0))
+            seen.append((_dn_rows(CameraModel(one, settings), rates), response.linearise(dn - taken_off_dn) / r_t))
+    result, place = [], 0
+    for of_set in factors:
+        of_regions = []
+        for region, _ in zip(regions, of_set, strict=True):
+            v, _, share = region.kinds
+            own = [(row, linear, i) for rows, linear in seen for i, row in enumerate(rows[place : place + v.size])]
+            place += v.size
+            values = np.concatenate([linear[first : first + p.size] / v[i] for (first, p), linear, i in own])
+            weights = np.concatenate([p * share[i] / len(seen) for (_, p), _, i in own])
+            distinct, which = np.unique(values, return_inverse=True)
+            of_regions.append(Distribution(distinct, np.bincount(which, weights)))
+        result.append(of_regions)
+    return result
+
+
+def _dn_rows(camera: CameraModel, rates_e_s: FloatArray) -> list[tuple[int, FloatArray]]:
+    """First DN at each rate, and the probabilities from it on."""
+    table = value_table(camera, rates_e_s)
+    order = np.argsort(rates_e_s, kind="stable")
+    rows: dict[int, tuple[int, FloatArray]] = {}
+    for part, first, share, _ in table.blocks(rates_e_s[order]):
+        for index, row in zip(order[part], np.maximum(share, 0.0), strict=True):
+            occurring = np.flatnonzero(row > _NEVER)
+            begin, end = int(occurring[0]), int(occurring[-1]) + 1
+            rows[int(index)] = first + begin, row[begin:end]
+    return [rows[i] for i in range(rates_e_s.size)]

@@ -1,0 +1,1 @@
+"""Page and spreadsheet of a twin."""

@@ -1,0 +1,1 @@
+"""CDP of videos, frame by frame."""

@@ -1,0 +1,1 @@
+"""Folders of videos on all cores or a cluster."""

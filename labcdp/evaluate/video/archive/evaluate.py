@@ -1,0 +1,222 @@
+"""An archive of videos, evaluated on all cores or on a Dask cluster, each video as it would be alone."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ....core.errors import InputError, LabcdpError
+from ....core.finding import Finding
+from ....core.json_text import results_json
+from ....output import LIST_FILE, ResultsFolder
+from .cluster import open_cluster
+from .record import ArchiveTask, finished_values, record_finished
+
+#: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
+#: sent to other processes: a function of a module, or a `functools.partial` of one, with the same results everywhere.
+Work: TypeAlias = Callable[[Path, ResultsFolder], Mapping[str, Any]]
+
+#: Called with the number of videos done and in total, and the last one (none at the start).
+Progress: TypeAlias = Callable[[int, int, "VideoOutcome | None"], None]
+
+
+@dataclass(frozen=True)
+class VideoOutcome:
+    """What became of a video.
+
+    Parameters
+    ----------
+    task : ArchiveTask
+        Video and folder.
+    values : mapping or None
+        What the work returned; None if it failed.
+    error : str
+        Why it failed, else empty.
+    resumed : bool
+        Whether the results are of an earlier run.
+    """
+
+    task: ArchiveTask
+    values: Mapping[str, Any] | None
+    error: str = ""
+    resumed: bool = False
+
+
+@dataclass(frozen=True)
+class ArchiveResult:
+    """What became of an archive.
+
+    Parameters
+    ----------
+    outcomes : tuple of VideoOutcome
+        In the order of the tasks.
+    findings : tuple of Finding
+        Workers that died, with the video they were at, and workers that could not be used.
+    """
+
+    outcomes: tuple[VideoOutcome, ...]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def failures(self) -> tuple[VideoOutcome, ...]:
+        """Videos that failed."""
+        return tuple(outcome for outcome in self.outcomes if outcome.values is None)
+
+
+def archive_tasks(videos: Sequence[Path], folder: Path) -> tuple[ArchiveTask, ...]:
+    """Give each video a folder of its own below `folder`, named after it.
+
+    Videos of one name get their suffix, then their folder's name, and at last a number into the name; it does not
+    depend on the other videos of the archive unless they have the same name.
+
+    Raises
+    ------
+    InputError
+        If there is no video, or one is given twice.
+    """
+    paths = [Path(os.path.abspath(path)) for path in videos]
+    if not paths:
+        raise InputError("there is no video to evaluate: give files, or a folder that holds some")
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
+        raise InputError(f"{twice} is given twice: give each video once")
+    names = [path.stem or "video" for path in paths]
+    for better in (lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}"):
+        names = [better(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    seen: dict[str, int] = {}
+    folders = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        folders.append(Path(os.path.abspath(folder)) / (name if seen[name] == 1 else f"{name}-{seen[name]}"))
+    return tuple(map(ArchiveTask.of, paths, folders))
+
+
+def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
+    """Refuse a folder with results of videos that are not among those of the tasks.
+
+    Raises
+    ------
+    InputError
+        If there are some.
+    """
+    names = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
+    if names:
+        raise InputError(
+            f"{folder} has results of other videos, such as {min(names)}: give them too, or another --output"
+        )
+
+
+def evaluate_archive(
+    tasks: Sequence[ArchiveTask],
+    work: Work,
+    settings: Mapping[str, Any],
+    address: str | None = None,
+    n_workers: int | None = None,
+    progress: Progress | None = None,
+    *,
+    force: bool = False,
+    inputs: Sequence[Path] = (),
+) -> ArchiveResult:
+    """Evaluate all videos of an archive that are not evaluated yet.
+
+    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit
+    for bit. A video that fails does not keep the others from being evaluated; one whose worker dies is tried once
+    more. What is finished is recorded in the video's folder, and not done again with the same settings.
+
+    Parameters
+    ----------
+    tasks : sequence of ArchiveTask
+        Videos and the folders of their results; on a cluster all workers must see both under the same path.
+    work : callable
+        See `Work`.
+    settings : mapping
+        All inputs of the results other than the video; JSON.
+    address : str or None
+        Of a Dask scheduler, for example tcp://192.0.2.7:8786; None for processes of this computer, which listen on
+        loopback only.
+    n_workers : int or None
+        Processes of this computer; None for one a core.
+    progress : callable or None
+        See `Progress`.
+    force : bool
+        Whether finished videos are evaluated again and their results replaced.
+    inputs : sequence of Path
+        Other files that are read, and never replaced.
+
+    Returns
+    -------
+    ArchiveResult
+        What became of each video.
+
+    Raises
+    ------
+    InputError
+        If the cluster cannot be reached, its workers have another version of labcdp, or do not see the folder.
+    KeyboardInterrupt
+        After what runs was stopped; finished videos are recorded.
+    """
+    outcomes: dict[ArchiveTask, VideoOutcome] = {}
+
+    def done(outcome: VideoOutcome) -> None:
+        outcomes[outcome.task] = outcome
+        if progress is not None:
+            progress(len(outcomes), len(tasks), outcome)
+
+    if progress is not None:
+        progress(0, len(tasks), None)
+    left = []
+    for task in tasks:
+        values = None if force else finished_values(task, settings)
+        if values is None:
+            left.append(task)
+        else:
+            done(VideoOutcome(task, values, resumed=True))
+    findings: tuple[Finding, ...] = ()
+    if left:
+        with open_cluster(address, n_workers, _common(tasks)) as cluster:
+            for task, new, error in cluster.run(evaluate_task, left, work, settings, force, tuple(inputs)):
+                done(VideoOutcome(task, new, "" if error is None else _reason(error)))
+            findings = cluster.findings
+    return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
+
+
+def evaluate_task(
+    task: ArchiveTask, work: Work, settings: Mapping[str, Any], force: bool = False, inputs: Sequence[Path] = ()
+) -> Mapping[str, Any]:
+    """Evaluate one video and record that it is finished; what is recorded already is not done again.
+
+    Raises
+    ------
+    NotSeenError
+        If this computer does not see the video as it was seen where the archive was begun.
+    LabcdpError
+        What the work raises.
+    """
+    task.require_visible()
+    # A worker may be asked again for what was finished just before another one died.
+    values = None if force else finished_values(task, settings)
+    if values is None:
+        with ResultsFolder(task.folder, "video", force=force, resume=True, inputs=(task.video, *inputs)) as results:
+            # As it is read back from the record.
+            values = json.loads(results_json(dict(work(task.video, results))))
+            record_finished(task, settings, values, results)
+    return values
+
+
+def _common(tasks: Sequence[ArchiveTask]) -> Path:
+    """Return the folder that holds the folders of all results."""
+    return Path(os.path.commonpath([task.folder.parent for task in tasks]))
+
+
+def _reason(error: BaseException) -> str:
+    """Say why a video failed, in one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, LabcdpError):
+        return text
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for it: use fewer workers"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

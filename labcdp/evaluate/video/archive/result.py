@@ -1,0 +1,96 @@
+"""What became of the videos of an archive, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from ....core.finding import error
+from ....core.result import InputFile, Result
+from ....core.table import Column, Table
+from ..result import CONTRASTS, LOST, REGIONS
+from .evaluate import ArchiveResult, VideoOutcome
+
+_VIDEO = Column("video", "video", meaning="Name of the folder of its results.")
+_VIDEOS = (
+    _VIDEO,
+    Column("path", "path", meaning="The video.", shown=False),
+    Column("folder", "folder", meaning="The folder of its results.", shown=False),
+    Column("n_frames", "frames", meaning="Evaluated frames, those without a result included.", decimals=0),
+    # Of the reference contrast, or else of the first one.
+    *(replace(column, shown=column.shown and column.name != "lowest_frame") for column in CONTRASTS),
+    Column("lost_share", "lost", "%", "Largest share of the frames in which a region was lost.", decimals=1),
+    Column("resumed", "resumed", meaning="Whether the results are of an earlier run.", shown=False),
+    Column("error", "error", meaning="Why it failed.", shown=False),
+)
+
+
+def archive_result(archive: ArchiveResult) -> Result:
+    """Return a table with one row for each video, and one each with the rows of all videos' tables.
+
+    Parameters
+    ----------
+    archive : ArchiveResult
+        Of an archive whose videos were evaluated by `labcdp video`.
+    """
+    done = [one for one in archive.outcomes if one.values is not None]
+    text = (
+        f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(one.resumed for one in done)} of them in "
+        "an earlier run. CDP is that of the reference contrast, or else of the first contrast to be detected."
+    )
+    tables = [Table.of_rows("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
+    for name, title, columns in (
+        ("contrasts", "CDP over all frames", CONTRASTS),
+        ("regions", "Regions", REGIONS),
+        ("lost", "Stretches in which a region was lost", LOST),
+    ):
+        rows = [{"video": one.task.folder.name, **row} for one in done for row in _rows(one, name)]
+        if rows:
+            tables.append(Table.of_rows(name, title, (_VIDEO, *columns), rows, detail=True))
+    # Most reasons name the file.
+    failures = (
+        error("video-failed", reason=one.error if path in one.error else f"{path}: {one.error}", path=path)
+        for one in archive.failures
+        for path in (str(one.task.video),)
+    )
+    return Result(
+        "video",
+        f"{len(archive.outcomes)} videos",
+        tuple(tables),
+        (*failures, *archive.findings),
+        tuple(_inputs(done)),
+        done[0].values["configuration"] if done and done[0].values is not None else {},
+    )
+
+
+def _video(outcome: VideoOutcome) -> Mapping[str, Any]:
+    row = {
+        "video": outcome.task.folder.name,
+        "path": str(outcome.task.video),
+        "folder": str(outcome.task.folder),
+        "resumed": outcome.resumed,
+        "error": outcome.error or None,
+    }
+    if outcome.values is None:
+        return row
+    n_frames = next(one["value"] for one in _rows(outcome, "summary"))
+    lost = [region["lost_share"] for region in _rows(outcome, "regions")]
+    return {**row, "n_frames": n_frames, **_rows(outcome, "contrasts")[0], "lost_share": max(lost, default=None)}
+
+
+def _rows(outcome: VideoOutcome, table: str) -> list[dict[str, Any]]:
+    """Return the rows of a table of a video's result; none if it has no such table."""
+    assert outcome.values is not None
+    rows: list[dict[str, Any]] = outcome.values["tables"].get(table, {"rows": []})["rows"]
+    return rows
+
+
+def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
+    found = {}
+    for outcome in done:
+        assert outcome.values is not None
+        for one in outcome.values["inputs"]:
+            path = str(outcome.task.video) if one["role"] == "video" else one["path"]
+            found[one["role"], path] = InputFile(one["role"], path, one["sha256"])
+    yield from found.values()

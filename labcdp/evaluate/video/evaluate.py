@@ -1,0 +1,160 @@
+"""Evaluation of a video, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from ...core.disk.journal import LineJournal
+from ...core.errors import InputError
+from ...core.finding import Finding, info
+from ...core.result import InputFile
+from ...files.video.open import open_video
+from ...files.video.source import VideoSource
+from ...output import Destination, open_results
+from ...report.findings import finding_text
+from ..picture.light.picture import PictureConversion, picture_conversion
+from .checks import JOURNAL, evaluation_head, require_regions
+from .configuration import conversion_findings
+from .dataset import VideoRows, as_json
+from .findings import VideoFindings, recorded
+from .reference import make_reference
+from .rows import is_end, variables
+from .run import VideoRun
+from .settings import Observer, Progress, VideoSettings
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+def evaluate_video(
+    path: Path,
+    settings: VideoSettings,
+    folder: Destination | None = None,
+    *,
+    progress: Progress | None = None,
+    observer: Observer | None = None,
+) -> Dataset:
+    """Evaluate a video frame by frame.
+
+    Parameters
+    ----------
+    path : Path
+        A file that FFmpeg reads, a TIFF of several pages, a folder of images, or a recorded session.
+    settings : VideoSettings
+        What is to be evaluated.
+    folder : path, ResultsFolder or None
+        For the journal, in which each frame's results are as soon as they are known: the same evaluation resumes an
+        interrupted one with the same result. None for none.
+    progress : callable or None
+        Called for each frame.
+    observer : callable or None
+        Given each frame whose pixels are there, with its results, in order and in the same pass.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over frame, contrast and region; nan where a region is lost or a frame is broken, with the reason as ``note``.
+        The attribute ``findings`` holds what there is to know about the video, as JSON.
+
+    Raises
+    ------
+    InputError
+        If the video or a setting cannot be used, or the folder holds the journal of another evaluation or cannot be
+        written.
+    CalibrationError
+        If the calibration is not for such frames.
+
+    Notes
+    -----
+    A tracker sees every frame from the start of the selection on, also those that are not evaluated, as regions that
+    have moved far are not found again. It is deterministic: when an evaluation is resumed, the frames before are
+    followed again and not evaluated again.
+    """
+    with evaluated_rows(path, settings, folder, progress=progress, observer=observer) as rows:
+        return rows.dataset()
+
+
+@contextmanager
+def evaluated_rows(
+    path: Path,
+    settings: VideoSettings,
+    folder: Destination | None = None,
+    *,
+    progress: Progress | None = None,
+    observer: Observer | None = None,
+) -> Iterator[VideoRows]:
+    """Evaluate a video as `evaluate_video`, and give its results to read while the context lasts."""
+    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding)
+    options_given = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
+    given: dict[str, Any] = {name: value for name, value in options_given.items() if value is not None}
+    options = replace(conversion.options, **given, overrides=conversion.options.overrides | given.keys())
+    source = open_video(path, replace(options, damaged=settings.damaged))
+    conversion = replace(conversion, options=replace(conversion.options, encoding=source.encoding))
+    if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:
+        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
+    reference = make_reference(settings)
+    head = {"video": source.sha256, **evaluation_head(settings, reference)}
+    require_regions(source, settings)
+    with ExitStack() as stack:
+        if folder is None:
+            where = Path(stack.enter_context(TemporaryDirectory(prefix="labcdp-")))
+        else:
+            results = stack.enter_context(open_results(folder, "video"))
+            where = results.journal(JOURNAL).parent
+        journal = LineJournal.open(where / JOURNAL, head, "evaluation")
+        # Without a frame there is nothing to resume, and other settings may have the folder.
+        stack.callback(lambda: journal.close() if len(journal) else journal.discard())
+        run = VideoRun(source, settings, conversion, reference, journal)
+        run.go(progress, observer)
+        found = VideoFindings([roi.name for roi in settings.rois])
+        for row in journal.rows():
+            if not is_end(row):
+                found.add(row)
+        if found.first_measured is None:
+            journal.discard()
+            number, finding = found.first or (0, None)
+            why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
+            raise InputError(f"{path}: no frame could be evaluated{why}")
+        findings = [*source.findings, *conversion_findings(conversion, source), *run.announced(), *found.findings]
+        if settings.contrasts is None:
+            code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
+            findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))
+        yield VideoRows(
+            lambda: (variables(row) for row in journal.rows() if not is_end(row)),
+            run.contrasts,
+            tuple(roi.name for roi in settings.rois),
+            found.order,
+            max((len(roi.corners) for roi in settings.rois), default=0),
+            conversion.unit,
+            {**_attributes(path, source, settings, conversion, findings), "versions": as_json(head["versions"]),
+             "configuration": as_json(head["settings"])},
+        )  # fmt: skip
+
+
+def _attributes(
+    path: Path,
+    source: VideoSource,
+    settings: VideoSettings,
+    conversion: PictureConversion,
+    findings: list[Finding],
+) -> dict[str, Any]:
+    epsilon = settings.epsilon
+    files = {"calibration": settings.calibration, "camera": settings.camera, "reference": settings.reference}
+    inputs = [InputFile.of(role, one) for role, one in files.items() if isinstance(one, Path)]
+    return {
+        "title": "contrast detection probability of a video",
+        "file": path.name,
+        "sha256": source.sha256,
+        "inputs": as_json([asdict(one) for one in inputs]),
+        "mode": settings.mode,
+        "method": settings.method if settings.rois else "none",
+        "unit": conversion.unit,
+        "epsilon": epsilon if isinstance(epsilon, float) else as_json(asdict(epsilon)),
+        "conversion": conversion.description,
+        "findings": as_json(recorded(findings)),
+    }

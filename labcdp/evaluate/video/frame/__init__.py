@@ -1,0 +1,1 @@
+"""CDP of one frame, at the speed of a video."""

@@ -1,0 +1,158 @@
+"""Nearest-neighbour CDP of 8-bit frames, at the speed of a video."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import nan, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.errors import InputError
+from ....metrics import Epsilon, NeighbourCdp
+from ....metrics.interval import TargetContrast
+from ....metrics.neighbours.uncertainty import FEWEST_LINES
+from ....metrics.pairs import RELATIVE_TOLERANCE
+from ....metrics.uncertainty import confidence_interval
+from .marks import MarkSums
+
+#: Contrasts at once: each has two ends, and a class has one byte.
+_MOST_CONTRASTS = 120
+
+
+class NeighbourTables:
+    """Nearest-neighbour CDP where the light of a pixel follows from its DN alone.
+
+    There are 2^16 pairs of DN, so that it is known beforehand between which of all ends of the intervals the contrast
+    of a pair lies: one look-up a pair, whatever the number of contrasts, and none where neighbours differ less than
+    any contrast asks for. All sums are those of integers; results are those of
+    `labcdp.metrics.cdp_neighbours_range` to the rounding of its floats.
+
+    Parameters
+    ----------
+    light : ndarray of float, shape (256,)
+        Light by DN.
+    contrasts : sequence of float
+        Contrasts, up to 120.
+    epsilon : float or DetectionInterval
+        Their tolerance.
+
+    Raises
+    ------
+    InputError
+        If a contrast or the tolerance is out of range, there are too many, or a light is not finite.
+    """
+
+    def __init__(self, light: NDArray[np.floating[Any]], contrasts: Sequence[float], epsilon: Epsilon) -> None:
+        if len(contrasts) > _MOST_CONTRASTS:
+            raise InputError(f"{len(contrasts)} contrasts are given: give up to {_MOST_CONTRASTS}")
+        if not np.isfinite(light).all():
+            raise InputError("the light of a DN is not finite: check calibration or camera specification")
+        self._asked = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
+        intervals = [
+            (
+                0.0 if one.low is None else float(1 + one.low) * (1 - RELATIVE_TOLERANCE),
+                np.inf if one.high is None else float(1 + one.high) * (1 + RELATIVE_TOLERANCE),
+            )
+            for one in self._asked
+        ]
+        # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
+        ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})
+        place = {0.0: 0, **{end: n for n, end in enumerate(ends, start=1)}, np.inf: len(ends) + 1}
+        self._n_places = len(place)
+        self._intervals = np.array([(place[low], place[high]) for low, high in intervals], np.uint8)
+        classes = _classes(np.asarray(light, dtype=float), ends)
+        self._classes, self._alike = classes.ravel(), _alike(classes)
+
+    def evaluate(self, dn: NDArray[np.uint8]) -> tuple[NeighbourCdp, ...]:
+        """Evaluate a frame.
+
+        Parameters
+        ----------
+        dn : ndarray of uint8, shape (height, width)
+            The frame.
+
+        Returns
+        -------
+        tuple of NeighbourCdp
+            One for each contrast.
+
+        Raises
+        ------
+        InputError
+            If it has fewer than two pixels, or none with light.
+        """
+        from .neighbours_kernel import sum_marks
+
+        if dn.size < 2:
+            raise InputError(f"the image holds {dn.size} pixels: give at least two, or there is no neighbour")
+        # Neighbours are the same ones in a column and in a row.
+        image = np.ascontiguousarray(dn if dn.shape[1] > 1 else dn.T)
+        height, width = image.shape
+        n = len(self._asked)
+        counts, near = np.zeros(self._n_places, np.int64), np.zeros(n, np.int64)
+        rows, columns = np.zeros((n, height), np.int64), np.zeros((n, width), np.uint32)
+        sides = np.zeros((n, height, 3), np.uint8)
+        sum_marks(image, self._classes, self._alike, self._intervals, counts, near, rows, columns, sides)
+        if counts[0] == 0:
+            raise InputError(
+                "the image holds no value above 0, so no contrast is defined: check exposure and black level"
+            )
+        n_pairs = height * (width - 1) + (height - 1) * width
+        enough = min(height, width) >= FEWEST_LINES
+        exceeding = counts.tolist()
+        return tuple(
+            _result(
+                asked, n_pairs, exceeding[0], (exceeding[low], exceeding[high]), MarkSums(*sums) if enough else None
+            )
+            for asked, (low, high), sums in zip(
+                self._asked,
+                self._intervals.tolist(),
+                zip(near.tolist(), rows, columns, sides, strict=True),
+                strict=True,
+            )
+        )
+
+
+def _result(
+    asked: TargetContrast, n_pairs: int, n_lit: int, exceeding: tuple[int, int], sums: MarkSums | None
+) -> NeighbourCdp:
+    """Return the result of a contrast from the pairs with light and those that exceed its ends."""
+    cdp = (exceeding[0] - exceeding[1]) / n_pairs
+    variance = nan
+    if sums is not None:
+        variance = sums.variance(cdp) if 0 < cdp < 1 else 0.0
+    return NeighbourCdp(
+        cdp=cdp,
+        standard_error=sqrt(variance),
+        confidence_interval=confidence_interval(cdp, variance, n_pairs / 4),
+        contrast=asked.contrast,
+        epsilon=asked.epsilon,
+        definition=asked.definition,
+        interval=asked.interval,
+        below=(n_pairs - exceeding[0]) / n_pairs,
+        above=exceeding[1] / n_pairs,
+        undefined=(n_pairs - n_lit) / n_pairs,
+        pairs=n_pairs,
+    )
+
+
+def _classes(light: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.uint8]:
+    """How many places each pair of DN exceeds, shape (256, 256)."""
+    larger, smaller = np.maximum.outer(light, light), np.maximum(np.minimum.outer(light, light), 0)
+    classes = (larger > 0).astype(np.uint8)
+    for end in ends:
+        with np.errstate(over="ignore"):
+            classes += larger > smaller * end
+    return classes
+
+
+def _alike(classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """By DN, the least difference at which a pair of this DN or more is of another class than one of DN 255."""
+    apart = np.full(256, 255)
+    for dn in range(256):
+        other = np.flatnonzero(classes[dn, dn:] != classes[-1, -1])
+        apart[dn] = other[0] if other.size else 255
+    least: NDArray[np.uint8] = np.minimum.accumulate(apart[::-1])[::-1].astype(np.uint8)
+    return least

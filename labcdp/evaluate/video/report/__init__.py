@@ -1,0 +1,1 @@
+"""Page, spreadsheet and figures of a video."""

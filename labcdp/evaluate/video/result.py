@@ -1,0 +1,325 @@
+"""What a video's results say in a few numbers: how often a contrast was detected, and where regions were lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk import parse_json
+from ...core.finding import Finding
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table
+from ...report.digits import percent
+from .dataset import blocks_of, check_video, findings_of
+from .findings import is_lost, note_of, reason_of, restored
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: CDP from which a contrast counts as detected in a frame.
+DETECTED_CDP = 0.9
+
+CONTRASTS = (
+    Column("kind", "contrast", meaning="Whether it was given, measured in the first frame, or is the reference."),
+    Column(
+        "contrast",
+        "Weber contrast",
+        "%",
+        "Contrast to be detected; missing if frames differ in it.",
+        digits=4,
+    ),
+    Column(
+        *("detected_share", f"frames with CDP ≥ {DETECTED_CDP:g}", "%"),
+        "Share of all frames; one without a CDP counts as not detected.",
+        decimals=1,
+    ),
+    Column("n_detected", "detected", meaning="Number of these frames.", decimals=0, shown=False),
+    Column("n_evaluated", "evaluated frames", meaning="Frames that have a CDP.", decimals=0),
+    Column("mean_cdp", "mean CDP", meaning="Mean over the frames that have a CDP.", decimals=4),
+    Column("lowest_cdp", "lowest CDP", meaning="Lowest of them.", decimals=4),
+    Column("lowest_frame", "in frame", meaning="The first frame with the lowest CDP.", decimals=0),
+)
+REGIONS = (
+    Column("region", "region"),
+    Column("mean", "mean", meaning="Mean over the frames in which the region was found."),
+    Column("snr", "SNR", meaning="Signal-to-noise ratio, mean over standard deviation, over the same frames."),
+    Column("mean_quality", "mean quality", meaning="Quality of the tracking, 0 to 1.", decimals=3),
+    Column("lowest_quality", "lowest quality", meaning="Lowest quality in these frames.", decimals=3),
+    Column("n_lost", "frames in which it was lost", meaning="Their number.", decimals=0),
+    Column("lost_share", "share", "%", "Share of all frames in which it was lost.", decimals=1),
+)
+LOST = (
+    Column("region", "region"),
+    Column("first_frame", "first frame", decimals=0, meaning="First frame in which it was lost."),
+    Column("last_frame", "last frame", decimals=0, meaning="Last frame in which it was lost."),
+    Column("n_frames", "frames", decimals=0, meaning="Evaluated frames from the first to the last."),
+    Column("start_s", "from", "s", "Time of the first frame.", time=True),
+    Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
+    Column("reason", "reason", meaning="Why it was lost in the first of these frames."),
+    Column("code", "code", meaning="Code of the reason.", shown=False),
+)
+NOTES = (
+    Column("note", "note", meaning="As in the first frame that has it."),
+    Column("code", "code", meaning="Code and values of the finding.", shown=False),
+    Column("subject", "subject", meaning="Region it is about.", shown=False),
+    Column("n_frames", "frames", decimals=0, meaning="Frames that have it."),
+    Column("first_frame", "first frame", decimals=0, meaning="First of them."),
+)
+_SUMMARY = (
+    Column("quantity", "quantity"),
+    Column("value", "value", unit_of="unit"),
+    Column("unit", "unit"),
+    Column("meaning", "meaning"),
+)
+
+
+def video_result(dataset: Dataset) -> Result:
+    """Return the tables and findings of a video.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Results of a video. Of one that is read from a file, one column at a time is in memory.
+
+    Raises
+    ------
+    InputError
+        If the dataset is no result of a video.
+    """
+    check_video(dataset)
+    seen = _FrameFindings(dataset)
+    regions = _regions(dataset)
+    tables = [
+        _contrasts(dataset),
+        _summary(dataset),
+        *([regions] if len(regions) else []),
+        *([seen.lost(dataset)] if seen.stretches else []),
+        *([seen.notes()] if seen.counts else []),
+    ]
+    return Result(
+        "video",
+        title_of(dataset),
+        tuple(tables),
+        restored(_json(dataset, "findings", [])),
+        inputs_of(dataset),
+        configuration_of(dataset),
+    )
+
+
+def title_of(dataset: Dataset) -> str:
+    """Return the name of the video."""
+    return PurePath(str(dataset.attrs.get("file", ""))).name or "video"
+
+
+def is_neighbours(dataset: Dataset) -> bool:
+    """Whether pixels were compared with their neighbours, and not two regions."""
+    return str(dataset.attrs.get("mode", "regions")) == "neighbours"
+
+
+def unit_of(dataset: Dataset) -> str:
+    """Return the unit of the means, empty for relative luminance."""
+    return "cd/m²" if dataset.attrs.get("unit") == "cd/m^2" else ""
+
+
+def inputs_of(dataset: Dataset) -> tuple[InputFile, ...]:
+    """Return the video and the other files it was evaluated with."""
+    video = InputFile("video", str(dataset.attrs.get("file", "")), str(dataset.attrs.get("sha256", "")))
+    return (video, *(InputFile(**one) for one in _json(dataset, "inputs", [])))
+
+
+def configuration_of(dataset: Dataset) -> dict[str, Any]:
+    """Return all that decided the results."""
+    names = ("mode", "method", "unit", "conversion")
+    stated = {name: dataset.attrs[name] for name in names if name in dataset.attrs}
+    return {**_json(dataset, "configuration", {}), **stated}
+
+
+def contrast_name(row: Mapping[str, Any]) -> str:
+    """Return the name of a row of the table of contrasts, as curves and cards have it."""
+    if row["contrast"] is None:
+        return "reference contrast of each frame"
+    # What was measured has as many digits as a float.
+    text = percent(row["contrast"]) if row["kind"] == "asked" else f"{100 * row['contrast']:.4g} %"
+    return f"contrast {text}" if row["kind"] == "asked" else f"{row['kind']} contrast {text}"
+
+
+def times_s(dataset: Dataset) -> NDArray[np.float64]:
+    """Return the time of each frame in seconds, shape (frames,); nan where it is not known."""
+    if "time_s" not in dataset.variables:
+        return np.full(dataset.sizes["frame"], np.nan)
+    return np.asarray(dataset["time_s"].values, dtype=np.float64)
+
+
+def period_s(times: NDArray[np.float64]) -> float:
+    """Return the time from an evaluated frame to the next, of most frames; nan where it is not known."""
+    steps = np.diff(times)
+    steps = steps[np.isfinite(steps)]
+    return float(np.median(steps)) if steps.size else float("nan")
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last place, both included, of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(start), int(stop) - 1) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _contrasts(dataset: Dataset) -> Table:
+    frames = dataset["frame"].values
+    rows = [*_reference(dataset, frames)]
+    is_measured = configuration_of(dataset).get("contrasts", ()) is None
+    for place, contrast in enumerate(dataset["contrast"].values.tolist()):
+        cdp = dataset["cdp"].isel(contrast=place).values
+        rows.append({"kind": "measured" if is_measured else "asked", "contrast": contrast, **_contrast(cdp, frames)})
+    note = (
+        "CDP is the share of all pairs of "
+        + ("neighbouring pixels" if is_neighbours(dataset) else "a bright and a dark pixel")
+        + " whose Weber contrast is within the tolerance around the contrast to be detected. "
+        f"Shares are of all {frames.size} frames; mean and lowest CDP are of those that have one."
+    )
+    return Table.of_rows("contrasts", "CDP over all frames", CONTRASTS, rows, note)
+
+
+def _reference(dataset: Dataset, frames: NDArray[Any]) -> Iterator[dict[str, Any]]:
+    if "reference_cdp" not in dataset:
+        return
+    contrasts = dataset["reference_contrast"].values
+    given = np.unique(contrasts[np.isfinite(contrasts)])
+    if given.size:
+        contrast = float(given[0]) if given.size == 1 else None
+        yield {"kind": "reference", "contrast": contrast, **_contrast(dataset["reference_cdp"].values, frames)}
+
+
+def _contrast(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
+    known = np.isfinite(cdp)
+    n_detected = int((cdp[known] >= DETECTED_CDP).sum())
+    row = {"detected_share": n_detected / cdp.size, "n_detected": n_detected, "n_evaluated": int(known.sum())}
+    if not known.any():
+        return row
+    place = int(np.nanargmin(cdp))
+    lowest = {"lowest_cdp": float(cdp[place]), "lowest_frame": int(frames[place])}
+    return {**row, "mean_cdp": float(cdp[known].mean()), **lowest}
+
+
+def _summary(dataset: Dataset) -> Table:
+    frames, times = dataset["frame"].values, times_s(dataset)
+    rows = [
+        ("evaluated frames", len(frames), "", "Those without a result included."),
+        ("first frame", int(frames[0]), "", "Its number in the video, from 0."),
+        ("last frame", int(frames[-1]), "", "Its number in the video."),
+        ("start", float(times[0]), "s", "Time of the first frame."),
+        ("end", float(times[-1]), "s", "Time of the last frame."),
+        ("detected from CDP", DETECTED_CDP, "", "From this CDP on a contrast counts as detected in a frame."),
+    ]
+    named = [dict(zip(("quantity", "value", "unit", "meaning"), row, strict=True)) for row in rows]
+    return Table.of_rows("summary", "Frames", _SUMMARY, named, detail=True)
+
+
+def _regions(dataset: Dataset) -> Table:
+    unit = unit_of(dataset)
+    columns = [Column(**{**vars(one), "unit": unit}) if one.name == "mean" else one for one in REGIONS]
+    rows = [_region(dataset.isel(region=number)) for number in range(dataset.sizes.get("region", 0))]
+    note = "" if unit else "Means are relative luminance."
+    table = Table.of_rows("regions", "Regions", columns, rows, note)
+    return table.sorted_by("mean", reverse=True)
+
+
+def _region(one: Dataset) -> dict[str, Any]:
+    lost = one["lost"].values.astype(bool)
+
+    def found(name: str) -> NDArray[np.float64]:
+        values = one[name].values[~lost]
+        known: NDArray[np.float64] = values[np.isfinite(values)]
+        return known if known.size else np.array([np.nan])
+
+    return {
+        "region": str(one["region"].values),
+        "mean": float(found("mean").mean()),
+        "snr": float(found("snr").mean()),
+        "mean_quality": float(found("quality").mean()),
+        "lowest_quality": float(found("quality").min()),
+        "n_lost": int(lost.sum()),
+        "lost_share": float(lost.mean()),
+    }
+
+
+@dataclass
+class _Count:
+    """A note, and how many frames have it."""
+
+    first: Finding
+    frame: int
+    n: int = 0
+
+
+class _FrameFindings:
+    """Findings about the frames, gathered block by block."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.counts: dict[tuple[str, str], _Count] = {}
+        self.stretches: list[tuple[str, int, int]] = []
+        for region in range(dataset.sizes.get("region", 0)):
+            one = dataset["lost"].isel(region=region)
+            name = str(dataset["region"].values[region])
+            self.stretches += [(name, *run) for run in runs(one.values.astype(bool))]
+        begins = {(name, first) for name, first, _ in self.stretches}
+        self._reasons: dict[tuple[str, int], list[Finding]] = {}
+        place = 0
+        for block in blocks_of(dataset[["findings"]]) if "findings" in dataset else ():
+            for frame, found in zip(block["frame"].values.tolist(), findings_of(block), strict=True):
+                for finding in found:
+                    count = self.counts.setdefault((finding.code, finding.subject), _Count(finding, frame))
+                    count.n += 1
+                    if is_lost(finding) and (finding.subject, place) in begins:
+                        self._reasons.setdefault((finding.subject, place), []).append(finding)
+                place += 1
+
+    def lost(self, dataset: Dataset) -> Table:
+        """Return where regions were lost, and for how long."""
+        frames, times = dataset["frame"].values, times_s(dataset)
+        period = period_s(times)
+        rows = []
+        for name, first, last in self.stretches:
+            reasons = self._reasons.get((name, first), [])
+            end = times[last + 1] if last + 1 < len(times) else times[last] + period
+            rows.append(
+                {
+                    "region": name,
+                    "first_frame": int(frames[first]),
+                    "last_frame": int(frames[last]),
+                    "n_frames": last - first + 1,
+                    "start_s": float(times[first]),
+                    "duration_s": float(end - times[first]),
+                    # The region is in a separate column.
+                    "reason": "; ".join(map(reason_of, reasons)),
+                    "code": " ".join(one.code for one in reasons),
+                }
+            )
+        return Table.of_rows("lost", "Stretches in which a region was lost", LOST, rows)
+
+    def notes(self) -> Table:
+        """Return how many frames have which note, the most frequent first."""
+        rows = [
+            {
+                "note": note_of([count.first]),
+                "code": count.first.code,
+                "subject": count.first.subject,
+                "n_frames": count.n,
+                "first_frame": count.frame,
+            }
+            for count in sorted(self.counts.values(), key=lambda count: -count.n)
+        ]
+        return Table.of_rows("notes", "Notes on frames", NOTES, rows, detail=True)
+
+
+def _json(dataset: Dataset, name: str, default: Any) -> Any:
+    """Return an attribute that holds JSON; a default if it is missing or no JSON."""
+    try:
+        values = parse_json(str(dataset.attrs[name]), allow_nan=True)
+    except (KeyError, ValueError):
+        return default
+    return values if isinstance(values, type(default)) else default

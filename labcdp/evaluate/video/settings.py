@@ -1,0 +1,113 @@
+"""What is to be evaluated of a video."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.roi import Roi
+from ...files.video.selection import Selection
+from ...metrics import Epsilon
+from ...metrics.interval import TargetContrast
+from ...tracking import TrackedRoi, methods_of
+
+#: Called for each evaluated frame: its number, the frame in 8 bits, where the regions are in it, and its results by
+#: the names they have in the dataset. It has no regions for nearest-neighbour CDP.
+Observer: TypeAlias = Callable[[int, NDArray[np.uint8], Sequence[TrackedRoi], Mapping[str, Any]], None]
+#: Called with the frames that are done, and how many there are going to be as far as that is known.
+Progress: TypeAlias = Callable[[int, "int | None"], None]
+#: A measured contrast; that of the first frame; or the results of another video, by a calibrated camera for example.
+Reference: TypeAlias = "float | Literal['first'] | Path"
+
+
+@dataclass(frozen=True)
+class VideoSettings:
+    """What is to be evaluated of a video; can be sent to another process.
+
+    Parameters
+    ----------
+    contrasts : tuple of float or None
+        Contrasts to be detected, fractions; at least one, none twice. None for the contrast that is measured in the
+        first frame in which both regions are seen; without regions, between neighbouring pixels.
+    rois : tuple of Roi
+        The two regions in the first frame of the selection; none for nearest-neighbour CDP.
+    method : str
+        How the regions are followed: one of `labcdp.tracking.METHODS`, or as `labcdp.tracking.methods_of` takes it.
+    epsilon : float or DetectionInterval
+        Tolerance of the contrasts.
+    reference : float, 'first', Path or None
+        Contrast that each frame is compared with besides: a measured one, that of the first frame in which the regions
+        are seen, or that in the results of another video, for the frame of the same number or time.
+    reference_by : {'number', 'time'}
+        How the frames of the other video are matched.
+    selection : Selection
+        Which frames.
+    calibration, camera : Path or None
+        Calibration file, or camera specification; at most one. Neither for relative values.
+    encoding : {'linear', 'srgb'} or None
+        How values are encoded; None for what the camera specification or the file says, else the usual one.
+    image_size : (int, int) or None
+        Width and height of the image the regions were drawn on, which must be those of the frames; None if not known.
+    exposure_s, gain_db, bit_depth : float or int or None
+        Of the video; they count before what it or the calibration says. Bits are those of 16-bit values.
+    damaged : bool
+        Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
+
+    Raises
+    ------
+    InputError
+        If something is out of range or does not fit together.
+    """
+
+    contrasts: tuple[float, ...] | None
+    rois: tuple[Roi, ...] = ()
+    method: str = "follow"
+    epsilon: Epsilon = 0.5
+    reference: Reference | None = None
+    reference_by: Literal["number", "time"] = "number"
+    selection: Selection = field(default_factory=Selection)
+    calibration: Path | None = None
+    camera: Path | None = None
+    encoding: Literal["linear", "srgb"] | None = None
+    image_size: tuple[int, int] | None = None
+    exposure_s: float | None = None
+    gain_db: float | None = None
+    bit_depth: int | None = None
+    damaged: bool = False
+
+    def __post_init__(self) -> None:
+        if self.contrasts == ():
+            raise InputError("no contrast is given: give at least one, for example 100%")
+        # Any contrast shows whether the tolerance is possible.
+        for contrast in self.contrasts or (1.0,):
+            TargetContrast(contrast, self.epsilon, "weber")
+        if self.contrasts is not None and len(set(self.contrasts)) != len(self.contrasts):
+            raise InputError("a contrast is given twice: give each once")
+        if len(self.rois) not in (0, 2):
+            raise InputError(f"{len(self.rois)} regions are given: give two, or none for nearest-neighbour CDP")
+        methods_of(self.method, [roi.name for roi in self.rois])
+        if self.reference is not None and not self.rois:
+            raise InputError("a reference contrast needs regions: give two, or give the contrast itself")
+        if isinstance(self.reference, float):
+            TargetContrast(self.reference, self.epsilon, "weber")
+
+    @property
+    def n_contrasts(self) -> int:
+        """Number of target contrasts in each frame."""
+        return 1 if self.contrasts is None else len(self.contrasts)
+
+    @property
+    def follows(self) -> bool:
+        """Whether any region may move."""
+        return any(method != "fixed" for method in methods_of(self.method, [roi.name for roi in self.rois]))
+
+    @property
+    def mode(self) -> Literal["regions", "neighbours"]:
+        """Whether regions are compared, or pixels with their neighbours."""
+        return "regions" if self.rois else "neighbours"

@@ -1,0 +1,199 @@
+"""What the tags of a TIFF, a TIFF-based RAW or a PNG say about how a picture was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from io import BytesIO
+from math import isfinite, log10
+from pathlib import Path
+from typing import Any
+
+from ...core.disk.tiff import MOST_PAGES, require_end
+from ...core.errors import InputError
+
+#: ISO speed that counts as a gain of 0 dB.
+_ISO_OF_0_DB = 100.0
+_SUB_IFDS, _EXIF = 330, 34665
+_STRIPS, _TILES = (273, 279), (324, 325)
+
+
+@dataclass(frozen=True)
+class ExifFacts:
+    """Facts from the tags (CIPA DC-008, Exif 2.32; Adobe DNG 1.7), None or empty where a file does not say.
+
+    Parameters
+    ----------
+    exposure_s, f_number, focal_length_m, iso : float or None
+        ExposureTime, FNumber, FocalLength, ISOSpeedRatings.
+    vendor, model, serial : str
+        Make, Model, CameraSerialNumber or BodySerialNumber.
+    taken : datetime or None
+        DateTimeOriginal, with OffsetTimeOriginal or else in local time.
+    orientation : int
+        Orientation, 1 to 8; 1 if the file does not say.
+    photometric : int or None
+        PhotometricInterpretation of the largest picture.
+    has_cfa_pattern : bool
+        Whether there is a CFAPattern.
+    """
+
+    exposure_s: float | None = None
+    f_number: float | None = None
+    focal_length_m: float | None = None
+    iso: float | None = None
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+    taken: datetime | None = None
+    orientation: int = 1
+    photometric: int | None = None
+    has_cfa_pattern: bool = False
+
+    @property
+    def gain_db(self) -> float | None:
+        """20 log10(ISO / 100); None if the ISO speed is not known."""
+        return gain_db_of_iso(self.iso)
+
+
+def gain_db_of_iso(iso: float | None) -> float | None:
+    """Gain of an ISO speed, 20 log10(ISO / 100): twice the speed is twice the DN; None for none."""
+    return 20 * log10(iso / _ISO_OF_0_DB) if iso else None
+
+
+def read_exif(data: bytes, path: Path) -> ExifFacts:
+    """Read the tags, and check that all pixels they point to are in the file.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file, or the EXIF block of one.
+    path : Path
+        For messages.
+
+    Returns
+    -------
+    ExifFacts
+        Nothing known if `data` is no TIFF.
+
+    Raises
+    ------
+    InputError
+        If the file ends before the pixels do, does not say where they are, or its list of pages does not end.
+    """
+    import tifffile
+
+    require_end(data, path)
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as tiff:
+            directories = [_tags(page) for page in tiff.pages]
+            directories += [tags for first in list(directories) for tags in _below(first, tiff)]
+    # tifffile meets a damaged directory with whatever its parts raise.
+    except Exception:
+        return ExifFacts()
+    for tags in directories:
+        _require_whole(tags, len(data), path)
+    merged: dict[int, Any] = {}
+    for tags in directories:
+        for code, value in tags.items():
+            merged.setdefault(code, value)
+    exif = merged.get(_EXIF)
+    if isinstance(exif, dict):
+        merged |= {code: exif[name] for name, code in _EXIF_NAMES.items() if name in exif}
+    largest = max(directories, key=lambda tags: _number(tags.get(256)) or 0, default={})
+    return _facts(merged, largest)
+
+
+#: Names that tifffile gives the entries of an EXIF directory, and their codes.
+_EXIF_NAMES = {
+    "ExposureTime": 33434,
+    "FNumber": 33437,
+    "ISOSpeedRatings": 34855,
+    "PhotographicSensitivity": 34855,
+    "DateTimeOriginal": 36867,
+    "OffsetTimeOriginal": 36881,
+    "SubsecTimeOriginal": 37521,
+    "SubSecTimeOriginal": 37521,
+    "FocalLength": 37386,
+    "BodySerialNumber": 42033,
+}
+
+
+def _tags(page: Any) -> dict[int, Any]:
+    return {tag.code: tag.value for tag in page.aspage().tags.values()}
+
+
+def _below(tags: Mapping[int, Any], tiff: Any) -> Iterator[dict[int, Any]]:
+    import tifffile
+
+    offsets = tags.get(_SUB_IFDS) or ()
+    # Of a damaged file it may be a long list.
+    for offset in list(dict.fromkeys(offsets if isinstance(offsets, tuple) else (offsets,)))[:MOST_PAGES]:
+        tiff.filehandle.seek(offset)
+        yield _tags(tifffile.TiffPage(tiff, index=0))
+
+
+def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:
+    for offsets, counts in (_STRIPS, _TILES):
+        starts, lengths = (_whole_numbers(tags.get(code), path) for code in (offsets, counts))
+        end = max((start + length for start, length in zip(starts, lengths, strict=False)), default=0)
+        if end > size:
+            raise InputError(
+                f"{path} is truncated: its pixels reach to byte {end}, it has {size}: copy it again from the camera"
+            )
+
+
+def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
+    """Value of an integer tag; a damaged one can be anything."""
+    several = () if value is None else value if isinstance(value, tuple | list) else (value,)
+    if not all(isinstance(one, int) for one in several):
+        raise InputError(
+            f"{path} is damaged: where its pixels are is {str(value)[:40]!r} and no number: copy or save it again"
+        )
+    return tuple(several)
+
+
+def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
+    focal_length_mm = _number(tags.get(37386))
+    photometric = _number(largest.get(262))
+    orientation = int(_number(tags.get(274)) or 1)
+    return ExifFacts(
+        exposure_s=_number(tags.get(33434)),
+        f_number=_number(tags.get(33437)),
+        focal_length_m=focal_length_mm / 1000 if focal_length_mm else None,
+        iso=_number(tags.get(34855)),
+        vendor=_text(tags.get(271)),
+        model=_text(tags.get(272)) or _text(tags.get(50708)),
+        serial=_text(tags.get(50735)) or _text(tags.get(42033)),
+        taken=_time(tags),
+        orientation=orientation if orientation in range(1, 9) else 1,
+        photometric=None if photometric is None else int(photometric),
+        has_cfa_pattern=33422 in tags,
+    )
+
+
+def _number(value: Any) -> float | None:
+    """Positive number of a tag that may be a fraction or a list of one; None if it is nothing of that."""
+    try:
+        if isinstance(value, tuple | list):
+            value = value[0] / value[1] if len(value) == 2 else value[0]
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError, IndexError, OverflowError):
+        return None
+    return number if isfinite(number) and number > 0 else None
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("latin-1")
+    return " ".join(value.replace("\x00", " ").split()) if isinstance(value, str) else ""
+
+
+def _time(tags: Mapping[int, Any]) -> datetime | None:
+    text, offset, fraction = (_text(tags.get(code)) for code in (36867, 36881, 37521))
+    try:
+        taken = datetime.strptime(f"{text or _text(tags.get(306))}{offset}", "%Y:%m:%d %H:%M:%S" + "%z" * bool(offset))
+        return taken.astimezone() + timedelta(seconds=float(f"0.{fraction}") if fraction.isdigit() else 0.0)
+    except (ValueError, OverflowError, OSError):
+        return None

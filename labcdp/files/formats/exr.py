@@ -1,0 +1,170 @@
+"""OpenEXR files: linear light in floats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk import parse_json, shortened
+from ...core.errors import InputError
+from ...core.finding import Finding, info
+from .colour import BT709_LUMINANCE
+from .decoder_messages import decoder_messages
+from .stored_image import StoredImage, real_numbers, require_size
+
+SIGNATURE = b"\x76\x2f\x31\x01"
+#: Channels of a picture of the largest size, and of any.
+_MOST_CHANNELS, _MOST_NAMES = 4, 1000
+#: Names of a channel of luminance: that of OpenEXR's luminance/chroma images, and spelt out.
+_LUMINANCE = ("Y", "luminance")
+
+
+def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
+    """Read luminance, or the luminance of red, green and blue, of an OpenEXR file; it is opened by its name.
+
+    With the attribute whiteLuminance (OpenEXR's standard attributes: luminance in cd/m^2 of the value 1) the values
+    have a unit.
+
+    Raises
+    ------
+    InputError
+        If it is truncated, damaged, deep, larger than `max_pixels`, holds several pictures, or has other channels.
+    """
+    header = exr_header(path, max_pixels)
+    width, height = _size(header)
+    channels = exr_channels(path, max_pixels)
+    changes = _changes(header, channels)
+    luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)
+    if luminance is None and set("RGB") <= set(channels):
+        weights, change = luminance_weights(header)
+        # Infinite and undefined values stay so.
+        with np.errstate(invalid="ignore"):
+            luminance = np.tensordot(
+                np.array(weights, dtype=np.float32), np.stack([channels[c] for c in "RGB"]), axes=1
+            )
+        changes.append(change)
+    if luminance is None:
+        raise InputError(
+            f"{path} has the channels {shortened(', '.join(sorted(channels)))}: give one with Y, luminance, or R, G "
+            "and B"
+        )
+    if luminance.shape != (height, width):
+        raise InputError(f"{path} has a channel of luminance with fewer pixels than the picture: save it in full")
+    return StoredImage(
+        real_numbers(luminance, path), None, changes=tuple(changes), cd_m2_per_value=_white_luminance(header)
+    )
+
+
+def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:
+    """Read the attributes of an OpenEXR file, and nothing else.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, deep, holds several pictures, or more than `max_pixels`.
+    """
+    import OpenEXR
+
+    with _opened(path, header_only=True) as file:
+        if len(file.parts) != 1:
+            raise InputError(f"{path} holds {len(file.parts)} pictures: give files of one picture each")
+        header = dict(file.header())
+    if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
+        raise InputError(f"{path} is a deep OpenEXR file, with several values a pixel: save it flat")
+    width, height = _size(header)
+    require_size(path, width, height, max_pixels)
+    n_channels = len(header.get("channels", ()))
+    # All of them are decoded.
+    if n_channels * width * height > _MOST_CHANNELS * max_pixels or n_channels > _MOST_NAMES:
+        raise InputError(
+            f"{path} has {n_channels} channels of {width} x {height} pixels: save the luminance, or R, G and B"
+        )
+    return header
+
+
+def exr_channels(path: Path, max_pixels: int) -> dict[str, NDArray[Any]]:
+    """Read all channels of an OpenEXR file; raises InputError as `exr_header`."""
+    exr_header(path, max_pixels)
+    with _opened(path, separate_channels=True) as file:
+        return {name: channel.pixels.copy() for name, channel in file.channels().items()}
+
+
+def _size(header: dict[str, Any]) -> tuple[int, int]:
+    """Width and height of the data window; both ends are in it."""
+    (x0, y0), (x1, y1) = header["dataWindow"]
+    return int(x1) - int(x0) + 1, int(y1) - int(y0) + 1
+
+
+@contextmanager
+def _opened(path: Path, **how: bool) -> Iterator[Any]:
+    """Open a file; the library reports damage by printing, by a file without pictures, or by what its parts raise."""
+    import OpenEXR
+
+    printed = StringIO()
+    try:
+        with redirect_stdout(printed), decoder_messages():
+            file = OpenEXR.File(str(path), **how)
+        if not file.parts:
+            raise ValueError(printed.getvalue() or "it holds no picture")
+        with file:
+            yield file
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        why = str(error).partition("\n")[0].rpartition(" - ")[2].replace(f"'{path}'", "it")
+        raise InputError(
+            f"{path} is truncated or damaged, or cannot be read as OpenEXR ({shortened(why) or type(error).__name__}): "
+            "save it again"
+        ) from error
+
+
+def _changes(header: dict[str, Any], channels: dict[str, NDArray[Any]]) -> list[Finding]:
+    changes = []
+    used = set(_LUMINANCE) if set(_LUMINANCE) & set(channels) else set("RGB")
+    others = sorted(set(channels) - used)
+    if others:
+        changes.append(info("channels-ignored", channels=others))
+    if not np.array_equal(header["dataWindow"], header.get("displayWindow", header["dataWindow"])):
+        changes.append(info("data-window"))
+    return changes
+
+
+def luminance_weights(header: dict[str, Any]) -> tuple[tuple[float, float, float], Finding]:
+    """Weights of red, green and blue in luminance: by the chromaticities of the file, else ITU-R BT.709."""
+    given = header.get("chromaticities")
+    usual = BT709_LUMINANCE, info("colour-to-grey")
+    if given is None:
+        return usual
+    xy = np.array(given, dtype=float).reshape(-1, 2)
+    # Primaries may be no colours: y is 0 for X and Z, and below 0 for the blue of ACES.
+    if xy.shape != (4, 2) or not (np.isfinite(xy).all() and xy[3, 1] > 0):
+        return usual
+    xyz = np.column_stack([xy, 1 - xy.sum(axis=1)])
+    try:
+        # Luminances of the primaries that add up to the white point (SMPTE RP 177-1993).
+        weights = np.linalg.solve(xyz[:3].T, xyz[3] / xy[3, 1]) * xy[:3, 1]
+    except np.linalg.LinAlgError:
+        return usual
+    return (float(weights[0]), float(weights[1]), float(weights[2])), info("colour-to-grey-by-file")
+
+
+def _white_luminance(header: dict[str, Any]) -> float | None:
+    value = header.get("whiteLuminance")
+    known = isinstance(value, int | float) and np.isfinite(value) and value > 0
+    return float(value) if known and value is not None else None
+
+
+def exr_text(path: Path, max_pixels: int) -> dict[str, Any] | None:
+    """Return what labcdp noted in a file it wrote, None for others; raises InputError as `exr_header`."""
+    text = exr_header(path, max_pixels).get("labcdp")
+    try:
+        values = parse_json(text) if isinstance(text, str) else None
+    except InputError:
+        return None
+    return values if isinstance(values, dict) else None

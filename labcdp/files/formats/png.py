@@ -1,0 +1,86 @@
+"""PNG files: values as stored, whatever their depth."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from math import isclose
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk.quoting import reason
+from ...core.errors import InputError
+from ...core.finding import Finding, info, warning
+from .colour import ENCODING_NAMES, Encoding
+from .exif import ExifFacts, read_exif
+from .stored_image import StoredImage, require_size, without_alpha
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+#: The last chunk with its check.
+_END = b"IEND\xaeB`\x82"
+#: Colour types (ISO/IEC 15948:2004, table 11.1).
+_GREY, _PALETTE, _GREY_ALPHA = 0, 3, 4
+#: gAMA of sRGB values (ISO/IEC 15948:2004, 11.3.3.5), which some write as 0.45454.
+_GAMMA_SRGB, _ROUNDED = 0.45455, 0.0005
+
+
+def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
+    """Read a PNG of any kind, without its transparency.
+
+    Raises
+    ------
+    InputError
+        If it is truncated, damaged, larger than `max_pixels`, or holds several pictures.
+    """
+    import imagecodecs
+    from PIL.PngImagePlugin import PngImageFile
+
+    try:
+        header = PngImageFile(BytesIO(data))
+        require_size(path, *header.size, max_pixels)
+        if getattr(header, "n_frames", 1) > 1:
+            raise InputError(f"{path} holds several pictures: give files of one picture each")
+        if _END not in data:
+            raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy or save it again")
+        values = imagecodecs.png_decode(data)
+    except InputError:
+        raise
+    # Damaged files raise what the libraries do.
+    except Exception as error:
+        raise InputError(f"{path} is damaged, truncated or no PNG ({reason(error)}): copy or save it again") from error
+    depth, colour_type = data[24], data[25]
+    values, bits, changes = _resolved(values, depth, colour_type)
+    block = header.info.get("exif")
+    facts = read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
+    encoding, doubts = _encoding(header.info, values.ndim == 3)
+    return StoredImage(values, bits, encoding, facts, changes, doubts).upright()
+
+
+def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
+    """Values as the file means them, of what libpng returns: fewer than 8 bits are spread over 8."""
+    changes: list[Finding] = []
+    bits = 8 if colour_type == _PALETTE else depth
+    if values.ndim == 3 and values.shape[2] in (2, 4):
+        values, change = without_alpha(values, 2 ** max(bits, 8) - 1)
+        changes.append(change)
+    if colour_type == _PALETTE:
+        changes.append(info("palette-resolved"))
+    if bits < 8:
+        values = values // (255 // (2**bits - 1))
+    return np.ascontiguousarray(values), bits, tuple(changes)
+
+
+def _encoding(about: dict[Any, Any], coloured: bool) -> tuple[Encoding, tuple[Finding, ...]]:
+    """Return what the file states (sRGB, gAMA), else sRGB for colours and linear for grey; and what is not used."""
+    if "srgb" in about:
+        return "srgb", ()
+    gamma = about.get("gamma")
+    encoding: Encoding = "srgb" if (coloured if gamma is None else gamma != 1) else "linear"
+    doubts = []
+    if gamma not in (None, 1) and not isclose(gamma, _GAMMA_SRGB, abs_tol=_ROUNDED):
+        doubts.append(warning("png-gamma", gamma=gamma, encoding=ENCODING_NAMES[encoding]))
+    if "icc_profile" in about and (gamma is None or coloured):
+        doubts.append(warning("png-icc-profile", encoding=ENCODING_NAMES[encoding]))
+    return encoding, tuple(doubts)

@@ -1,0 +1,140 @@
+"""Camera RAW files as frames: the DN of the sensor as the camera stored them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.frame import COLOUR_FILTERS, Frame
+from ..file_frame import FileDefaults, FileFrame, camera_of, exposure_of, picture_bytes
+from .clipping import clipping_dn
+from .exif import ExifFacts, gain_db_of_iso, read_exif
+from .stored_image import MAX_PIXELS, require_size
+
+#: Photometric interpretation of a picture behind a colour filter array (Adobe DNG 1.7, chapter 3).
+_BEHIND_CFA = 32803
+
+
+def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int = MAX_PIXELS) -> FileFrame:
+    """Read a camera RAW file (CR2, CR3, NEF, ARW, DNG and whatever else LibRaw knows).
+
+    The pixels are those of the visible area, not corrected in any way. `black_level_dn` is the mean of the planes'
+    black levels, and `saturation_dn` the lowest of their white levels. The gain is 20 log10(ISO / 100).
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    defaults : FileDefaults
+        What counts where the file does not say.
+    max_pixels : int
+        Pixels from which it is refused before it is decoded.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is truncated, is no RAW file, has neither a Bayer pattern nor a monochrome sensor,
+        or does not say its exposure.
+    """
+    import rawpy
+
+    path = Path(path)
+    data, sha256 = picture_bytes(path, max_pixels)
+    facts = read_exif(data, path)
+    try:
+        with rawpy.imread(str(path)) as raw:
+            require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
+            if raw.raw_type != rawpy.RawType.Flat:
+                raise InputError(
+                    f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
+                    "unprocessed sensor data: give the camera's own RAW file"
+                )
+            dn = np.array(raw.raw_image_visible)
+            colour_filter, black_dn = _pattern(raw, path, facts)
+            white_dn = [level for level in raw.camera_white_level_per_channel or () if level > 0]
+            white = int(raw.white_level)
+            other = raw.other
+    except rawpy.LibRawFileUnsupportedError as error:
+        raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
+    except rawpy.LibRawError as error:
+        raise InputError(f"{path} cannot be read as RAW ({_reason(error)}): copy it again from the camera") from error
+    stated_s = facts.exposure_s or _positive(other.shutter_speed)
+    exposure_s = exposure_of(path, stated_s, defaults)
+    gain_db = gain_db_of_iso(facts.iso or _positive(other.iso_speed))
+    bit_depth = min(max(white.bit_length(), 8), 16)
+    dn.flags.writeable = False
+    saturation_dn = float(min([white, *white_dn]))
+    clips_at_dn = clipping_dn(dn, colour_filter, float(np.mean(black_dn)), white)
+    frame = Frame(
+        dn=dn,
+        exposure_s=exposure_s,
+        gain_db=defaults.gain_db if gain_db is None else gain_db,
+        bit_depth=bit_depth,
+        saturation_dn=saturation_dn,
+        black_level_dn=float(np.mean(black_dn)),
+        pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
+        colour_filter=colour_filter,
+        temperature_c=None,
+        timestamp=facts.taken or _changed(path),
+        camera_timestamp_ns=0,
+        frame_id=0,
+        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults.camera),
+        plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
+    )
+    focal_length_mm = _positive(other.focal_length)
+    return FileFrame(
+        path=path,
+        frame=frame,
+        f_number=facts.f_number or _positive(other.aperture),
+        focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
+        sha256=sha256,
+        exposure_stated=stated_s is not None,
+        camera_stated=bool(facts.model),
+        clips_at_dn=clips_at_dn if clips_at_dn is not None and clips_at_dn < saturation_dn else None,
+    )
+
+
+def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[float, float, float, float]]:
+    """Name of the Bayer pattern, None for a monochrome sensor; black levels of R, Gr, Gb and B."""
+    black = [float(level) for level in raw.black_level_per_channel]
+    if raw.num_colors == 1 and not (facts.photometric == _BEHIND_CFA and not facts.has_cfa_pattern):
+        return None, (black[0], black[0], black[0], black[0])
+    colours: NDArray[np.uint8] = raw.raw_colors_visible
+    letters = raw.color_desc.decode()
+    group = colours[:2, :2]
+    repeats = group.shape == (2, 2) and all(
+        (colours[y::2, x::2] == group[y, x]).all() for y in range(2) for x in range(2)
+    )
+    names = "".join(letters[i] if i < len(letters) else "?" for i in group.ravel())
+    pattern, second = names[:2], names[2:]
+    if not (
+        repeats and pattern in COLOUR_FILTERS and second == {"RG": "GB", "GB": "RG", "GR": "BG", "BG": "GR"}[pattern]
+    ):
+        raise InputError(
+            f"{path} has no Bayer pattern of red, green and blue: give a RAW file of a camera with one, or of a "
+            "monochrome camera"
+        )
+    # Channels by the position of the red pixel: Gr shares its row, Gb its column.
+    y, x = divmod(names.index("R"), 2)
+    r, gr, gb, b = (black[group[row, column]] for row, column in ((y, x), (y, 1 - x), (1 - y, x), (1 - y, 1 - x)))
+    return pattern, (r, gr, gb, b)
+
+
+def _reason(error: Exception) -> str:
+    text = error.args[0] if error.args else error
+    return text.decode() if isinstance(text, bytes) else str(text)
+
+
+def _positive(value: float) -> float | None:
+    """Of LibRaw, which has 0 for what it does not know."""
+    return float(value) if np.isfinite(value) and value > 0 else None
+
+
+def _changed(path: Path) -> datetime:
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC)

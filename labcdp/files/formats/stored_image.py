@@ -1,0 +1,132 @@
+"""StoredImage: the values of an image file before anything is made of them, and the check of its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.finding import Finding, info, warning
+from ..orientation import upright
+from .colour import Encoding
+from .exif import ExifFacts
+
+#: Pixels from which an image is refused before it is decoded, unless a caller allows more.
+MAX_PIXELS = 250_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class StoredImage:
+    """Values of an image file.
+
+    Parameters
+    ----------
+    values : ndarray of uint8, uint16 or float32, shape (height, width) or (height, width, 3)
+        Grey, or red, green and blue.
+    bits : int or None
+        Bits of the scale of integers as the file states it; None for floats.
+    encoding : {'linear', 'srgb'}
+        How values are encoded, as the file or its kind suggests.
+    facts : ExifFacts
+        What the file says about how it was taken.
+    changes : tuple of Finding
+        What was done to the values.
+    doubts : tuple of Finding
+        What is not certain about the values, such as how they are encoded.
+    cd_m2_per_value : float or None
+        Luminance of the value 1, of float files that state it.
+    """
+
+    values: NDArray[Any]
+    bits: int | None
+    encoding: Encoding = "linear"
+    facts: ExifFacts = field(default_factory=ExifFacts)
+    changes: tuple[Finding, ...] = ()
+    doubts: tuple[Finding, ...] = ()
+    cd_m2_per_value: float | None = None
+
+    def upright(self) -> StoredImage:
+        """Turn the picture as its EXIF says, and without colours if all of them are grey."""
+        values, orientation, changes = self.values, self.facts.orientation, self.changes
+        if orientation != 1:
+            values, changes = upright(values, orientation), (*changes, info("turned", orientation=orientation))
+        return replace(self, values=grey_if_colourless(values), changes=changes)
+
+    @property
+    def coloured(self) -> bool:
+        """Whether there are three values a pixel."""
+        return self.values.ndim == 3
+
+
+def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
+    """Refuse an image by the size its header announces, before memory is allocated for it.
+
+    Raises
+    ------
+    InputError
+        If it has no pixel, or more than `max_pixels`.
+    """
+    if width < 1 or height < 1:
+        raise InputError(f"{path} announces {width} x {height} pixels: it is damaged, save it again")
+    if width * height > max_pixels:
+        raise InputError(
+            f"{path} announces {width} x {height} pixels, more than the limit of {max_pixels / 1e6:g} megapixels: it "
+            "is damaged or not meant for this; raise the limit if it is really that large"
+        )
+
+
+def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
+    """Integers of any type as uint8 or uint16, the bits of their type, and what was done to them.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or above 65535, which no DN is.
+    """
+    if values.dtype == np.bool_:
+        return values.astype(np.uint8), 1, ()
+    if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
+        return values.astype(values.dtype.newbyteorder("="), copy=False), 8 * values.dtype.itemsize, ()
+    low, high = int(values.min()), int(values.max())
+    if low < 0 or high > 65535:
+        raise InputError(
+            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to 65535; save luminance and the "
+            "like as floats"
+        )
+    return values.astype(np.uint16), 16, (info("integers-as-dn", type=values.dtype.name),)
+
+
+def real_numbers(values: NDArray[Any], path: Path) -> NDArray[np.float32]:
+    """Floats of any type as float32.
+
+    Raises
+    ------
+    InputError
+        If a finite value is too large for it.
+    """
+    with np.errstate(over="ignore"):
+        result: NDArray[np.float32] = values.astype(np.float32)
+    if values.dtype.itemsize > 4 and not (np.isfinite(result) == np.isfinite(values)).all():
+        raise InputError(f"{path} has values beyond {np.finfo(np.float32).max:.3g}: give them in a larger unit")
+    return result
+
+
+def without_alpha(values: NDArray[Any], opaque: float) -> tuple[NDArray[Any], Finding]:
+    """Colours or grey of an image whose last channel is opacity, and the finding that it was ignored."""
+    share = float(np.mean(values[..., -1] != opaque))
+    finding = info("alpha-ignored") if share == 0 else warning("alpha-not-opaque", share=share)
+    colours = values[..., :-1]
+    return (colours[..., 0] if colours.shape[-1] == 1 else colours), finding
+
+
+def grey_if_colourless(values: NDArray[Any]) -> NDArray[Any]:
+    """Grey, shape (height, width), of colours that are all grey; else the values as they are."""
+    if values.ndim == 2:
+        return values
+    red = values[..., 0]
+    colourless = np.array_equal(red, values[..., 1]) and np.array_equal(red, values[..., 2])
+    return np.ascontiguousarray(red) if colourless else values

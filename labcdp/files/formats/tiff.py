@@ -1,0 +1,158 @@
+"""TIFF files: grey, colours or a palette, integers or floats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk import parse_json
+from ...core.disk.tiff import open_tiff, require_pixels
+from ...core.errors import InputError
+from ...core.finding import Finding, info
+from .colour import BT709_LUMINANCE, Encoding
+from .exif import ExifFacts, read_exif
+from .stored_image import (
+    StoredImage,
+    real_numbers,
+    require_size,
+    whole_numbers,
+    without_alpha,
+)
+
+SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
+_ICC_PROFILE = 34675
+
+
+def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = None) -> StoredImage:
+    """Read a TIFF of one picture, or one of several.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    path : Path
+        For messages.
+    max_pixels : int
+        Pixels from which it is refused before it is decoded.
+    number : int or None
+        Which picture, from 0; None for the only one.
+
+    Raises
+    ------
+    InputError
+        If it is truncated, damaged, larger than `max_pixels`, holds several pictures, or one of another kind.
+    """
+    facts = read_exif(data, path)
+    with open_tiff(data, path) as tiff:
+        page = _pages(tiff, path)[number or 0]
+        if number is None and len(_pages(tiff, path)) != 1:
+            raise InputError(
+                f"{path} holds {len(_pages(tiff, path))} pictures: give files of one picture each, or evaluate it as a "
+                "video"
+            )
+        require_size(path, page.imagewidth, page.imagelength, max_pixels)
+        _require_kind(page, path)
+        require_pixels(page, path)
+        return _read(page, path, facts)
+
+
+def tiff_text(data: bytes) -> dict[str, Any] | None:
+    """Return what labcdp noted in a file it wrote, None for others."""
+    try:
+        with open_tiff(data, Path()) as tiff:
+            values = parse_json(tiff.pages.first.description)
+    # Others write what they like into a description.
+    except InputError:
+        return None
+    return values if isinstance(values, dict) else None
+
+
+def is_of_a_sensor(data: bytes) -> bool:
+    """Whether this is camera RAW in TIFF's form: it has a DNGVersion, or lies behind a colour filter array."""
+    try:
+        with open_tiff(data, Path()) as tiff:
+            page = tiff.pages.first.aspage()
+            return 50706 in page.tags or page.photometric in (32803, 34892)
+    except InputError:
+        return False
+
+
+def count_pictures(data: bytes, path: Path) -> int:
+    """Count the pictures of a TIFF; raises InputError if it is damaged or has none."""
+    with open_tiff(data, path) as tiff:
+        return len(_pages(tiff, path))
+
+
+def _pages(tiff: Any, path: Path) -> list[Any]:
+    # Small copies for previews are no pictures of their own.
+    pages = [page for page in (page.aspage() for page in tiff.pages) if not page.subfiletype & 1]
+    if not pages:
+        raise InputError(
+            f"{path} is truncated or damaged: it has no picture in {tiff.filehandle.size} bytes: copy it again"
+        )
+    return pages
+
+
+def _require_kind(page: Any, path: Path) -> None:
+    samples, extra = page.samplesperpixel, len(page.extrasamples)
+    colours = samples - extra
+    known = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _PALETTE: 1, _RGB: 3}.get(page.photometric)
+    if known != colours or extra > 1 or page.imagedepth != 1:
+        raise InputError(
+            f"{path} holds {samples} values a pixel as {getattr(page.photometric, 'name', page.photometric)}: save it "
+            "as grey or RGB"
+        )
+
+
+def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
+    values = page.asarray()
+    if page.planarconfig == 2 and values.ndim == 3:
+        values = np.moveaxis(values, 0, -1)
+    if values.shape[:2] != (page.imagelength, page.imagewidth) or values.ndim not in (2, 3):
+        raise ValueError(f"its data have the shape {values.shape}")
+    changes: list[Finding] = []
+    if page.extrasamples:
+        opaque = float(np.iinfo(values.dtype).max) if values.dtype.kind in "ui" else 1.0
+        values, change = without_alpha(values, opaque)
+        changes.append(change)
+    if values.dtype.kind == "f":
+        if values.ndim == 3:
+            values = values.astype(np.float64) @ BT709_LUMINANCE
+            changes.append(info("linear-colour-to-grey"))
+        return StoredImage(real_numbers(values, path), None, "linear", facts, tuple(changes)).upright()
+    if page.photometric == _PALETTE:
+        values, bits = _resolved(values, page)
+        changes.append(info("palette-resolved"))
+    else:
+        values, bits, more = whole_numbers(values, path)
+        changes += more
+        if page.bitspersample < 16:
+            bits = page.bitspersample
+    if page.photometric == _WHITE_IS_ZERO:
+        values = (2**bits - 1 - values).astype(values.dtype)
+        changes.append(info("white-is-zero"))
+    encoding = _encoding(page, values.ndim == 3)
+    return StoredImage(np.ascontiguousarray(values), bits, encoding, facts, tuple(changes)).upright()
+
+
+def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:
+    """Colours of a palette, and their bits."""
+    palette = np.asarray(page.colormap, dtype=np.uint16)
+    high, low = palette >> 8, palette & 255
+    bits = 16
+    # Many programs spread 8 bits over the 16 of the format, times 257 or 256, or do not spread them.
+    if not high.any():
+        palette, bits = low.astype(np.uint8), 8
+    elif np.array_equal(low, high) or not low.any():
+        palette, bits = high.astype(np.uint8), 8
+    return np.moveaxis(palette[:, indices], 0, -1), bits
+
+
+def _encoding(page: Any, coloured: bool) -> Encoding:
+    """Colours of 8 bits, and those with a profile, are made for screens."""
+    eight = page.bitspersample <= 8
+    return "srgb" if coloured and (eight or _ICC_PROFILE in page.tags) else "linear"

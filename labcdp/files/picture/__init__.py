@@ -1,0 +1,1 @@
+"""Pictures: what a file says, and the frame that it gives."""

@@ -1,0 +1,195 @@
+"""Pictures: image files of many kinds as frames of DN, or as floats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.finding import info, warning
+from ...core.frame import CameraIdentity, Frame
+from ..file_frame import FileDefaults, camera_of, picture_bytes
+from ..formats import exr as exr_picture
+from ..formats import jpeg as jpeg_picture
+from ..formats import npy as npy_picture
+from ..formats import png as png_picture
+from ..formats import tiff as tiff_picture
+from ..formats.colour import luminance_dn
+from ..formats.dump import read_dump
+from ..formats.raw import read_raw
+from ..formats.stored_image import StoredImage
+from ..luminance_file import FORMAT as LUMINANCE
+from ..luminance_file import read_luminance
+from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, frame_of_pixels, make_frame, scale_of
+from .options import PictureOptions
+from .overrides import with_overrides
+from .paths import DUMP_SUFFIXES, RAW_SUFFIXES, STATED_SUFFIXES, picture_paths
+from .picture import Picture
+from .saturation import Scale
+
+__all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
+
+_ZIP = b"PK\x03\x04"
+#: Readers by the first bytes of a file.
+_READERS: dict[bytes, Callable[[bytes, Path, int], StoredImage]] = {
+    png_picture.SIGNATURE: png_picture.read_png,
+    jpeg_picture.SIGNATURE: jpeg_picture.read_jpeg,
+    exr_picture.SIGNATURE: exr_picture.read_exr,
+    npy_picture.SIGNATURE: npy_picture.read_npy,
+}
+#: Options of files that say all that is needed.
+NOTHING_KNOWN = PictureOptions()
+
+
+def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KNOWN) -> Picture:
+    """Read an image file.
+
+    PNG, JPEG, TIFF, OpenEXR, NumPy arrays, camera RAW, raw dumps (with size and pixel format), frames that labcdp
+    recorded and luminance that it saved. What a file is, its bytes say, not its name; grey values stay as they are
+    stored, and no integer loses bits.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    options : PictureOptions
+        What counts where the file does not say, and of that what the user gave, which counts in any case.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is damaged, no image, too large, or of a kind that is not read; in one line.
+    """
+    path = Path(path)
+    data, sha256 = picture_bytes(path, options.max_pixels)
+    suffix = path.suffix.lower()
+    if options.size is not None and suffix not in STATED_SUFFIXES:
+        if options.pixel_format is None:
+            raise InputError(f"{path} is a raw dump: give its pixel format too, for example Mono12Packed")
+        stored = read_dump(data, path, options.size, options.pixel_format, options.max_pixels)
+        return _picture(stored, path, sha256, options)
+    own = _from_labcdp(data, sha256, path, options.max_pixels)
+    if own is not None:
+        return with_overrides(own, options, None if own.frame is None else own.frame.bit_depth)
+    is_tiff = data.startswith(tiff_picture.SIGNATURES)
+    if is_tiff and suffix not in RAW_SUFFIXES and not tiff_picture.is_of_a_sensor(data):
+        return _picture(tiff_picture.read_tiff(data, path, options.max_pixels), path, sha256, options)
+    for signature, read in _READERS.items():
+        if data.startswith(signature):
+            return _picture(read(data, path, options.max_pixels), path, sha256, options)
+    if is_tiff or suffix in RAW_SUFFIXES:
+        return _from_raw(path, sha256, options)
+    raise InputError(_not_known(path))
+
+
+def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> Picture:
+    """Read one picture of a TIFF of several; raises InputError as `read_picture`."""
+    return _picture(tiff_picture.read_tiff(data, path, options.max_pixels, number), path, "", options)
+
+
+def _not_known(path: Path) -> str:
+    if path.suffix.lower() in DUMP_SUFFIXES:
+        return (
+            f"{path} does not say what it is: for a raw dump give its size and pixel format, for example Mono12Packed"
+        )
+    return (
+        f"{path} is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with its "
+        "size"
+    )
+
+
+def _from_labcdp(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:
+    """Read what labcdp wrote, a recorded frame or luminance; return None for any other file."""
+    if data.startswith(_ZIP):
+        # Of archives these are the only ones that are read.
+        return _from_luminance(data, sha256, path, max_pixels)
+    text: dict[str, Any] | None = None
+    if data.startswith(tiff_picture.SIGNATURES):
+        text = tiff_picture.tiff_text(data)
+    elif data.startswith(exr_picture.SIGNATURE):
+        text = exr_picture.exr_text(path, max_pixels)
+    if text is None:
+        return None
+    if text.get("format") == LUMINANCE:
+        return _from_luminance(data, sha256, path, max_pixels)
+    if not {"exposure_s", "saturation_dn", "camera"} <= set(text):
+        return None
+    stored = tiff_picture.read_tiff(data, path, max_pixels)
+    try:
+        frame = Frame.from_metadata(stored.values, text)
+    except InputError as error:
+        raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
+    return Picture(path, sha256, frame, None, False, "linear", (), None, None, True, True, exposure_known=True)
+
+
+def _from_luminance(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture:
+    luminance, _ = read_luminance(data, path, max_pixels)
+    light = np.asarray(luminance.luminance_cd_m2, dtype=np.float32)
+    return Picture(
+        path, sha256, None, light, True, "linear", (info("luminance-file"),), None, None, True, True,
+        exposure_known=True, luminance=luminance,
+    )  # fmt: skip
+
+
+def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
+    defaults = FileDefaults(
+        options.exposure_s or NO_EXPOSURE_S, options.gain_db or 0.0, options.camera or UNKNOWN_CAMERA
+    )
+    taken = read_raw(path, defaults, options.max_pixels)
+    frame, findings = taken.frame, []
+    if taken.clips_at_dn is not None:
+        findings.append(warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn))
+        frame = replace(frame, saturation_dn=taken.clips_at_dn)
+    picture = Picture(
+        path, sha256, frame, None, False, "linear", tuple(findings), taken.f_number, taken.focal_length_m,
+        taken.exposure_stated, taken.camera_stated,
+        exposure_known=taken.exposure_stated or options.exposure_s is not None,
+    )  # fmt: skip
+    return with_overrides(picture, options, taken.frame.bit_depth)
+
+
+def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
+    facts = stored.facts
+    encoding = options.encoding or stored.encoding
+    picture = Picture(
+        path, sha256, None, None, stored.cd_m2_per_value is not None, encoding, (*stored.changes, *stored.doubts),
+        facts.f_number, facts.focal_length_m, facts.exposure_s is not None, bool(facts.model),
+        exposure_known=(facts.exposure_s or options.exposure_s) is not None,
+    )  # fmt: skip
+    if stored.bits is None:
+        factor = np.float32(stored.cd_m2_per_value or 1.0)
+        return with_overrides(replace(picture, light=stored.values * factor, encoding="linear"), options, None)
+    known = replace(
+        options,
+        exposure_s=facts.exposure_s or options.exposure_s,
+        gain_db=options.gain_db if facts.gain_db is None else facts.gain_db,
+        camera=_camera(stored, options),
+    )
+    taken = facts.taken or datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    scale = scale_of(stored.values, stored.bits, options, str(path))
+    guessed = stored.bits == 16 and options.bit_depth is None and options.pixel_format is None
+    picture = replace(picture, scale_guessed=guessed)
+    findings = (*picture.findings, *scale.findings)
+    if not stored.coloured:
+        picture = replace(picture, frame=make_frame(stored.values, scale, known, taken), findings=findings)
+        return with_overrides(picture, options, scale.bits)
+    dn = luminance_dn(stored.values, scale.bits, encoding)
+    frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
+    picture = replace(
+        picture,
+        frame=replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2)),
+        findings=(*findings, info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey")),
+        coloured=True,
+    )
+    return with_overrides(picture, options, scale.bits)
+
+
+def _camera(stored: StoredImage, options: PictureOptions) -> CameraIdentity:
+    facts, known = stored.facts, options.camera or UNKNOWN_CAMERA
+    return camera_of(facts.vendor, facts.model, facts.serial, known)

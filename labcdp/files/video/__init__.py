@@ -1,0 +1,1 @@
+"""Videos, image sequences and recorded sessions as sequences of frames."""

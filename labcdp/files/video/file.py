@@ -1,0 +1,193 @@
+"""Video files that FFmpeg decodes, as frames of DN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property, partial
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+from ...core.disk import file_sha256, require_regular
+from ...core.errors import InputError
+from ...core.finding import Finding
+from ...core.frame import Frame
+from ..formats.colour import Encoding
+from ..picture.overrides import unused_options
+from ..picture.read import PictureOptions, frame_of_pixels
+from .decoding import Shown, shown_frames
+from .pixels import Pixels, learn_pixels
+from .source import Entry, require_frames
+
+#: Whole frames, and broken ones, that are looked at to learn what the numbers are.
+_LOOKED_AT, _MOST_BROKEN = 3, 300
+#: Formats of one file: others name further files, which FFmpeg would open.
+_CONTAINERS = (
+    "avi,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,m4v,h264,hevc,av1,obu,ivf,flv,ogg,asf,mjpeg,"
+    "mxf,nut,dv,yuv4mpegpipe,gif,apng"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFile:
+    """A video file; made by `open_video_file`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : (int, int)
+        Height and width of its frames.
+    frame_count : int or None
+        As the file announces it.
+    frame_rate : float or None
+        As the file announces it.
+    pixels : Pixels
+        What its numbers are.
+    options : PictureOptions
+        What the file does not say.
+    modified : datetime
+        Time of the file.
+    findings : tuple of Finding
+        What was done to the pixels, and what a user should know about them.
+    """
+
+    path: Path
+    shape: tuple[int, int]
+    frame_count: int | None
+    frame_rate: float | None
+    pixels: Pixels
+    options: PictureOptions
+    modified: datetime
+    findings: tuple[Finding, ...]
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of its bytes."""
+        return file_sha256(self.path, "a file you can read")
+
+    @property
+    def exposure_stated(self) -> bool:
+        """Never: no container says it."""
+        return False
+
+    @property
+    def encoding(self) -> Encoding:
+        """Encoding of the DN of its frames."""
+        return self.pixels.encoding
+
+    def entries(self) -> Iterator[Entry]:
+        """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
+        with _opened(self.path, self.options.max_pixels) as container:
+            for shown in shown_frames(container, self.shape_in_file, self.frame_rate):
+                fault, note = shown.fault, None
+                if fault is not None and self.options.damaged and shown.frame is not None:
+                    fault, note = None, fault
+                yield Entry(shown.number, shown.time_s, fault, partial(self._frame, shown), note)
+
+    @property
+    def shape_in_file(self) -> tuple[int, int]:
+        """Height and width as they are stored."""
+        return self.shape if self.pixels.orientation <= 4 else (self.shape[1], self.shape[0])
+
+    def _frame(self, shown: Shown) -> Frame:
+        if shown.frame is None:
+            raise InputError("it cannot be decoded")
+        dn, clipped = self.pixels.dn(shown.frame)
+        # There is no other reference to the pixels: they need not be copied.
+        dn.flags.writeable = False
+        if dn.dtype == np.uint8:
+            return replace(self._example, dn=dn, frame_id=shown.number)
+        if self.pixels.kind != "luma":
+            options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None)
+            return replace(frame_of_pixels(dn, options, self.modified, shown.number), clipped=clipped)
+        stated = 16 if self.pixels.bits == 16 and self.options.bit_depth is None else self.pixels.bits
+        options = self.options if stated == 16 else replace(self.options, bit_depth=stated)
+        return frame_of_pixels(dn, options, self.modified, shown.number)
+
+    @cached_property
+    def _example(self) -> Frame:
+        """A frame of 8 bits."""
+        return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
+
+
+def open_video_file(path: Path, options: PictureOptions) -> VideoFile:
+    """Open a video file.
+
+    Of grey pictures Y' is taken as it is stored, stretched if its range is limited; colours become linear luminance as
+    in pictures. All bits are kept.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    options : PictureOptions
+        What it does not say: exposure, gain, camera, and bits of 16-bit values.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is empty, no video, interlaced, or holds no frame that can be decoded.
+    """
+    if require_regular(path, "a video, a folder of images, or a recorded session") == 0:
+        raise InputError(f"{path} is empty: copy it again from the camera")
+    frames: list[Any] = []
+    broken: list[Any] = []
+    with _opened(path, options.max_pixels) as container:
+        stream = container.streams.video[0]
+        for shown in shown_frames(container, None, None):
+            (frames if shown.fault is None else broken).append(shown.frame)
+            if len(frames) == _LOOKED_AT or len(broken) == _MOST_BROKEN:
+                break
+        # Damaged frames show false colours.
+        frames = frames or [frame for frame in broken if frame is not None]
+        require_frames(bool(frames), path)
+        rate = float(stream.average_rate or stream.guessed_rate or 0)
+        count = stream.frames or round((container.duration or 0) / av.time_base * rate)
+        try:
+            pixels, findings = learn_pixels(frames, stream.codec_context.codec, options.encoding)
+        except InputError as error:
+            raise InputError(f"{path}: {error}" if str(error).startswith("its") else f"{path} {error}") from error
+    height, width = frames[0].height, frames[0].width
+    found = VideoFile(
+        path=path,
+        shape=(height, width) if pixels.orientation <= 4 else (width, height),
+        frame_count=count or None,
+        frame_rate=rate if isfinite(rate) and rate > 0 else None,
+        pixels=pixels,
+        options=options,
+        modified=datetime.fromtimestamp(path.stat().st_mtime, UTC),
+        findings=tuple(findings),
+    )
+    # Options that do not fit fail at once, and not once for each frame.
+    frame = found._frame(Shown(0, 0.0, frames[0], None))
+    return replace(found, findings=(*found.findings, *unused_options(frame, pixels.bits, options)))
+
+
+@contextmanager
+def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
+    """Open a file whose frames have at most so many pixels; whatever goes wrong becomes one InputError."""
+    try:
+        limits = {"protocol_whitelist": "file", "format_whitelist": _CONTAINERS}
+        container = av.open(str(path), container_options=limits, metadata_errors="replace")
+    except (av.FFmpegError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{path} is no video that FFmpeg reads, or is cut off: copy it again, or convert it to FFV1 or MJPEG"
+        ) from error
+    with container:
+        if not container.streams.video or container.streams.video[0].codec_context is None:
+            raise InputError(f"{path} holds no pictures that FFmpeg decodes: convert it to FFV1 or MJPEG")
+        context = container.streams.video[0].codec_context
+        if context.width * context.height > max_pixels:
+            raise InputError(
+                f"{path} has frames of {context.width} x {context.height} pixels, more than {max_pixels / 1e6:g} "
+                "megapixels: raise the limit if they are so large"
+            )
+        context.options = {"max_pixels": str(max_pixels)}
+        yield container

@@ -1,0 +1,132 @@
+"""Videos as frames: files that FFmpeg reads, numbered images, recorded sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from os import PathLike
+from pathlib import Path
+
+from ...core.errors import InputError, LabcdpError
+from ...core.finding import Finding, warning
+from ...core.frame import Frame
+from ..picture.read import PictureOptions
+from .selection import Chooser, Selection
+from .source import Entry, VideoFrame, VideoSource, size_differs
+
+#: Endings of the names of video files in a folder; a file that is given itself may have any.
+VIDEO_SUFFIXES = (
+    ".3gp", ".avi", ".flv", ".h264", ".h265", ".hevc", ".m2ts", ".m4v", ".mjpeg", ".mjpg", ".mkv", ".mov", ".mp4",
+    ".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv",
+)  # fmt: skip
+
+
+def open_video(path: str | PathLike[str], options: PictureOptions | None = None) -> VideoSource:
+    """Open a video.
+
+    Parameters
+    ----------
+    path : path
+        A file that FFmpeg reads, a TIFF of several pages, a folder of numbered images, or the folder of a recorded
+        session.
+    options : PictureOptions or None
+        What the video does not say, such as exposure and camera.
+
+    Raises
+    ------
+    InputError
+        If there is no video at `path`, or nothing of it can be read.
+    SessionError
+        If it is a session that was altered.
+    """
+    path, options = Path(path), options or PictureOptions()
+    if path.is_dir():
+        from ...session.journal_text import JOURNAL
+
+        if (path / JOURNAL).is_file():
+            from .session import open_session_video
+
+            return open_session_video(path, options)
+        from .sequence import open_sequence
+
+        return open_sequence(path, options)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        from .sequence import open_stack
+
+        return open_stack(path, options)
+    from .file import open_video_file
+
+    return open_video_file(path, options)
+
+
+def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
+    """Videos to evaluate: those given, and of a folder of video files these, by name.
+
+    A folder that holds no video file is a video itself: images or a session.
+
+    Raises
+    ------
+    InputError
+        If a folder cannot be read.
+    """
+    found: list[Path] = []
+    for path in map(Path, paths):
+        try:
+            files = (
+                sorted(one for one in path.iterdir() if one.suffix.lower() in VIDEO_SUFFIXES) if path.is_dir() else []
+            )
+        except OSError as error:
+            raise InputError(f"{path} cannot be read ({error.strerror}): give a folder you can read") from error
+        found += files or [path]
+    return found
+
+
+def left_out(folder: Path) -> list[Path]:
+    """Folders with images in a folder of video files: `video_paths` leaves them out."""
+    from ..picture.paths import STATED_SUFFIXES
+
+    folders = sorted(one for one in folder.iterdir() if one.is_dir())
+    return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]
+
+
+def frames_of(
+    source: VideoSource, selection: Selection, needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen
+) -> Iterator[VideoFrame]:
+    """Frames of a video from the start of a selection to its end.
+
+    Parameters
+    ----------
+    source : VideoSource
+        The video.
+    selection : Selection
+        Which frames are chosen.
+    needed : function of (int, bool)
+        Whether the pixels of the frame of this number, chosen or not, are needed: others are not loaded, which saves
+        most of the time.
+
+    Yields
+    ------
+    VideoFrame
+        Those that are chosen or needed, and those that are lost among them.
+    """
+    chooser = Chooser(selection)
+    for entry in source.entries():
+        if selection.ended(entry.number, entry.time_s):
+            return
+        if not chooser.started(entry.number, entry.time_s):
+            continue
+        chosen = chooser.takes(entry.number, entry.time_s)
+        wanted = needed(entry.number, chosen)
+        if wanted or chosen:
+            frame, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
+            yield VideoFrame(entry.number, entry.time_s, chosen, frame, fault, None if frame is None else entry.note)
+
+
+def _loaded(entry: Entry, shape: tuple[int, int]) -> tuple[Frame | None, Finding | None]:
+    """Load a frame, or say why it cannot be used: one broken frame does not cost the others."""
+    try:
+        frame = entry.load()
+    except LabcdpError as error:
+        return None, warning("frame-broken", reason=str(error))
+    if frame.shape != shape:
+        return None, size_differs(frame.shape, shape)
+    return frame, None

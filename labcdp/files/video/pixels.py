@@ -1,0 +1,223 @@
+"""What the numbers of a video file are: grey, or Y', Cb and Cr, or red, green and blue; and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.finding import Finding, info, warning
+from ..formats.colour import ENCODING_NAMES, Encoding, light_tables, luminance_dn
+from ..formats.stored_image import grey_if_colourless
+from ..orientation import orientation_of_matrix, upright
+
+# Codes of ITU-T H.273: transfer characteristics (table 3) and matrix coefficients (table 4) with weights of R and B.
+_UNSTATED = 2
+_ENCODINGS: dict[int, Encoding] = {1: "bt709", 6: "bt709", 8: "linear", 13: "srgb", 14: "bt709", 15: "bt709"}
+_BT601, _BT709 = (0.299, 0.114), (0.2126, 0.0722)
+_MATRICES = {1: _BT709, 4: (0.3, 0.11), 5: _BT601, 6: _BT601, 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
+#: FFmpeg's codes of the range.
+_LIMITED, _FULL = 1, 2
+#: Rows from which Y' without a stated matrix is that of HDTV.
+_HD_ROWS = 720
+#: Cb and Cr of grey differ by no more from the middle, in steps of 8 bits.
+_COLOURED = 1
+_SUBSAMPLING = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (4, 1): "411", (4, 4): "410", (1, 2): "440"}
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """What the numbers of a file are.
+
+    Parameters
+    ----------
+    format_name : str
+        FFmpeg's pixel format of the first frame.
+    kind : {'luma', 'ycbcr', 'rgb'}
+        What counts: grey or Y' alone, or the luminance of the colours.
+    bits : int
+        Of each number.
+    limited : bool
+        Whether Y' goes from 16 to 235 of 8 bits.
+    weights : (float, float)
+        Of red and blue in Y'.
+    stored : {'linear', 'srgb', 'bt709'}
+        How grey or colours are encoded.
+    orientation : int
+        EXIF's number of how the frames lie in the file.
+    """
+
+    format_name: str
+    kind: Literal["luma", "ycbcr", "rgb"]
+    bits: int
+    limited: bool
+    weights: tuple[float, float]
+    stored: Encoding
+    orientation: int
+
+    @property
+    def encoding(self) -> Encoding:
+        """Encoding of the DN of frames: luminance of colours is linear."""
+        return self.stored if self.kind == "luma" else "linear"
+
+    def dn(self, frame: Any) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+        """DN of a decoded frame, and of colours which pixels have one at its end.
+
+        Raises
+        ------
+        InputError
+            If it is of another kind than the first one.
+        """
+        if frame.format.name != self.format_name:
+            raise InputError(f"its pixels are of the kind {frame.format.name}, not {self.format_name} as before")
+        planes = planes_of(frame)
+        if self.kind == "rgb":
+            rgb = np.dstack(planes)
+            clipped = np.any(rgb >= 2**self.bits - 1, axis=2)
+            return upright(luminance_dn(rgb, self.bits, self.stored), self.orientation), upright(
+                clipped, self.orientation
+            )
+        if self.kind == "ycbcr":
+            from .pixels_kernel import luminance_of_ycbcr
+
+            light = light_tables(self.bits, self.stored)
+            luma, blue, red = map(np.ascontiguousarray, planes)
+            luminance, clipped = luminance_of_ycbcr(luma, blue, red, self._parts(), light)
+            return upright(luminance, self.orientation), upright(clipped, self.orientation)
+        luma = np.ascontiguousarray(planes[0])
+        if self.limited:
+            from .pixels_kernel import looked_up
+
+            luma = looked_up(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
+        return upright(luma, self.orientation), None
+
+    def _grey(self) -> NDArray[np.float64]:
+        """Full-range Y' of each stored value (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits)."""
+        values = np.arange(2**self.bits, dtype=float)
+        return (values / 2 ** (self.bits - 8) - 16) * (2**self.bits - 1) / 219 if self.limited else values
+
+    def _parts(self) -> NDArray[np.float32]:
+        """Y' by value, and what Cr adds to red and green, Cb to green and blue (ITU-T H.273, 8.3)."""
+        k_r, k_b = self.weights
+        k_g = 1 - k_r - k_b
+        chroma = np.arange(2**self.bits, dtype=float) - 2 ** (self.bits - 1)
+        if self.limited:
+            chroma *= (2**self.bits - 1) / (224 * 2 ** (self.bits - 8))
+        red, blue = 2 * (1 - k_r) * chroma, 2 * (1 - k_b) * chroma
+        parts = np.array([self._grey(), red, -k_r / k_g * red, -k_b / k_g * blue, blue])
+        return parts.astype(np.float32)
+
+
+def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -> tuple[Pixels, list[Finding]]:
+    """Learn what the numbers of a file are from its first frames, and what there is to say about it.
+
+    Range, transfer and matrix are as stated. Where they are not, the range is full for grey, Motion JPEG and colours,
+    else limited; the transfer that of sRGB as for pictures, but linear for grey that no codec changed; the matrix
+    that of BT.601 for JPEG and less than 720 rows, else that of BT.709.
+
+    Raises
+    ------
+    InputError
+        If they are interlaced, or of a kind that is not read.
+    """
+    first = frames[0]
+    if any(frame.interlaced_frame for frame in frames):
+        raise InputError("is interlaced, each frame holds two moments: deinterlace it (ffmpeg -i IN -vf bwdif OUT)")
+    planes, kind, jpeg = planes_of(first), _kind(first.format), codec.name == "mjpeg"
+    grey = len(planes) == 1
+    bits = bits_of(first.format)
+    coloured = any(_is_coloured(planes_of(frame), kind, bits) for frame in frames)
+    limited, range_stated = kind != "rgb" and not (grey or jpeg), first.color_range in (_LIMITED, _FULL)
+    if range_stated and kind != "rgb":
+        limited = first.color_range == _LIMITED
+    stored, found = _encoding(int(first.color_trc), grey and not codec.lossy, encoding)
+    matrix = _MATRICES.get(int(first.colorspace))
+    weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
+    turn = first.side_data.get("DISPLAYMATRIX")
+    orientation = 1 if turn is None else orientation_of_matrix(bytes(turn))
+    if orientation is None:
+        found.append(warning("turn-ignored"))
+    elif orientation > 1:
+        found.append(info("turned", orientation=orientation))
+    if limited:
+        found.append(info("video-limited-range", how=_how(range_stated)))
+    if coloured and kind != "rgb":
+        found.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
+    if coloured:
+        found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
+    pixels = Pixels(first.format.name, kind if coloured else "luma", bits, limited, weights, stored, orientation or 1)
+    return pixels, found
+
+
+def _encoding(code: int, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:
+    """Return the encoding as given, as stated, or as is usual, and findings that say so."""
+    usual: Encoding = "linear" if measured else "srgb"
+    found = given or _ENCODINGS.get(code, usual)
+    how = "as given" if given else _how(code in _ENCODINGS)
+    findings = [info("video-encoding", encoding=ENCODING_NAMES[found], how=how)]
+    if not given and code not in (*_ENCODINGS, _UNSTATED):
+        findings.append(warning("video-transfer-unknown", code=code, encoding=ENCODING_NAMES[found]))
+    return found, findings
+
+
+def _how(stated: bool) -> str:
+    return "as the file states" if stated else "which is usual; the file does not state it"
+
+
+def _is_coloured(planes: Sequence[NDArray[Any]], kind: str, bits: int) -> bool:
+    if len(planes) == 1:
+        return False
+    if kind == "rgb":
+        return grey_if_colourless(np.dstack(planes)).ndim == 3
+    away = _COLOURED << (bits - 8)
+    middle = 2 ** (bits - 1)
+    return any(int(one.max()) > middle + away or int(one.min()) < middle - away for one in planes[1:])
+
+
+def _kind(form: Any) -> Literal["ycbcr", "rgb"]:
+    return "rgb" if form.is_rgb or form.has_palette else "ycbcr"
+
+
+def bits_of(form: Any) -> int:
+    """Bits of each number of a pixel format."""
+    return int(max(one.bits for one in form.components))
+
+
+def planes_of(frame: Any) -> list[NDArray[Any]]:
+    """Grey; Y', Cb and Cr; or red, green and blue of a decoded frame, as they are stored.
+
+    Raises
+    ------
+    InputError
+        If the pixels are of another kind.
+    """
+    form = frame.format
+    bits, n_values = bits_of(form), sum(not one.is_alpha for one in form.components)
+    across, down = (-(-a // b) for a, b in zip((frame.width, frame.height), _chroma_size(form, frame), strict=True))
+    if not 8 <= bits <= 16 or form.is_bayer or form.is_bit_stream or form.name.startswith("xyz"):
+        raise InputError(f"its pixels are of the kind {form.name}, which is not read: convert it to FFV1")
+    depth = "" if bits == 8 else f"{bits}le"
+    order: tuple[int, ...] = (0, 1, 2)
+    if _kind(form) == "rgb":
+        name, order = f"gbrp{depth}", (2, 0, 1)
+    elif n_values == 1:
+        name, order = f"gray{depth}", (0,)
+    else:
+        name, order = f"yuv{_SUBSAMPLING.get((across, down), '')}p{depth}", order
+    # Values stay as they are, they only come in another order.
+    if form.name.replace("yuvj", "yuv").replace("yuva", "yuv") != name:
+        frame = frame.reformat(format=name)
+    return [_plane(frame.planes[at], np.dtype("<u2" if depth else "u1")) for at in order]
+
+
+def _chroma_size(form: Any, frame: Any) -> tuple[int, int]:
+    return max(form.chroma_width(frame.width), 1), max(form.chroma_height(frame.height), 1)
+
+
+def _plane(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
+    rows = np.frombuffer(memoryview(plane).toreadonly(), dtype)
+    return rows.reshape(-1, plane.line_size // dtype.itemsize)[: plane.height, : plane.width]

@@ -1,0 +1,209 @@
+"""Images as a video: a folder of numbered ones, or the pages of a TIFF."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ...core.disk import file_sha256
+from ...core.errors import InputError
+from ...core.finding import Finding, info
+from ...core.frame import Frame
+from ..file_frame import picture_bytes
+from ..formats.colour import Encoding, decoded_table
+from ..formats.tiff import count_pictures
+from ..picture.options import PictureOptions
+from ..picture.paths import picture_paths
+from ..picture.picture import Picture
+from ..picture.read import read_page, read_picture
+from ..picture.saturation import guessed_scale
+from .source import Entry, require_frames
+
+#: Largest number in a name that can be one of a frame; others are times or dates.
+_MOST_NUMBER = 10_000_000
+#: Images that are looked at to estimate the bits of all.
+_LOOKED_AT = 9
+
+
+@dataclass(frozen=True, eq=False)
+class ImageSequence:
+    """Images, one a frame; made by `open_sequence` and `open_stack`.
+
+    Parameters
+    ----------
+    path : Path
+        Folder or file.
+    sha256 : str
+        Hash of all that decides the pixels.
+    numbers : tuple of int
+        Number of the frame of each image: that in its name, so that what is missing in between is a gap.
+    read : function of (int, PictureOptions)
+        Read an image by its place.
+    first : Picture
+        The first one that can be read, or that is coloured.
+    options : PictureOptions
+        What the images do not say, with one scale of DN for all.
+    findings : tuple of Finding
+        What was done to the pixels, and what a user should know about them.
+    """
+
+    path: Path
+    sha256: str
+    numbers: tuple[int, ...]
+    read: Callable[[int, PictureOptions], Picture]
+    first: Picture
+    options: PictureOptions
+    findings: tuple[Finding, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the first image."""
+        return self.first.shape
+
+    @property
+    def exposure_stated(self) -> bool:
+        """Whether the first image says its exposure."""
+        return self.first.exposure_stated
+
+    @property
+    def encoding(self) -> Encoding:
+        """How the DN of the frames are encoded."""
+        return "linear" if self.first.coloured else self.first.encoding
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames up to the last image, gaps included."""
+        return self.numbers[-1] + 1
+
+    @property
+    def frame_rate(self) -> float:
+        """One a second: the images do not say it, so that time is their number."""
+        return 1.0
+
+    def entries(self) -> Iterator[Entry]:
+        """Go through all images."""
+        for at, number in enumerate(self.numbers):
+            yield Entry(number, float(number - self.numbers[0]), None, partial(self._load, at, number))
+
+    def _load(self, at: int, number: int) -> Frame:
+        picture = self.read(at, self.options)
+        if picture.frame is None:
+            raise InputError("it holds floats: a video is evaluated from the values of a camera")
+        frame = picture.frame
+        if picture.encoding != self.first.encoding or (picture.coloured and not self.first.coloured):
+            raise InputError("it is coloured or encoded in another way than the first image")
+        if self.first.coloured and not picture.coloured:
+            # Without colour, such as a black one.
+            light = np.rint(65535 * decoded_table(frame.bit_depth, picture.encoding)).astype(np.uint16)
+            frame = replace(
+                frame, dn=light[frame.dn], bit_depth=16, saturation_dn=65535.0, pixel_format="Mono16",
+                clipped=frame.saturated,
+            )  # fmt: skip
+        return replace(frame, frame_id=number)
+
+
+def open_sequence(folder: Path, options: PictureOptions) -> ImageSequence:
+    """Open a folder of images as a video.
+
+    Parameters
+    ----------
+    folder : Path
+        With images that `read_picture` reads; other files are left out. They follow each other by the numbers in their
+        names.
+    options : PictureOptions
+        What they do not say. The bits of 16-bit values that they do not state are estimated once for all.
+
+    Raises
+    ------
+    InputError
+        If it holds no image, or none that can be read.
+    """
+    images = tuple(picture_paths([folder]))
+    digest = hashlib.sha256()
+    for image in images:
+        digest.update(os.fsencode(image.name) + b"\0" + _digest(image))
+    numbers = _numbers(images)
+    found = info("frames-numbered-by-name" if numbers else "frames-numbered-from-0")
+    return _sequence(
+        folder,
+        digest.hexdigest(),
+        numbers or tuple(range(len(images))),
+        lambda at, known: read_picture(images[at], known),
+        options,
+        (info("image-sequence", images=len(images)), found),
+    )
+
+
+def open_stack(path: Path, options: PictureOptions) -> ImageSequence:
+    """Open a TIFF of several pictures as a video; raises InputError as `open_sequence`."""
+    data, sha256 = picture_bytes(path, options.max_pixels)
+    n = count_pictures(data, path)
+    return _sequence(
+        path, sha256, tuple(range(n)), lambda at, known: read_page(path, data, at, known),
+        options, (info("image-sequence", images=n),),
+    )  # fmt: skip
+
+
+def _sequence(
+    path: Path,
+    sha256: str,
+    numbers: tuple[int, ...],
+    read: Callable[[int, PictureOptions], Picture],
+    options: PictureOptions,
+    found: tuple[Finding, ...],
+) -> ImageSequence:
+    looked_at: dict[int, Picture] = {}
+    for at in dict.fromkeys(int(one) for one in np.linspace(0, len(numbers) - 1, min(_LOOKED_AT, len(numbers)))):
+        looked_at |= _read(read, at, options)
+    for at in range(len(numbers)):
+        looked_at = looked_at or _read(read, at, options)
+    require_frames(bool(looked_at), path)
+    guessed, options = _one_scale(list(looked_at.values()), options)
+    first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
+    return ImageSequence(path, sha256, numbers, read, first, options, (*found, *first.findings, *guessed))
+
+
+def _read(read: Callable[[int, PictureOptions], Picture], at: int, options: PictureOptions) -> dict[int, Picture]:
+    """Image at a place; nothing if it cannot be read or holds floats, as it is a broken frame."""
+    try:
+        picture = read(at, options)
+    except InputError:
+        return {}
+    return {} if picture.frame is None else {at: picture}
+
+
+def _one_scale(pictures: Sequence[Picture], options: PictureOptions) -> tuple[tuple[Finding, ...], PictureOptions]:
+    """Options with bits and saturation of 16-bit values for all images alike, if they do not state them."""
+    frames = [one.frame for one in pictures if one.frame is not None and not one.coloured and one.scale_guessed]
+    if not frames:
+        return (), options
+    largest = max(int(frame.dn.max()) for frame in frames)
+    in_use = int(np.bitwise_or.reduce([np.bitwise_or.reduce(frame.dn, axis=None) for frame in frames]))
+    scale = guessed_scale(largest, in_use, 16)
+    saturation_dn = options.saturation_dn or scale.saturation_dn
+    return scale.findings, replace(options, bit_depth=scale.bits, saturation_dn=saturation_dn)
+
+
+def _numbers(images: Sequence[Path]) -> tuple[int, ...]:
+    """Numbers in the names that count up from image to image, the last such ones; nothing if there are none."""
+    found = [[int(digits) for digits in reversed(re.findall("[0-9]+", image.stem))] for image in images]
+    for numbers in zip(*found, strict=False):
+        if all(a < b for a, b in pairwise(numbers)) and numbers[-1] < _MOST_NUMBER:
+            return numbers
+    return ()
+
+
+def _digest(path: Path) -> bytes:
+    """Hash of a file; of one that cannot be read nothing, as it is a broken frame."""
+    try:
+        return bytes.fromhex(file_sha256(path, "an image"))
+    except InputError:
+        return b""

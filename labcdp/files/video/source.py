@@ -1,0 +1,146 @@
+"""What a video is, whatever it is read from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.finding import Finding, warning
+from ...core.frame import Frame
+from ..formats.colour import Encoding
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A frame of a video with deferred decoding of its pixels.
+
+    Parameters
+    ----------
+    number : int
+        Number of the frame in the video, from 0; lost ones count.
+    time_s : float
+        Time since the first frame.
+    fault : Finding or None
+        Why there are no pixels; None if there are.
+    load : function without arguments
+        Return the frame; to be called before the next entry is taken. Raises InputError if it is broken.
+    note : Finding or None
+        What is wrong with pixels that are used all the same.
+    """
+
+    number: int
+    time_s: float
+    fault: Finding | None
+    load: Callable[[], Frame]
+    note: Finding | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFrame:
+    """A frame of a video.
+
+    Parameters
+    ----------
+    number : int
+        Number of the frame in the video, from 0; lost ones count.
+    time_s : float
+        Time since the first frame, by the container's time stamps.
+    chosen : bool
+        Whether the selection takes it; others are there for a tracker that follows from frame to frame.
+    frame : Frame or None
+        The pixels; None if they are lost or were not requested.
+    fault : Finding or None
+        Why they are lost, else None.
+    note : Finding or None
+        What is wrong with pixels that are used all the same.
+    """
+
+    number: int
+    time_s: float
+    chosen: bool
+    frame: Frame | None
+    fault: Finding | None
+    note: Finding | None = None
+
+    @cached_property
+    def grey(self) -> NDArray[np.uint8]:
+        """The frame in 8 bits, for trackers and eyes; shape (height, width)."""
+        assert self.frame is not None
+        return grey_of(self.frame)
+
+
+class VideoSource(Protocol):
+    """A video; each iteration begins at its first frame."""
+
+    @property
+    def path(self) -> Path:
+        """File or folder."""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that decides the pixels."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the frames in pixels."""
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames as the file announces it, which may be wrong; None if it does not."""
+
+    @property
+    def frame_rate(self) -> float | None:
+        """Frames per second as the file announces it, or None."""
+
+    @property
+    def exposure_stated(self) -> bool:
+        """Whether the frames say their exposure themselves."""
+
+    @property
+    def encoding(self) -> Encoding:
+        """How the DN of the frames are encoded."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was done to the pixels, and what a user should know about them."""
+
+    def entries(self) -> Iterator[Entry]:
+        """Go through all frames."""
+
+
+def grey_of(frame: Frame) -> NDArray[np.uint8]:
+    """Frame in 8 bits; the four pixels of a colour filter are averaged, so that its pattern does not show."""
+    if frame.clipped is not None:
+        # Of colours: linear light, whose root is close to the values that are stored.
+        return np.asarray(_roots()[frame.dn], dtype=np.uint8)
+    dn = frame.dn if frame.bit_depth <= 8 else (frame.dn >> (frame.bit_depth - 8)).astype(np.uint8)
+    if frame.colour_filter is None:
+        return dn.astype(np.uint8, copy=False)
+    import cv2
+
+    return np.asarray(cv2.blur(dn.astype(np.uint8), (2, 2)), dtype=np.uint8)
+
+
+@cache
+def _roots() -> NDArray[np.uint8]:
+    roots: NDArray[np.uint8] = np.rint(255 * np.sqrt(np.arange(2**16) / (2**16 - 1))).astype(np.uint8)
+    return roots
+
+
+def require_frames(found: bool, path: Path) -> None:
+    """Raise InputError if nothing of a video could be read."""
+    if not found:
+        raise InputError(f"{path} holds no frame that can be read: copy it again, or give another video")
+
+
+def size_differs(shape: tuple[int, int], expected: tuple[int, int]) -> Finding:
+    """Return the fault of a frame whose height and width are not those of the video."""
+    (height, width), (video_height, video_width) = shape, expected
+    return warning("frame-size-differs", width=width, height=height, video_width=video_width, video_height=video_height)

@@ -1,0 +1,1 @@
+"""Spatially correlated noise, and the CDP of regions with it."""

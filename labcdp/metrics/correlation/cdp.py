@@ -1,0 +1,136 @@
+"""Contrast detection probability with a standard error for spatially correlated noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import InputError
+from ..detection import result_of_tally
+from ..distribution import Distribution
+from ..image import image_array, mask_array, window_of
+from ..interval import ContrastDefinition, Epsilon, TargetContrast
+from ..pairs import PairTally, bright_and_dark, tally_pairs
+from ..result import CdpResult
+from .inflation import variance_inflation
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyRegion:
+    """Pixels of a region with their positions.
+
+    Parameters
+    ----------
+    image : ndarray of float, shape (height, width)
+        Bounding box of the region.
+    mask : ndarray of bool, shape (height, width)
+        Mask of its pixels in the box.
+    distribution : Distribution
+        Distribution of their values.
+    """
+
+    image: NDArray[np.float64]
+    mask: NDArray[np.bool_]
+    distribution: Distribution
+
+    @cached_property
+    def inflation(self) -> float:
+        """Factor by which the correlation of the pixels raises the variance of their mean."""
+        return variance_inflation(self.image, self.mask)
+
+    def shares(self, of_value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Image of a quantity given for each distinct value."""
+        image = np.zeros(self.image.shape)
+        image[self.mask] = of_value[np.searchsorted(self.distribution.values, self.image[self.mask])]
+        return image
+
+
+def cdp_correlated(
+    image: ArrayLike,
+    mask_a: ArrayLike,
+    mask_b: ArrayLike,
+    contrast: float,
+    epsilon: Epsilon = 0.5,
+    *,
+    definition: ContrastDefinition = "weber",
+) -> CdpResult:
+    """Contrast detection probability between two regions of an image whose noise may be correlated.
+
+    Parameters
+    ----------
+    image : array_like of int or float, shape (height, width)
+        Image in one linear unit, best cd/m^2.
+    mask_a, mask_b : array_like of bool, shape (height, width)
+        Pixels of the two regions, of any shape, disjoint.
+    contrast, epsilon, definition
+        As for `cdp`.
+
+    Returns
+    -------
+    CdpResult
+        As from `cdp` of the two regions, but with standard error and interval for the estimated correlation, and the
+        factor of the standard error as `correlation_inflation`.
+
+    Raises
+    ------
+    InputError
+        As `cdp`; and if the image is not of two dimensions, or a mask not boolean, of another shape or empty, or the
+        masks overlap.
+
+    Notes
+    -----
+    By far the largest part of the variance of a CDP is that of the means of two quantities: the share p of the bright
+    pixels that a dark pixel is detected against, and likewise q of each bright pixel (Hoeffding's projection, see
+    `uncertainty.unbiased_variance`). Where they are correlated from pixel to pixel, each of these two variances rises
+    as `variance_inflation` says for p and q. As p and q follow the noise neither linearly nor perfectly, they are less
+    correlated than the pixels: limiting the factors to that of the pixels prevents a slow change of the light across a
+    region from being treated as noise.
+
+    In simulations with two regions of 20 x 20 to 80 x 80 pixels, of independent noise, noise averaged over 3 x 3 pixels
+    and noise smoothed by a Gaussian of 0.6 to 3 px, 95 % intervals covered the truth in 96 % of the cases, of any kind
+    in 89 % or more, and the standard error was 0.9 to 1.3 times the true one; where the noise reaches far into a region
+    of few pixels, up to 2 times. Noise common to both regions is not estimated: where both covered the same rows, with
+    row offsets of half the standard deviation of the pixels, the intervals covered the truth in 84 to 91 %.
+    """
+    asked = TargetContrast(contrast, epsilon, definition)
+    pixels = image_array(image)
+    masks = [mask_array(mask_a, pixels.shape, "mask_a"), mask_array(mask_b, pixels.shape, "mask_b")]
+    common = np.count_nonzero(masks[0] & masks[1])
+    if common:
+        raise InputError(f"mask_a and mask_b have {common} pixels in common: give two regions that do not overlap")
+    bright, dark, bright_name = bright_and_dark(pixels[masks[0]], pixels[masks[1]])
+    order = masks if bright_name == "a" else masks[::-1]
+    regions = [
+        NoisyRegion(pixels[window_of(mask)].astype(np.float64), mask[window_of(mask)], distribution)
+        for mask, distribution in zip(order, (bright, dark), strict=True)
+    ]
+    return cdp_of_regions(regions[0], regions[1], bright_name, asked)
+
+
+def cdp_of_regions(
+    bright: NoisyRegion, dark: NoisyRegion, bright_name: Literal["a", "b"], asked: TargetContrast
+) -> CdpResult:
+    """CDP of two regions, with standard error and interval for the correlation of their noise."""
+    tally = tally_pairs(bright.distribution, dark.distribution, asked.low, asked.high)
+    inflation = _inflation(tally, (bright, dark))
+    return result_of_tally(tally, bright.distribution, dark.distribution, bright_name, asked, inflation)
+
+
+def _inflation(tally: PairTally, regions: Sequence[NoisyRegion]) -> float:
+    """Inflation of the variance of a CDP, from the share of detected pairs of each pixel of both regions."""
+    most = max(region.inflation for region in regions)
+    # Where all pairs agree, the shares contain no information about correlation.
+    if most == 1 or not 0 < tally.inside < 1:
+        return most
+    plain = inflated = 0.0
+    for region, of_value in zip(regions, (tally.inside_per_bright, tally.inside_per_dark), strict=True):
+        each = region.shares(of_value)
+        scatter = float(each[region.mask].var()) / np.count_nonzero(region.mask)
+        plain += scatter
+        inflated += variance_inflation(each, region.mask) * scatter
+    return min(most, inflated / plain)

@@ -1,0 +1,1 @@
+"""CDP between each pixel and its neighbours."""

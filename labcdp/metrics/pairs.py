@@ -1,0 +1,183 @@
+"""Count all pairs of dark and bright pixels in a contrast interval without visiting each pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf, isfinite
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from .distribution import Distribution, Region, as_distribution, weighted_sum
+from .threads import each_in_thread
+
+#: A bright value this close to an end of the interval, relative to it, lies on the end. The end (factor times dark
+#: value) is known to three roundings, 3 * 2^-53, so no pair that lies on it in exact arithmetic is missed. No other
+#: pair of integers is included as long as the largest integer times the denominator of the factor stays below 2^52 / 10
+#: = 4.5e14, because bright value and end then differ by more than 10 * 2^-52, relatively. That covers 24-bit data with
+#: ends of up to 7 decimals, 16-bit data with 9.
+RELATIVE_TOLERANCE = 8 * 2.0**-52
+
+#: Dark values processed at once, so that temporary arrays fit in the processor's cache.
+_BLOCK = 16384
+
+
+def bright_and_dark(
+    a: Region, b: Region, names: tuple[str, str] = ("region a", "region b")
+) -> tuple[Distribution, Distribution, Literal["a", "b"]]:
+    """Return the brighter region, the darker one, and the name of the brighter one.
+
+    The bright region has the larger mean, or is `a` if the means are equal; `names` are those of `a` and `b` in
+    messages.
+
+    Raises
+    ------
+    InputError
+        If a region cannot be used, or neither holds a value above 0.
+    """
+    # Only floats are sorted; counting integers is too fast to benefit from a thread.
+    sizes = [region.size for region in (a, b) if isinstance(region, np.ndarray) and region.dtype.kind == "f"]
+    first, second = each_in_thread(
+        lambda named: as_distribution(*named), list(zip((a, b), names, strict=True)), max(sizes, default=0)
+    )
+    if max(first.values[-1], second.values[-1]) <= 0:
+        raise InputError(
+            "neither region holds a value above 0, so no contrast is defined: check exposure and black level"
+        )
+    if second.mean > first.mean:
+        return second, first, "b"
+    return first, second, "a"
+
+
+def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -> float:
+    """Weight of all pairs up to a contrast (-1 or more), including those of undefined contrast."""
+    total = 0.0
+    for block, start, counts in _counts_up_to(bright, dark.values, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
+        total += _sum(_weight_of_first(bright, start, counts), None if dark.each_once else dark.weights[block])
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class PairTally:
+    """All pairs classified by a contrast interval.
+
+    Parameters
+    ----------
+    below, inside, above : float
+        Share of the pairs with a contrast below, inside and above the interval. Undefined pairs are below.
+    inside_per_dark : ndarray of float, shape (m,)
+        For each distinct dark value, share of the bright pixels inside.
+    inside_per_bright : ndarray of float, shape (n,)
+        For each distinct bright value, share of the dark pixels inside.
+    """
+
+    below: float
+    inside: float
+    above: float
+    inside_per_dark: NDArray[np.float64]
+    inside_per_bright: NDArray[np.float64]
+
+
+def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction | None, high: Fraction | None) -> PairTally:
+    """Classify all pairs by the closed interval `low` to `high` (0 <= low <= high; None for an open end)."""
+    middle = dark.values.size // 2
+    parts = [slice(0, middle), slice(middle, dark.values.size)]
+    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, low, high), parts, dark.values.size)
+    pairs = bright.total * dark.total
+    below, inside, above = (sum(weights) / pairs for weights in zip(*(tally[:3] for tally in tallies), strict=True))
+    inside_per_dark = np.concatenate([tally.inside_per_dark for tally in tallies])
+    inside_per_dark /= bright.total
+    flow = tallies[0].flow
+    flow += tallies[1].flow
+    inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
+    inside_per_bright /= dark.total
+    return PairTally(below, inside, above, inside_per_dark, inside_per_bright)
+
+
+class _PartTally(NamedTuple):
+    """Weights of the pairs of some dark values; `flow` receives the increments of `inside_per_bright`."""
+
+    below: float
+    inside: float
+    above: float
+    inside_per_dark: NDArray[np.float64]
+    flow: NDArray[np.float64]
+
+
+def _tally_part(
+    bright: Distribution, dark: Distribution, part: slice, low: Fraction | None, high: Fraction | None
+) -> _PartTally:
+    values, weights = dark.values[part], dark.weights[part]
+    if low is None:
+        lower_counts = _undefined_counts(bright, values)
+    else:
+        lower_counts = _counts_up_to(bright, values, float(1 + low) * (1 - RELATIVE_TOLERANCE))
+    upper_counts = _counts_up_to(bright, values, inf if high is None else float(1 + high) * (1 + RELATIVE_TOLERANCE))
+    below = inside = above = 0.0
+    inside_per_dark = np.empty(values.size)
+    # Each dark value enters at its first bright value inside and leaves after its last one.
+    flow = np.zeros(bright.values.size + 1)
+    for (block, enter, first), (_, leave, last) in zip(lower_counts, upper_counts, strict=True):
+        below_each = _weight_of_first(bright, enter, first)
+        up_to_each = _weight_of_first(bright, leave, last)
+        inside_each = np.subtract(up_to_each, below_each, out=inside_per_dark[block])
+        block_weights = None if dark.each_once else weights[block]
+        below += _sum(below_each, block_weights)
+        inside += _sum(inside_each, block_weights)
+        above += _sum(bright.total - up_to_each, block_weights)
+        entering, leaving = np.bincount(first, block_weights), np.bincount(last, block_weights)
+        flow[enter : enter + entering.size] += entering
+        flow[leave : leave + leaving.size] -= leaving
+    return _PartTally(below, inside, above, inside_per_dark, flow)
+
+
+def _weight_of_first(distribution: Distribution, start: int, counts: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Weight of the first `start` + `counts` values of a distribution."""
+    if distribution.each_once:
+        return np.add(counts, float(start))
+    return distribution.cumulative[start:][counts]
+
+
+def _sum(values: NDArray[np.float64], weights: NDArray[np.float64] | None) -> float:
+    return float(values.sum()) if weights is None else weighted_sum(weights, values)
+
+
+def _undefined_counts(
+    bright: Distribution, dark_values: NDArray[np.float64]
+) -> Iterator[tuple[slice, int, NDArray[np.intp]]]:
+    """Count the distinct bright values each dark one has an undefined contrast to; yields as `_counts_up_to`."""
+    not_positive = np.searchsorted(bright.values, 0, side="right")
+    for begin in range(0, dark_values.size, _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        yield block, 0, np.where(dark_values[block] > 0, 0, not_positive)
+
+
+def _counts_up_to(
+    bright: Distribution, dark_values: NDArray[np.float64], factor: float
+) -> Iterator[tuple[slice, int, NDArray[np.intp]]]:
+    """Count, for each dark value, the distinct bright values of at most `factor` (0 or more) times the dark one.
+
+    Where the dark value is 0 or below, bright values up to 0 are counted: each bright value above 0 has an unbounded
+    contrast to it. An infinite factor counts every bright value.
+
+    Yields
+    ------
+    block : slice
+        Which dark values.
+    start : int
+        Count for the last dark value before the block, a lower bound of all in the block.
+    counts : ndarray of int
+        Count for each dark value of the block, less `start`.
+    """
+    start = 0
+    for begin in range(0, dark_values.size, _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        with np.errstate(over="ignore"):
+            limits = np.maximum(dark_values[block], 0 if isfinite(factor) else 1) * factor
+        stop = int(bright.values.searchsorted(limits[-1], side="right"))
+        yield block, start, bright.values[start:stop].searchsorted(limits, side="right")
+        start = stop

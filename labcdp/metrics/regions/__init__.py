@@ -1,0 +1,1 @@
+"""Contrast, CDP and related metrics of two regions of a luminance map, with uncertainties."""

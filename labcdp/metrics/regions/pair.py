@@ -1,0 +1,251 @@
+"""Two regions of a luminance map: their luminance, contrast and CDP, each with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import hypot, isfinite, nan, sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.finding import Finding, warning
+from ...core.luminance import LuminanceMap, Window
+from ...core.roi import Roi
+from .. import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
+from ..calibrated import PairError, joined_errors
+from ..correlation.cdp import cdp_of_regions
+from ..interval import TargetContrast
+from ..pairs import bright_and_dark, tally_pairs
+from ..uncertainty import confidence_interval
+from .region import (
+    RegionPixels,
+    RegionResult,
+    evaluate_region,
+    region_result,
+    variance_of_changes,
+    with_uncertainty,
+)
+
+__all__ = [
+    "PairResult",
+    "RegionResult",
+    "evaluate_pair",
+    "evaluate_region",
+    "evaluate_regions",
+    "paired_errors",
+    "require_apart",
+]
+
+_Array = NDArray[np.float64]
+#: A region with its bounding box in the image and its mask in the box.
+Placed = tuple[Roi, Window, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """Contrast of two regions and its detection probability.
+
+    Parameters
+    ----------
+    a, b : RegionResult
+        The regions.
+    bright : {'a', 'b'}
+        Name of the region with the larger mean.
+    results : tuple of CalibratedCdp
+        One for each target contrast; the intervals combine pixels, whose noise may be correlated, and calibration.
+    contrast : Estimate
+        Weber contrast of the means, with its standard uncertainty; common errors of both regions have cancelled.
+    csnr : Estimate
+        Mean over standard deviation of the contrasts of all pairs of pixels, with its standard uncertainty.
+    findings : tuple of Finding
+        Findings on invalid pixels, and on a missing CDP of the measured contrast.
+    """
+
+    a: RegionResult
+    b: RegionResult
+    bright: Literal["a", "b"]
+    results: tuple[CalibratedCdp, ...]
+    contrast: Estimate
+    csnr: Estimate
+    findings: tuple[Finding, ...]
+
+    @property
+    def of_measured_contrast(self) -> bool:
+        """Whether the target contrast is the measured one."""
+        return [one.result.contrast for one in self.results] == [self.contrast.value]
+
+    @property
+    def bright_region(self) -> RegionResult:
+        """The brighter region."""
+        return self.a if self.bright == "a" else self.b
+
+    @property
+    def dark_region(self) -> RegionResult:
+        """The darker region."""
+        return self.b if self.bright == "a" else self.a
+
+
+def evaluate_pair(
+    luminance: LuminanceMap, a: Roi, b: Roi, contrasts: Sequence[float] | None = None, epsilon: Epsilon = 0.5
+) -> PairResult:
+    """Evaluate the contrast of two regions of a map.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The map; only the bounding boxes of the regions are used.
+    a, b : Roi
+        The regions, in pixels of the image, in any order.
+    contrasts : sequence of float or None
+        Target contrasts, fractions; None for the measured contrast of the regions, without a result if that is
+        undefined or 0.
+    epsilon : float or DetectionInterval
+        Their tolerance, as for `labcdp.metrics.cdp`.
+
+    Raises
+    ------
+    InputError
+        As `evaluate_region`; if the regions have pixels in common, neither has a pixel above 0, or a contrast or the
+        tolerance is out of range.
+
+    Notes
+    -----
+    All pixels of the regions are used, as in sessions: without the saturated ones the mean would be biased. The
+    variance by the pixels is inflated for correlated noise; a slow change across a region is not noise
+    (`labcdp.metrics.variance_inflation`). The errors of the calibration, independent of it, are propagated as by
+    `cdp_with_common_errors`: each is added and subtracted once, and the mean square of the two changes is its variance.
+    The rounding to DN of each region is treated likewise where its noise does not dither it
+    (`labcdp.metrics.regions.rounding`).
+    """
+    first, second = RegionPixels.of(luminance, a), RegionPixels.of(luminance, b)
+    require_apart(first.placed, second.placed)
+    return evaluate_regions(first, second, contrasts, epsilon)
+
+
+def evaluate_regions(
+    first: RegionPixels, second: RegionPixels, contrasts: Sequence[float] | None = None, epsilon: Epsilon = 0.5
+) -> PairResult:
+    """Evaluate the contrast of two regions as `evaluate_pair`, possibly of two frames with one calibration."""
+    name = bright_and_dark(first.distribution, second.distribution)[2]
+    bright, dark = (first, second) if name == "a" else (second, first)
+    errors = paired_errors(first, second)
+    contrast = _contrast(bright, dark, errors if name == "a" else [(y, x) for x, y in errors])
+    measured = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
+    asked = _asked(measured if contrasts is None else tuple(contrasts), epsilon)
+    ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
+    cdps = [cdp_of_regions(bright, dark, name, one) for one in asked]
+    changed = [
+        [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
+        for x, y in joined_errors([*errors, *_of_rounding(first, second)])
+    ]
+    variances = variance_of_changes(np.array([*(one.value for one in ratios), *(one.cdp for one in cdps)]), changed)
+    regions = (
+        region_result(first, [x for x, _ in errors], ratios[0], variances[0]),
+        region_result(second, [y for _, y in errors], ratios[1], variances[1]),
+    )
+    findings = [found for region in regions for found in _of_pixels(region)]
+    if contrasts is None and not measured:
+        findings.append(warning("contrast-undefined", f"{first.roi.name} / {second.roi.name}"))
+    return PairResult(
+        a=regions[0],
+        b=regions[1],
+        bright=name,
+        results=tuple(_calibrated(one, sqrt(variance)) for one, variance in zip(cdps, variances[3:], strict=True)),
+        contrast=contrast,
+        csnr=with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
+        findings=tuple(findings),
+    )
+
+
+def paired_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:
+    """Errors common to two regions, and those common to the pixels of each region only.
+
+    Parameters
+    ----------
+    first, second : RegionPixels
+        Regions with one calibration, so that their common errors are the same, in the same order.
+
+    Returns
+    -------
+    list of (ndarray of float, ndarray of float)
+        Signed relative errors in the two regions for one standard uncertainty, of shape () or that of the region's
+        pixels.
+    """
+    nothing = np.zeros(())
+    return [
+        *zip(first.common, second.common, strict=True),
+        *((error, nothing) for error in first.own),
+        *((nothing, error) for error in second.own),
+    ]
+
+
+def require_apart(first: Placed, second: Placed) -> None:
+    """Refuse regions of one image that have pixels in common; raises InputError."""
+    rows, columns = (
+        slice(max(x.start, y.start), min(x.stop, y.stop)) for x, y in zip(first[1], second[1], strict=True)
+    )
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        return
+
+    def inside(placed: Placed) -> NDArray[np.bool_]:
+        _, window, mask = placed
+        top, left = window[0].start, window[1].start
+        return mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+
+    common = int(np.count_nonzero(inside(first) & inside(second)))
+    if common:
+        raise InputError(
+            f"regions {first[0].name!r} and {second[0].name!r} have {common} pixels in common: give two regions that "
+            "do not overlap"
+        )
+
+
+@lru_cache(maxsize=64)
+def _asked(contrasts: tuple[float, ...], epsilon: Epsilon) -> list[TargetContrast]:
+    """Target contrasts with their exact intervals, cached for the next frame of a video."""
+    return [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
+
+
+def _values(a: Distribution, b: Distribution, asked: Sequence[TargetContrast]) -> _Array:
+    """Quantities for error propagation: both SNR, the CSNR, and the CDP of each contrast."""
+    bright, dark, _ = bright_and_dark(a, b)
+    cdps = [tally_pairs(bright, dark, one.low, one.high).inside for one in asked]
+    return np.array([snr(a).value, snr(b).value, csnr(a, b).value, *cdps])
+
+
+def _of_rounding(first: RegionPixels, second: RegionPixels) -> list[PairError]:
+    """Errors of each region by rounding to whole DN, as a common shift of its pixels."""
+    nothing = np.zeros(())
+    return [(np.array(first.rounding_rel), nothing), (nothing, np.array(second.rounding_rel))]
+
+
+def _of_pixels(region: RegionResult) -> list[Finding]:
+    return [
+        warning(f"region-{reason.replace('_', '-')}", region.roi.name, share=share)
+        for reason, share in region.invalid_shares.items()
+    ]
+
+
+def _calibrated(result: CdpResult, by_calibration: float) -> CalibratedCdp:
+    """Combine the uncertainties by pixels and calibration."""
+    sizes = [size for size in (result.bright_size, result.dark_size) if size is not None]
+    interval = confidence_interval(
+        result.cdp, result.standard_error**2 + by_calibration**2, min(sizes) / result.correlation_inflation**2
+    )
+    return CalibratedCdp(result, by_calibration, interval)
+
+
+def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> Estimate:
+    """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2)."""
+    contrast = float(weber_contrast(bright.mean, dark.mean))
+    if not isfinite(contrast):
+        return Estimate(contrast, nan)
+    of_pixels = [hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)]
+    of_calibration = [
+        float(np.mean(x * bright.values)) / bright.mean - float(np.mean(y * dark.values)) / dark.mean for x, y in errors
+    ]
+    return Estimate(contrast, (1 + contrast) * hypot(*of_pixels, *of_calibration))

@@ -1,0 +1,265 @@
+"""One region of a luminance map: its pixels, and their luminance with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import hypot, isfinite, nan, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ...core.roi import Roi
+from .. import Distribution, Estimate, snr
+from ..correlation.cdp import NoisyRegion
+from .rounding import rounding_uncertainty
+
+#: Reasons for invalid pixels.
+REASONS = {reason: str(reason.name).lower() for reason in Invalid}
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RegionResult:
+    """Luminance of a region, in the unit of the map.
+
+    Parameters
+    ----------
+    roi : Roi
+        The region.
+    n_pixels : int
+        Number of its pixels, valid or not.
+    mean, standard_uncertainty : float
+        Mean, with the standard uncertainty by the scatter of the pixels, which may be correlated, by their rounding to
+        DN, and by the calibration; nan for a single pixel, and for a guessed scale of unknown uncertainty.
+    std : float
+        Standard deviation of the pixels, with n - 1.
+    snr : Estimate
+        Mean over standard deviation, with its standard uncertainty.
+    invalid_shares : dict of str to float
+        Share of invalid pixels by reason (`REASONS`); only reasons that occur.
+    """
+
+    roi: Roi
+    n_pixels: int
+    mean: float
+    standard_uncertainty: float
+    std: float
+    snr: Estimate
+    invalid_shares: dict[str, float]
+
+
+def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
+    """Evaluate one region of a map.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The map; only the bounding box of the region is used.
+    roi : Roi
+        The region, in pixels of the image.
+
+    Raises
+    ------
+    InputError
+        If the region lies outside the image, contains no pixel or a non-finite one.
+    """
+    region = RegionPixels.of(luminance, roi)
+    errors = [*region.common, *region.own]
+    ratio = snr(region.distribution)
+    changed = [[snr(region.changed(sign * x)).value for sign in (1, -1)] for x in errors if x.ndim]
+    return region_result(region, errors, ratio, float(variance_of_changes(ratio.value, changed)))
+
+
+@dataclass(frozen=True, eq=False)
+class RegionPixels(NoisyRegion):
+    """A region of a luminance map, with the errors of its pixels.
+
+    Parameters
+    ----------
+    image, mask, distribution
+        As for `NoisyRegion`.
+    roi : Roi
+        The region.
+    window : (slice, slice)
+        Its bounding box in the whole image.
+    luminance : LuminanceMap
+        A map of the image, or of a part of it.
+    part : (slice, slice)
+        Bounding box of the region in that map.
+    """
+
+    roi: Roi
+    window: Window
+    luminance: LuminanceMap
+    part: Window
+
+    @classmethod
+    def of(cls, luminance: LuminanceMap, roi: Roi) -> RegionPixels:
+        """Take a region from a map; raises InputError as `evaluate_region`."""
+        region = luminance.scaled(roi)
+        window = region.window(luminance.shape)
+        return cls.of_part(luminance, roi, window, region.mask(luminance.shape), window)
+
+    @classmethod
+    def of_part(
+        cls,
+        luminance: LuminanceMap,
+        roi: Roi,
+        window: Window,
+        mask: NDArray[np.bool_],
+        part: Window = WHOLE,
+        dn: NDArray[np.unsignedinteger[Any]] | None = None,
+    ) -> RegionPixels:
+        """Take a region from a map of a part of an image; 8-bit DN of its bounding box make that faster."""
+        image = luminance.luminance_cd_m2[part].astype(np.float64, order="C")
+        values = image[mask]
+        unusable = int(np.count_nonzero(~np.isfinite(values)))
+        if unusable:
+            raise InputError(
+                f"region {roi.name!r} has {unusable} pixels that are not finite: correct the image, or draw the "
+                "region without them"
+            )
+        distribution = None if dn is None else _by_level(dn, image, mask)
+        return cls(image, mask, distribution or Distribution.from_array(values), roi, window, luminance, part)
+
+    @property
+    def placed(self) -> tuple[Roi, Window, NDArray[np.bool_]]:
+        """The region with its bounding box in the image."""
+        return self.roi, self.window, self.mask
+
+    @cached_property
+    def values(self) -> _Array:
+        """Its pixels, shape (n,)."""
+        return self.image[self.mask]
+
+    @cached_property
+    def _of_calibration(self) -> list[NDArray[np.floating[Any]] | float]:
+        """Relative errors common to all pixels of the image: numbers, or one for each pixel of the region."""
+        errors = [error.relative for error in self.luminance.common_in(self.part)]
+        return [float(error) if np.ndim(error) == 0 else np.asarray(error)[self.mask] for error in errors]
+
+    @cached_property
+    def common(self) -> list[_Array]:
+        """`common`, with 0 where it is not finite."""
+        return [finite_errors(error) for error in self._of_calibration]
+
+    @property
+    def scale_known(self) -> bool:
+        """Whether the scale is known, not guessed."""
+        return all(isfinite(error) for error in self._of_calibration if isinstance(error, float))
+
+    @cached_property
+    def own(self) -> list[_Array]:
+        """Relative errors common to its pixels only: vignetting and dark signal."""
+        darkness = np.broadcast_to(self.luminance.slow_cd_m2, self.luminance.shape)[self.part][self.mask]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = [np.asarray(self.luminance.slow_rel), darkness / np.abs(self.values)]
+        return [finite_errors(error) for error in errors if np.any(error)]
+
+    @cached_property
+    def mean(self) -> float:
+        """Mean of the pixels."""
+        return float(self.values.mean())
+
+    @cached_property
+    def std(self) -> float:
+        """Standard deviation of the pixels with n - 1; nan for one."""
+        return float(self.values.std(ddof=1)) if self.values.size > 1 else nan
+
+    @property
+    def random(self) -> float:
+        """Standard uncertainty of the mean by the pixels only."""
+        return self.std * sqrt(self.inflation / self.values.size)
+
+    @cached_property
+    def rounding(self) -> float:
+        """Standard uncertainty of the mean by the rounding to whole DN, where noise does not dither it."""
+        steps = self.luminance.dn_step_in(self.part)
+        return 0.0 if steps is None else rounding_uncertainty(self.std, steps[self.mask])
+
+    @property
+    def rounding_rel(self) -> float:
+        """Rounding uncertainty relative to the mean; 0 where the mean is not above 0."""
+        return self.rounding / self.mean if self.mean > 0 else 0.0
+
+    def changed(self, relative: _Array) -> Distribution:
+        """Distribution of the pixels with a relative error."""
+        if not np.any(relative):
+            return self.distribution
+        if np.ndim(relative) == 0:
+            counts = self.distribution.weights.astype(np.int64)
+            return Distribution(self.distribution.values * (1 + relative), counts)
+        return Distribution.from_array(self.values * (1 + relative))
+
+
+def _by_level(dn: NDArray[np.unsignedinteger[Any]], image: _Array, mask: NDArray[np.bool_]) -> Distribution | None:
+    """Distribution, without sorting, of 8-bit pixels whose luminance depends only on the DN; None for others."""
+    from .levels_kernel import light_by_level
+
+    counts, of_level, alike = light_by_level(dn.copy(), image, mask)
+    levels = np.flatnonzero(counts)
+    values = of_level[levels]
+    # Several DN may have the same luminance, and a response may decrease.
+    return Distribution(values, counts[levels]) if alike and (values[1:] > values[:-1]).all() else None
+
+
+def region_result(
+    pixels: RegionPixels, errors: Sequence[_Array], ratio: Estimate, ratio_variance: float
+) -> RegionResult:
+    """Make the result of a region, given its SNR and the variance these errors add to it."""
+    flags = pixels.luminance.invalid[pixels.part][pixels.mask]
+    shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
+    of_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
+    return RegionResult(
+        roi=pixels.roi,
+        n_pixels=pixels.values.size,
+        mean=pixels.mean,
+        standard_uncertainty=hypot(pixels.random, pixels.rounding, *of_calibration),
+        std=pixels.std,
+        snr=with_uncertainty(ratio, pixels.inflation, ratio_variance),
+        invalid_shares={name: share for name, share in shares.items() if share},
+    )
+
+
+def variance_of_changes(base: _Array | float, changed: Sequence[Sequence[_Array | float]]) -> _Array:
+    """Sum over the errors of the mean square of the two changes by each.
+
+    Parameters
+    ----------
+    base : ndarray of float, shape (k,), or float
+        Values without an error.
+    changed : sequence of two ndarray of float, shape (k,), or two floats
+        For each error, the values with it added and with it subtracted.
+
+    Returns
+    -------
+    ndarray of float, shape (k,) or ()
+        nan where a value is not finite.
+    """
+    variance = np.zeros(np.shape(base))
+    with np.errstate(invalid="ignore"):
+        for both in changed:
+            variance = variance + np.square(np.asarray(both) - base).mean(axis=0)
+    return variance
+
+
+def with_uncertainty(metric: Estimate, inflation: float, variance: float) -> Estimate:
+    """Estimate with an uncertainty for correlated noise and calibration.
+
+    The inflation is that of the pixels, an upper bound for functions of them.
+    """
+    return Estimate(metric.value, sqrt(metric.standard_error**2 * inflation + variance))
+
+
+def finite_errors(relative: NDArray[np.floating[Any]] | float) -> _Array:
+    """Replace errors by 0 where a pixel is exactly at the dark signal and relative errors are undefined.
+
+    A non-finite number, of an unknown scale, is common to all pixels and does not affect ratios.
+    """
+    values = np.asarray(relative, dtype=float)
+    return np.where(np.isfinite(values), values, 0.0)

@@ -1,0 +1,111 @@
+"""Uncertainty of an all-pairs share: its variance as a two-sample U-statistic, and a 95 % interval.
+
+The n pixels of one region and the m of the other make m n pairs, but these are not independent: all pairs of one pixel
+contain its noise. The binomial formula on all pairs underestimates the standard error increasingly with the size: for
+normal patches of 100 +- 5 and 120 +- 5, 12 times at 400 pixels each and 59 times at 10 000.
+"""
+
+from __future__ import annotations
+
+from math import nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distribution import weighted_sum
+
+#: 97.5 % quantile of the standard normal distribution.
+_Z_95 = 1.959963984540054
+
+#: Prior weight of one outlying pixel in `confidence_interval`, chosen by simulation of normal regions of 10 to 400
+#: pixels and CDP 0.25 to 0.99997: from 30 pixels on the 95 % intervals cover the truth in 93 to 100 % of the cases.
+_OUTLIER_WEIGHT = 0.1
+
+
+def unbiased_variance(
+    share: float,
+    share_per_dark: NDArray[np.float64],
+    dark_counts: NDArray[np.float64],
+    share_per_bright: NDArray[np.float64],
+    bright_counts: NDArray[np.float64],
+) -> float:
+    """Variance of the share of all m n pairs that fulfil a condition, for independent pixels.
+
+    Parameters
+    ----------
+    share : float
+        U, share of all pairs.
+    share_per_dark : ndarray of float, shape (i,)
+        p, share of the pairs of each distinct dark value.
+    dark_counts : ndarray of int, shape (i,)
+        Dark pixels of that value, m together.
+    share_per_bright, bright_counts : ndarray, shape (j,)
+        Likewise q for each distinct bright value, and its counts, n together.
+
+    Returns
+    -------
+    float
+        Variance of `share`; nan if a region has fewer than two pixels.
+
+    Notes
+    -----
+    A two-sample U-statistic has the variance (Hoeffding 1948; Lee 1990, U-Statistics, chapter 2)
+
+        [(n - 1) zeta10 + (m - 1) zeta01 + zeta11] / (m n)
+
+    with zeta10 = Var(p), zeta01 = Var(q), and zeta11 = U (1 - U) for a condition that holds or not. Its unbiased
+    estimator is U^2 less the mean of h(i, j) h(k, l) over all pairs of pairs without a common pixel (i != k, j != l; h
+    is 1 or 0), which equals
+
+        [n A / m + m B / n - U (1 - U)] / ((m - 1) (n - 1)),   A = sum (p - U)^2,   B = sum (q - U)^2
+
+    with the sums over pixels. It can be too small for a few pixels; as zeta10 and zeta01 are not negative, the result
+    is at least U (1 - U) / (m n).
+    """
+    m, n = float(dark_counts.sum()), float(bright_counts.sum())
+    if min(m, n) < 2:
+        return nan
+    scatters = scatter(share_per_dark, dark_counts, share) / m, scatter(share_per_bright, bright_counts, share) / n
+    binomial = share * (1 - share)
+    variance = (n * scatters[0] + m * scatters[1] - binomial) / ((m - 1) * (n - 1))
+    return max(variance, binomial / (m * n))
+
+
+def confidence_interval(share: float, variance: float, smaller_size: float) -> tuple[float, float]:
+    """95 % confidence interval of an all-pairs share, within 0 to 1.
+
+    Parameters
+    ----------
+    share : float
+        U, share of all pairs.
+    variance : float
+        Its variance from `unbiased_variance`; nan gives (nan, nan).
+    smaller_size : float
+        s, pixels of the smaller region.
+
+    Returns
+    -------
+    (float, float)
+        Lower and upper end.
+
+    Notes
+    -----
+    The score interval of Wilson (1927) for the effective number of independent trials U (1 - U) / variance. That ratio
+    fails close to 0 and 1, where a region may contain no outlying pixel by chance. Both parts are therefore shrunk
+    towards one outlying pixel in the smaller region (share 1/s, variance 1/s^2) with the weight 0.1. For U of 0 or 1
+    this gives s trials, the fewest there can be.
+    """
+    if np.isnan(variance):
+        return nan, nan
+    trials = (share * (1 - share) + _OUTLIER_WEIGHT / smaller_size) / (variance + _OUTLIER_WEIGHT / smaller_size**2)
+    z2 = _Z_95**2 / trials
+    centre = (share + z2 / 2) / (1 + z2)
+    half_width = sqrt(share * (1 - share) * z2 + z2**2 / 4) / (1 + z2)
+    # The interval must contain the share despite rounding.
+    return max(min(centre - half_width, share), 0.0), min(max(centre + half_width, share), 1.0)
+
+
+def scatter(shares: NDArray[np.float64], counts: NDArray[np.float64], centre: float) -> float:
+    """Sum of squared distances from `centre` over all pixels."""
+    distances = shares - centre
+    return weighted_sum(counts, distances, distances)

@@ -1,0 +1,285 @@
+"""A folder of results: all files of a run, or none, and nothing that labcdp did not write is touched."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import Self, TypeAlias
+
+from ..core.errors import InputError
+from .file import Buffer, cannot_be_written, fsync_folder, is_same_file, put_in_place, write_file
+from .file_list import LIST_FILE, FileList, ListedFile, by_name, is_inside, read_list
+from .place import is_staging, lock_folder, make_folder, staging_name
+
+
+class ResultsFolder:
+    """Context in which a command writes its results; they are in their folder when it ends without an error.
+
+    Files wait in a hidden subfolder until all are made. Then they get their places, and last the folder gets a list of
+    them (`LIST_FILE`). After an error the folder is left as it was.
+
+    Parameters
+    ----------
+    folder : path-like
+        A new folder, an empty one, or one with unfinished results of the same command.
+    command : str
+        Command whose results these are.
+    force : bool
+        Whether finished results of the same command are replaced: unmodified files of the list.
+    resume : bool
+        Whether finished results of the same command are completed.
+    inputs : iterable of Path
+        Files and folders that are never replaced.
+
+    Raises
+    ------
+    InputError
+        On entering, if the folder holds anything else, a listed file was changed or is an input, or the folder cannot
+        be written to.
+    """
+
+    def __init__(
+        self,
+        folder: str | PathLike[str],
+        command: str,
+        *,
+        force: bool = False,
+        resume: bool = False,
+        inputs: Iterable[Path] = (),
+    ) -> None:
+        self.folder = Path(folder)
+        #: Whether the results will be complete; unfinished ones are resumed without `force`.
+        self.complete = True
+        self._command, self._force, self._resume, self._inputs = command, force, resume, tuple(inputs)
+        self._before: FileList | None = None
+        self._journal: str | None = None
+        self._begun = False
+        self._staging = Path()
+        self._end = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Check the folder and make it."""
+        with ExitStack() as end:
+            make_folder(self.folder, end)
+            is_locked = lock_folder(self.folder, end)
+            stale = [one for one in self._entries() if is_staging(one)]
+            self._before = self._checked(stale)
+            self._staging = staging_name(self.folder)
+            end.callback(self._tidy)
+            try:
+                self._staging.mkdir()
+                # The mark of a subfolder that may be removed after a kill.
+                (self._staging / LIST_FILE).touch()
+            except OSError as error:
+                raise cannot_be_written(self.folder, error) from error
+            if is_locked:
+                for one in stale:
+                    shutil.rmtree(one, ignore_errors=True)
+            self._end = end.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the files in their places; after an error, remove them."""
+        with self._end:
+            if kind is None and self.names:
+                try:
+                    self._finish()
+                except OSError as failure:
+                    raise cannot_be_written(self.folder, failure) from failure
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the files so far, relative to the folder."""
+        files = (path.relative_to(self._staging) for path in self._staging.rglob("*") if path.is_file())
+        return tuple(sorted(name.as_posix() for name in files if name != Path(LIST_FILE)))
+
+    def add(self, files: Mapping[str, Buffer]) -> list[Path]:
+        """Keep files, by names relative to the folder, and return the paths they will have.
+
+        Raises
+        ------
+        InputError
+            If they cannot be written.
+        """
+        for name, data in files.items():
+            try:
+                with open(self.path(name), "xb") as file:
+                    file.write(data)
+            except OSError as error:
+                raise cannot_be_written(self.folder / name, error) from error
+        return [self.folder / name for name in files]
+
+    def path(self, name: str) -> Path:
+        """Temporary path of a file, for libraries that write to a path."""
+        path = self._staging / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_be_written(self.folder / name, error) from error
+        return path
+
+    def journal(self, name: str) -> Path:
+        """Return the path of a file that is written at its place at once, with which the command resumes.
+
+        With `force` one of an earlier run is removed.
+
+        Raises
+        ------
+        InputError
+            If a file of that name is not labcdp's.
+        """
+        path = self.folder / name
+        known = by_name(self._before.files).get(name, []) if self._before else []
+        is_ours = bool(known) or (self._before is not None and self._before.journal == name)
+        if os.path.lexists(path):
+            if not is_ours or path.is_symlink() or not path.is_file():
+                raise _foreign(path)
+            if self._force:
+                path.unlink()
+        self._journal = name
+        self.keep()
+        return path
+
+    def keep(self) -> None:
+        """Let the same command resume what is in the folder if it is interrupted from now on."""
+        self._begun = True
+        files = tuple(one for one in self._files_before if one.name != self._journal)
+        self._write_list(FileList(self._command, False, files, self._journal))
+
+    @property
+    def _files_before(self) -> tuple[ListedFile, ...]:
+        return self._before.files if self._before else ()
+
+    def _entries(self) -> list[Path]:
+        try:
+            return [one for one in self.folder.iterdir() if one.name != LIST_FILE]
+        except OSError as error:
+            raise InputError(f"{self.folder} cannot be read ({error.strerror}): give another --output") from error
+
+    def _checked(self, stale: list[Path]) -> FileList | None:
+        """Read the list of the folder, and refuse what must not be written to."""
+        folder, before = self.folder, read_list(self.folder)
+        if before is None:
+            foreign = [one for one in self._entries() if one not in stale]
+            if foreign:
+                raise InputError(
+                    f"{folder} has files and no {LIST_FILE}: labcdp does not write there, give another --output"
+                )
+            return None
+        if before.command != self._command:
+            raise InputError(f"{folder} has results of labcdp {before.command}: give another --output")
+        if before.finished and not (self._force or self._resume):
+            raise InputError(f"{folder} already has results: give --force to replace them, or another --output")
+        listed = by_name(before.files)
+        for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
+            if any(is_same_file(path, one) for one in self._inputs):
+                raise InputError(f"{path} is an input of this command: give another --output")
+        for name, known in listed.items():
+            if os.path.lexists(folder / name) and not any(one.is_unchanged(folder) for one in known):
+                raise _changed(folder / name)
+        return before
+
+    def _finish(self) -> None:
+        new = [ListedFile.of(self._staging, name) for name in self.names]
+        before = by_name(tuple(one for one in self._files_before if one.name != self._journal))
+        for one in new:
+            self._require_place(one.name, before)
+            _fsync(self._staging / one.name)
+        journal = self._journal or (self._before.journal if self._before else None)
+        older = tuple(one for known in before.values() for one in known)
+        self._write_list(FileList(self._command, False, (*older, *new), journal))
+        self._begun = True
+        for one in new:
+            target = self.folder / one.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                put_in_place(self._staging / one.name, target, force=one.name in before)
+            except FileExistsError as error:
+                raise _foreign(target) from error
+        names = {one.name for one in new}
+        for name, known in before.items():
+            if name not in names and any(one.is_unchanged(self.folder) for one in known):
+                self._remove(name)
+        for parent in {(self.folder / one.name).parent for one in new}:
+            fsync_folder(parent)
+        if journal is not None and (self.folder / journal).is_file():
+            new.append(ListedFile.of(self.folder, journal))
+        self._write_list(FileList(self._command, self.complete, tuple(new), None if self.complete else journal))
+        self._before = None
+        self._begun = False
+
+    def _require_place(self, name: str, before: Mapping[str, list[ListedFile]]) -> None:
+        target = self.folder / name
+        if not is_inside(self.folder, name):
+            raise InputError(f"{target.parent} was not created by labcdp: move it away, or give another --output")
+        if os.path.lexists(target):
+            if name not in before:
+                raise _foreign(target)
+            if not any(one.is_unchanged(self.folder) for one in before[name]):
+                raise _changed(target)
+
+    def _remove(self, name: str) -> None:
+        """Remove a file of an earlier run, and the folders it leaves empty."""
+        (self.folder / name).unlink()
+        with suppress(OSError):
+            for parent in PurePosixPath(name).parents[:-1]:
+                (self.folder / parent).rmdir()
+
+    def _write_list(self, files: FileList) -> None:
+        write_file(self.folder / LIST_FILE, files.encode(), force=True)
+
+    def _tidy(self) -> None:
+        """Remove what is not in its place, and the list if there is nothing to resume."""
+        shutil.rmtree(self._staging, ignore_errors=True)
+        if not self._begun:
+            return
+        with suppress(OSError, InputError):
+            if self._journal is not None and not (self.folder / self._journal).exists() and self._before is not None:
+                files = tuple(one for one in self._before.files if one.name != self._journal)
+                self._write_list(replace(self._before, files=files, journal=None))
+            elif self._before is None and not self._entries():
+                (self.folder / LIST_FILE).unlink()
+
+
+#: Where results may go: a path, or a folder of results that is open already.
+Destination: TypeAlias = str | PathLike[str] | ResultsFolder
+
+
+def open_results(destination: Destination, command: str) -> AbstractContextManager[ResultsFolder]:
+    """Return the context of a folder of results; that of one that is open already does nothing."""
+    if isinstance(destination, ResultsFolder):
+        return nullcontext(destination)
+    return ResultsFolder(destination, command)
+
+
+def write_files(destination: Destination, command: str, files: Mapping[str, Buffer]) -> list[Path]:
+    """Write files that are made already into a folder of results, and return their paths.
+
+    Raises
+    ------
+    InputError
+        As `ResultsFolder`, or if a file cannot be written.
+    """
+    with open_results(destination, command) as results:
+        return results.add(files)
+
+
+def _fsync(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _foreign(path: Path) -> InputError:
+    return InputError(f"{path} was not written by labcdp: move it away, or give another --output")
+
+
+def _changed(path: Path) -> InputError:
+    return InputError(f"{path} was changed since labcdp wrote it: move it away, or give another --output")

@@ -1,0 +1,1 @@
+"""Checkerboards and step charts found in an image."""

@@ -1,0 +1,184 @@
+"""The inner corners of a checkerboard: which are real, and which more there are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatImage: TypeAlias = NDArray[np.float32]
+#: Row and column of a corner; any corner of the board may be (0, 0).
+At: TypeAlias = tuple[int, int]
+#: Places of corners, (x, y) with the centre of the upper left pixel at (0.5, 0.5).
+Corners: TypeAlias = dict[At, NDArray[np.float64]]
+
+_STEPS: tuple[At, ...] = ((0, 1), (1, 0), (0, -1), (-1, 0))
+
+#: Furthest a predicted corner may be from where it is found, in sides of a square.
+_FARTHEST = 0.3
+
+
+def real_corners(corners: Mapping[At, NDArray[np.float64]], image: FloatImage) -> Corners:
+    """Return the corners at which light and dark squares meet as the pattern wants, as far as they hang together.
+
+    Parameters
+    ----------
+    corners : mapping of (int, int) to ndarray of float, shape (2,)
+        What a detector proposes.
+    image : ndarray of float32, shape (height, width)
+        Smoothed a little.
+    """
+    strength = {}
+    for at, corner in corners.items():
+        sides = _around(at, corners)
+        strength[at] = 0.0 if sides is None else _saddle(at, corner, *sides, image)
+    # The pattern is light where the majority says so.
+    sign = np.sign(sum(strength.values()))
+    kept = {at for at, value in strength.items() if value * sign > 0}
+    largest: set[At] = set()
+    while kept:
+        group = {kept.pop()}
+        edge = list(group)
+        while edge:
+            at = edge.pop()
+            near = {(at[0] + i, at[1] + j) for i, j in _STEPS} & kept
+            kept -= near
+            group |= near
+            edge.extend(near)
+        largest = max(largest, group, key=len)
+    return {at: corners[at] for at in sorted(largest)}
+
+
+def grown(corners: Corners, image: FloatImage) -> Corners:
+    """Add corners beyond those known, as long as there is one where the pattern continues."""
+    corners = dict(corners)
+    sides = [(at, _around(at, corners)) for at in corners]
+    sign = np.sign(sum(_saddle(at, corners[at], *side, image) for at, side in sides if side is not None))
+    in_vain: set[At] = set()
+    while True:
+        lattice = Lattice(corners)
+        wanted = {(i + di, j + dj) for i, j in corners for di, dj in _STEPS} - set(corners) - in_vain
+        places = {at: _found(at, lattice, float(sign), image) for at in sorted(wanted)}
+        found = {at: place for at, place in places.items() if place is not None}
+        if not found:
+            return corners
+        corners |= found
+        # What was not there may be predicted better with its new neighbours.
+        in_vain |= {at for at in wanted - set(found) if not _touches(at, found)}
+
+
+def refined(place: NDArray[np.float64], side_px: float, image: FloatImage) -> NDArray[np.float64]:
+    """Return the corner nearest to `place`, found within a quarter of a square."""
+    import cv2
+
+    window = int(np.clip(side_px / 4, 2, 12))
+    start = (place - 0.5).astype(np.float32).reshape(1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.005)
+    end: NDArray[np.float32] = cv2.cornerSubPix(image, start, (window, window), (-1, -1), stop)
+    return end.reshape(2).astype(np.float64) + 0.5
+
+
+class Lattice:
+    """The plane of a board: says where corners are that were not seen.
+
+    A homography through all corners known, moved by what those next to the corner deviate from it: a lens bends lines.
+
+    Parameters
+    ----------
+    corners : mapping of (int, int) to ndarray of float, shape (2,)
+        At least four corners that are not on one line.
+    """
+
+    def __init__(self, corners: Mapping[At, NDArray[np.float64]]) -> None:
+        import cv2
+
+        self._at = np.array([(j, i) for i, j in corners], dtype=np.float64)
+        places = np.array(list(corners.values()))
+        found = cv2.findHomography(self._at, places)[0]
+        self._matrix = np.full((3, 3), np.nan) if found is None else found
+        self._deviations = places - self._project(self._at)
+
+    def place(self, at: At) -> NDArray[np.float64]:
+        """Return where a corner should be; nan if the board gives no plane."""
+        i, j = at
+        distance = np.abs(self._at - (j, i)).max(axis=1)
+        near = distance <= distance.min() + 1
+        place: NDArray[np.float64] = self._project(np.array([[j, i]], dtype=np.float64))[0]
+        return np.asarray(place + self._deviations[near].mean(axis=0))
+
+    def _project(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, w = self._matrix @ np.column_stack([at, np.ones(len(at))]).T
+        return np.column_stack([x / w, y / w])
+
+
+def _around(
+    at: At, corners: Mapping[At, NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the sides of the squares at a corner along columns and rows, or None where no neighbour is known."""
+    sides = []
+    for i, j in ((0, 1), (1, 0)):
+        after, before = corners.get((at[0] + i, at[1] + j)), corners.get((at[0] - i, at[1] - j))
+        if after is not None and before is not None:
+            sides.append((after - before) / 2)
+        elif after is not None:
+            sides.append(after - corners[at])
+        elif before is not None:
+            sides.append(corners[at] - before)
+    return (sides[0], sides[1]) if len(sides) == 2 else None
+
+
+def sampled(image: FloatImage, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values at places (..., 2), between pixels linearly; nan outside the image."""
+    height, width = image.shape
+    x, y = places[..., 0] - 0.5, places[..., 1] - 0.5
+    inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    column = np.clip(np.floor(np.where(inside, x, 0)).astype(int), 0, width - 2)
+    row = np.clip(np.floor(np.where(inside, y, 0)).astype(int), 0, height - 2)
+    right, below = x - column, y - row
+    upper = image[row, column] * (1 - right) + image[row, column + 1] * right
+    lower = image[row + 1, column] * (1 - right) + image[row + 1, column + 1] * right
+    return np.where(inside, upper * (1 - below) + lower * below, np.nan)
+
+
+def _found(at: At, lattice: Lattice, sign: float, image: FloatImage) -> NDArray[np.float64] | None:
+    place = lattice.place(at)
+    height, width = image.shape
+    if not (2 <= place[0] <= width - 2 and 2 <= place[1] <= height - 2):
+        return None
+    i, j = at
+    along = (lattice.place((i, j + 1)) - lattice.place((i, j - 1))) / 2
+    down = (lattice.place((i + 1, j)) - lattice.place((i - 1, j))) / 2
+    side_px = float(min(np.linalg.norm(along), np.linalg.norm(down)))
+    corner = refined(place, side_px, image)
+    if not np.linalg.norm(corner - place) < _FARTHEST * side_px:
+        return None
+    return corner if _saddle(at, corner, along, down, image) == sign else None
+
+
+def _touches(at: At, found: Corners) -> bool:
+    return any((at[0] + i, at[1] + j) in found for i in (-1, 0, 1) for j in (-1, 0, 1))
+
+
+def _saddle(
+    at: At,
+    corner: NDArray[np.float64],
+    along: NDArray[np.float64],
+    down: NDArray[np.float64],
+    image: FloatImage,
+) -> float:
+    """Return +1 or -1 where two light squares meet two dark ones, by which of them are light; 0 where they do not."""
+    # Within each of the four squares: 3 x 3 places from 0.2 to 0.5 sides off the corner.
+    near = np.array([0.2, 0.35, 0.5])
+    a, b = (v.ravel()[:, None] for v in np.meshgrid(near, near))
+    squares = [sampled(image, corner + x * a * along + y * b * down) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    values = np.array(squares)
+    if np.isnan(values).any():
+        return 0.0
+    means, spread = values.mean(axis=1), values.std(axis=1).max()
+    step = (means[0] + means[2] - means[1] - means[3]) / 2
+    uneven = max(abs(means[0] - means[2]), abs(means[1] - means[3]))
+    if abs(step) <= 1.5 * uneven or abs(step) <= 2 * spread:
+        return 0.0
+    return float(np.sign(step) * (1 if sum(at) % 2 == 0 else -1))

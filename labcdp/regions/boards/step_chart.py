@@ -1,0 +1,213 @@
+"""Detection of step charts: patches of different luminance in a row or a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.roi import Roi
+from ..shapes import PolygonShape
+from .grey_image import grey_values
+from .lattice import At, Patch, largest_lattice, places_between
+
+FloatImage: TypeAlias = NDArray[np.float32]
+
+#: Two places differ if their values do by this part at least, in an image without noise.
+_LEAST_CONTRAST = 0.03
+#: And by this many standard deviations of the noise that smoothing leaves: a window of 25 values spans about 4.
+_LEAST_SIGMA = 7.0
+
+#: Radii of windows, in pixels, over which a uniform area may not change; a larger one averages more noise.
+_RADII = (1, 2, 4, 7)
+
+#: Smallest area of a patch in pixels, and largest in parts of the image.
+_LEAST_AREA_PX, _LARGEST_AREA = 36, 0.35
+
+#: Part of its quadrilateral that a uniform area fills.
+_FILLED = 0.9
+
+#: Fewest luminances of a chart, and most areas that are looked at.
+_FEWEST_LEVELS, _MOST_PATCHES = 3, 400
+
+#: Larger images are reduced to this many pixels along their longer side.
+_LONGEST_PX = 1600
+
+
+def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
+    """Find the patches of a step chart: uniform quadrilaterals of one size in a row, a column or a grid.
+
+    Parameters
+    ----------
+    grey : ndarray, shape (height, width)
+        Image, linear in light or nearly so. A chart has three patches at least, of at least three luminances; each
+        differs from what is around it by about 5 % or more.
+
+    Returns
+    -------
+    tuple of PolygonShape
+        The patches from left to right and top to bottom, called ``step1``, ``step2`` and so on (``step01`` where there
+        are ten or more); within the edges of each.
+
+    Raises
+    ------
+    InputError
+        If no chart is found for sure.
+    """
+    import cv2
+
+    image = grey_values(grey)
+    scale = min(1.0, _LONGEST_PX / max(image.shape))
+    values = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    # First what the image shows all of; only then what its edge may cut off.
+    best = _best_chart(values, whole=True) or _best_chart(values, whole=False)
+    if not best:
+        raise InputError(
+            f"no step chart was found in the image of {image.shape[1]} x {image.shape[0]} pixels: show at least "
+            f"{_FEWEST_LEVELS} patches of one size and different luminance in a row or a grid, or draw the regions"
+        )
+    digits = len(str(len(best)))
+    return tuple(
+        PolygonShape(f"step{number:0{digits}d}", tuple((x / scale, y / scale) for x, y in patch.corners.tolist()))
+        for number, patch in enumerate(best, 1)
+    )
+
+
+def _best_chart(values: FloatImage, whole: bool) -> list[Patch]:
+    best: list[Patch] = []
+    for radius in _RADII:
+        chart = _chart(values, radius, whole)
+        # A larger window only if it shows more: it takes more off the patches.
+        if len(chart) > len(best):
+            best = chart
+    return best
+
+
+def _chart(values: FloatImage, radius: int, whole: bool) -> list[Patch]:
+    """Return the patches of a chart, row by row, as windows of this radius show them; none if there is no chart."""
+    uniform = _uniform(values, radius)
+    patches = sorted(_patches(values, uniform, radius, whole), key=lambda patch: -abs(np.linalg.det(patch.sides)))
+    chart = largest_lattice(patches[:_MOST_PATCHES])
+    if _levels(list(chart.values())) < _FEWEST_LEVELS:
+        return []
+    complete: dict[At, Patch] = dict(chart)
+    # A patch that is as light as what is around it has no edge that could be found.
+    for at, corners in places_between(chart).items():
+        inside = _inside(corners, uniform.shape)
+        if uniform[inside].mean() > _FILLED:
+            complete[at] = Patch(corners, float(np.median(values[inside])))
+    return [complete[at] for at in sorted(complete)]
+
+
+def _patches(values: FloatImage, uniform: NDArray[np.bool_], radius: int, whole: bool) -> Iterator[Patch]:
+    """Give the quadrilaterals in which values stay alike over windows of this radius, cut off ones if not `whole`."""
+    import cv2
+
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(uniform.astype(np.uint8), connectivity=4)
+    height, width = values.shape
+    for label in range(1, count):
+        x, y, w, h, area = (int(v) for v in stats[label])
+        if area < _LEAST_AREA_PX or area > _LARGEST_AREA * values.size:
+            continue
+        cut_off = x <= radius or y <= radius or x + w >= width - radius or y + h >= height - radius
+        if whole and cut_off:
+            continue
+        area_mask = labels[y : y + h, x : x + w] == label
+        corners = _quadrilateral(area_mask.astype(np.uint8))
+        if corners is not None:
+            yield Patch(corners + np.array([x, y]), float(np.median(values[y : y + h, x : x + w][area_mask])))
+
+
+def _uniform(values: FloatImage, radius: int) -> NDArray[np.bool_]:
+    """Return where only noise changes within a square of 2 `radius` + 1 pixels."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(values, (0, 0), max(radius / 2, 0.5)) if radius > 1 else values
+    window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    span = cv2.dilate(smooth, window) - cv2.erode(smooth, window)
+    level = cv2.GaussianBlur(values, (0, 0), radius)
+    noise = _noise_of_level(smooth, level)
+    uniform: NDArray[np.bool_] = span < np.maximum(_LEAST_SIGMA * noise, _LEAST_CONTRAST * np.abs(level))
+    return uniform
+
+
+def _noise_of_level(smooth: FloatImage, level: FloatImage) -> NDArray[np.float32]:
+    """Return the standard deviation of the noise for each pixel: shot noise rises with the level.
+
+    From second differences, which neither a gradient nor an edge here and there disturbs.
+    """
+    step = 4
+    differences = np.abs(2 * smooth[:, step:-step] - smooth[:, : -2 * step] - smooth[:, 2 * step :]).ravel()
+    levels = level[:, step:-step].ravel()
+    every = max(1, levels.size // 200_000)
+    differences, levels = differences[::every], levels[::every]
+    edges = np.unique(np.quantile(levels, np.linspace(0, 1, 17)))
+    at, noise = [], []
+    for low, high in pairwise(edges):
+        chosen = differences[(levels >= low) & (levels <= high)]
+        at.append((low + high) / 2)
+        # 1.4826: the median of |x| in standard deviations of normal noise; 6 = 4 + 1 + 1 variances.
+        noise.append(1.4826 * float(np.median(chosen)) / np.sqrt(6))
+    if not at:
+        return np.zeros_like(level)
+    # Noise rises with the level, at most in proportion; where it seems to rise more, it is edges that are seen. Levels
+    # without noise are saturated.
+    known = [(low, sigma) for low, sigma in zip(at, noise, strict=True) if sigma > 0 and low > 0]
+    bounded = [
+        min([sigma, *(other * max(1.0, high / low) for low, other in known)])
+        for high, sigma in zip(at, noise, strict=True)
+    ]
+    return np.asarray(np.interp(level, at, bounded), dtype=np.float32)
+
+
+def _quadrilateral(area: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+    """Return the corners of an area, from the upper left one clockwise as seen, if it is a quadrilateral."""
+    import cv2
+
+    contours, _ = cv2.findContours(area, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contour = max(contours, key=len)
+    hull = cv2.convexHull(contour)
+    around = cv2.arcLength(hull, True)
+    for tolerance in np.arange(0.01, 0.12, 0.01):
+        corners = cv2.approxPolyDP(hull, tolerance * around, True)
+        if len(corners) <= 4:
+            break
+    if len(corners) != 4:
+        return None
+    filled = np.zeros_like(area)
+    cv2.fillPoly(filled, [corners], 1)
+    # Holes of noise within are no fault, what sticks out is.
+    outline = np.zeros_like(area)
+    cv2.drawContours(outline, [contour], -1, 1, cv2.FILLED)
+    if (filled & outline).sum() < _FILLED * (filled | outline).sum() or area.sum() < 0.7 * outline.sum():
+        return None
+    # Corners of the contour are centres of pixels.
+    return _from_upper_left(corners.reshape(4, 2).astype(np.float64) + 0.5)
+
+
+def _from_upper_left(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    centre = corners.mean(axis=0)
+    angles = np.arctan2(corners[:, 1] - centre[1], corners[:, 0] - centre[0])
+    ordered = corners[np.argsort(angles)]
+    # The side that points most to the right is the upper one.
+    sides = np.roll(ordered, -1, axis=0) - ordered
+    right: NDArray[np.float64] = np.roll(ordered, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0)
+    return right
+
+
+def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    region = Roi("patch", tuple((float(x), float(y)) for x, y in corners))
+    whole = np.zeros(shape, dtype=np.bool_)
+    height, width = shape
+    whole[region.window((height, width))] = region.mask((height, width))
+    return whole
+
+
+def _levels(patches: Sequence[Patch]) -> int:
+    """Return how many luminances the patches have, distinguished by 3 %."""
+    levels = np.sort([patch.level for patch in patches])
+    return 1 + int((np.diff(levels) > _LEAST_CONTRAST * np.abs(levels[1:])).sum())

@@ -1,0 +1,1 @@
+"""Superpixels and the regions that are proposed from them."""

@@ -1,0 +1,205 @@
+"""Tables as an Office Open XML workbook, written row by row in constant memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from io import BytesIO
+from itertools import chain, islice
+from math import isfinite
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from ..core.errors import InputError
+from ..core.result import Result
+from ..core.table import Column, LongTable, Table
+from .cells import cell_decimals, is_number
+from .digits import printable
+from .findings import finding_text
+
+if TYPE_CHECKING:
+    from xlsxwriter import Workbook
+
+#: Most rows below the head, columns, and characters of a cell (limits of Excel and LibreOffice).
+MOST_ROWS, MOST_COLUMNS, MOST_CHARACTERS = 2**20 - 1, 2**14, 32767
+#: Longest name of a sheet, and characters not allowed in it.
+_LONGEST_NAME, _FORBIDDEN = 31, str.maketrans(dict.fromkeys("[]:*?/\\", "-"))
+#: Least and greatest width of columns in characters; wider text is wrapped.
+_NARROWEST, _WIDEST = 9, 60
+#: Number of rows examined to find type and width of a column.
+_FIRST_ROWS = 200
+#: Colours of a probability of 0, 0.5 and 1, light enough for black numbers, and distinguishable by colour-blind
+#: readers.
+_SCALE = ("#F5B895", "#FFFFFF", "#8FC3E8")
+
+
+def result_workbook(result: Result, time: datetime) -> bytes:
+    """Return a workbook of a result: a sheet for each table, one for the findings, and one that explains all columns.
+
+    Parameters
+    ----------
+    result : Result
+        What to write.
+    time : datetime
+        Time of the content, with time zone, for the file's properties.
+
+    Raises
+    ------
+    InputError
+        If a table is wider than a sheet can be.
+    """
+    file = BytesIO()
+    write_result(file, result, time)
+    return file.getvalue()
+
+
+def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: Sequence[LongTable] = ()) -> None:
+    """Write the workbook of a result with further, possibly long tables; see `result_workbook`."""
+    tables: list[Table | LongTable] = [*result.tables, *long, *_appendix(result, long)]
+    write_workbook(file, tables, f"{result.title}: {result.kind}", time)
+
+
+def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], title: str, time: datetime) -> None:
+    """Write tables as sheets; a table longer than a sheet is continued in the next one.
+
+    Equal tables, titles and times give equal bytes. Text stays text, even if it looks like a formula.
+
+    Parameters
+    ----------
+    file : Path or binary file
+        Written incrementally: give a temporary name and rename.
+    tables : sequence of Table or LongTable
+        One or more sheets each.
+    title : str
+        For the file's properties.
+    time : datetime
+        For the file's properties.
+
+    Raises
+    ------
+    InputError
+        If a table is wider than a sheet can be.
+    OSError
+        If the file cannot be written.
+    """
+    from xlsxwriter import Workbook
+    from xlsxwriter.exceptions import FileCreateError
+
+    for table in tables:
+        if len(table.columns) > MOST_COLUMNS:
+            raise InputError(
+                f"table {table.name!r} has {len(table.columns)} columns, and a sheet holds {MOST_COLUMNS}: "
+                "use NetCDF or JSON"
+            )
+    target = str(file) if isinstance(file, Path) else file
+    options = {"constant_memory": True, "nan_inf_to_errors": False, "strings_to_formulas": False}
+    try:
+        with Workbook(target, {**options, "strings_to_urls": False, "strings_to_numbers": False}) as book:
+            book.set_properties(
+                {"title": printable(title), "author": "labcdp", "created": time.astimezone(UTC).replace(tzinfo=None)}
+            )
+            formats = _Formats(book)
+            names: set[str] = set()
+            for table in tables:
+                rows: Iterator[Mapping[str, Any]] | None = table.rows()
+                while rows is not None:
+                    rows = _write_sheet(book, formats, _sheet_name(table.name, names), table, rows)
+    except FileCreateError as error:
+        raise OSError(f"{file}: {error}") from error
+
+
+class _Formats:
+    """Cell formats, each made once."""
+
+    def __init__(self, book: Workbook) -> None:
+        self._book = book
+        self._made: dict[Any, Any] = {}
+
+    def __call__(self, **properties: Any) -> Any:
+        key = tuple(sorted(properties.items()))
+        if key not in self._made:
+            self._made[key] = self._book.add_format({"valign": "top", **properties})
+        return self._made[key]
+
+    def number(self, percent: bool, n_decimals: int) -> Any:
+        shown = f"0.{'0' * n_decimals}" if n_decimals > 0 else "0"
+        return self(num_format=f"{shown}%" if percent else shown, align="right")
+
+
+def _write_sheet(
+    book: Workbook, formats: _Formats, name: str, table: Table | LongTable, rows: Iterator[Mapping[str, Any]]
+) -> Iterator[Mapping[str, Any]] | None:
+    """Write as many rows as a sheet holds; return the remaining rows, or None."""
+    sheet = book.add_worksheet(name)
+    first = list(islice(rows, _FIRST_ROWS))
+    rows = chain(first, rows)
+    sheet.freeze_panes(1, 1 if table.matrix else 0)
+    sheet.repeat_rows(0)
+    sheet.set_landscape()
+    if not table.matrix:
+        sheet.fit_to_pages(1, 0)
+    for index, column in enumerate(table.columns):
+        cells = [row[column.name] for row in first]
+        sheet.set_column(index, index, _width(column, cells))
+        side = "right" if is_number(cells) else "left"
+        head = formats(bold=True, text_wrap=True, valign="bottom", align=side)
+        sheet.write_string(0, index, printable(column.head), head)
+    text = formats(text_wrap=True, align="left")
+    n_rows = 0
+    for n_rows, values in enumerate(islice(rows, MOST_ROWS), start=1):
+        for index, column in enumerate(table.columns):
+            value = values[column.name]
+            if isinstance(value, str):
+                if value:
+                    sheet.write_string(n_rows, index, printable(value)[:MOST_CHARACTERS], text)
+            elif isinstance(value, bool):
+                sheet.write_string(n_rows, index, "yes" if value else "no", text)
+            elif value is not None and isfinite(value):
+                shown = formats.number(column.unit_in(values) == "%", cell_decimals(column, values))
+                sheet.write_number(n_rows, index, value, shown)
+    if table.matrix and n_rows:
+        kinds = {f"{end}_type": "num" for end in ("min", "mid", "max")}
+        stops = {f"{end}_value": value for end, value in zip(("min", "mid", "max"), (0, 0.5, 1), strict=True)}
+        colours = {f"{end}_color": colour for end, colour in zip(("min", "mid", "max"), _SCALE, strict=True)}
+        rule = {"type": "3_color_scale", **kinds, **stops, **colours}
+        sheet.conditional_format(1, 1, n_rows, len(table.columns) - 1, rule)
+    following = next(rows, None) if n_rows == MOST_ROWS else None
+    return None if following is None else chain([following], rows)
+
+
+def _width(column: Column, values: Sequence[Any]) -> float:
+    widest = max((len(value) for value in values if isinstance(value, str)), default=0)
+    words = max(len(word) for word in column.head.split() or [""])
+    return min(max(widest, words, min(len(column.head), 14), _NARROWEST), _WIDEST) + 2
+
+
+def _sheet_name(name: str, taken: set[str]) -> str:
+    """Return a unique sheet name; names are case-insensitive."""
+    base = printable(name).translate(_FORBIDDEN).strip("'") or "sheet"
+    number = 1
+    while True:
+        suffix = "" if number == 1 else f" ({number})"
+        found = base[: _LONGEST_NAME - len(suffix)] + suffix
+        if found.lower() not in taken:
+            taken.add(found.lower())
+            return found
+        number += 1
+
+
+def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:
+    """Yield the tables of findings and of column descriptions."""
+    severity, subject = Column("severity", "severity"), Column("subject", "subject")
+    if result.findings:
+        rows = [{"severity": f.severity, "subject": f.subject, "text": finding_text(f)} for f in result.findings]
+        yield Table.of_rows("findings", "Findings", (severity, subject, Column("text", "finding")), rows)
+    columns = (Column("table", "sheet"), Column("head", "column"), Column("key", "key"), Column("meaning", "meaning"))
+    tables: list[Table | LongTable] = [*result.tables, *long]
+    rows = [
+        {"table": table.name, "head": column.head, "key": column.name, "meaning": column.meaning}
+        for table in tables
+        for column in table.columns[: 1 if table.matrix else None]
+    ]
+    rows += [
+        {"table": "", "head": one.role, "key": one.path, "meaning": f"SHA-256 {one.sha256}"} for one in result.inputs
+    ]
+    yield Table.of_rows("about", "About", columns, rows)

@@ -1,1 +1,0 @@
-"""The page on which regions are drawn by mouse."""

@@ -1,0 +1,1 @@
+"""Alignment of a region with the first frame."""

@@ -1,0 +1,178 @@
+"""Alignment of a template with a view, to a fraction of a pixel, whatever the light, and if part of it is covered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Matrix
+from .level import GainOffset, Level, Seen
+from .outline import Outline
+from .template import Template, gradients
+from .view import View
+
+#: Most steps in the smaller size of a template, and in its own.
+_COARSE_STEPS, _FINE_STEPS = 8, 5
+#: Residual of a pixel that is still found again: times the noise, and in parts of the structure.
+_AGREES_NOISE, _AGREES_STRUCTURE = 2.5, 0.25
+#: Deviation of a region's own pixels from which on they are covered: times the noise, and in parts of the structure.
+_COVERED_NOISE, _COVERED_STRUCTURE = 5.0, 0.2
+#: Own pixels below which none is said to be covered.
+_OWN_LEAST = 4
+#: Trust that is kept in a patch and its edge whatever is learnt.
+_TRUST_KEPT = 0.7
+#: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
+_LEARNT_AT_FIRST, _LEARNT_AT_MOST = 4, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A template found in a view.
+
+    Parameters
+    ----------
+    to_image : ndarray of float, shape (3, 3)
+        Template pixels to pixels of the frame.
+    quality : float
+        Share of the template's structure that is found again, 0 to 1: each pixel counts with its deviation
+        from the template's mean and its gradient, and with how far it was seen to move with the region so far; it is
+        found again as far as the view, after gain and offset, agrees with it but for noise.
+    light : (float, float)
+        Gain and offset of the view's DN over the template's.
+    covered : float
+        Share of the region's own pixels that do not agree with the rest of them.
+    in_image : float
+        Share of the template's pixels that lie in the image.
+    agrees : ndarray of float32, shape (n,)
+        How far each template pixel is found again, 0 to 1; nan outside the image.
+    values : ndarray of float32, shape (h, w)
+        The view under the template.
+    heights : ndarray of float, shape (k,)
+        Heights of the edges around the region over those in the first frame, part by part; nan outside the image.
+    """
+
+    to_image: Matrix
+    quality: float
+    light: GainOffset
+    covered: float
+    in_image: float
+    agrees: NDArray[np.float32]
+    values: NDArray[np.float32]
+    heights: NDArray[np.float64]
+
+
+class Aligner:
+    """Aligns one look of a region: Gauss-Newton steps on robustly weighted residuals (inverse compositional).
+
+    Parameters
+    ----------
+    template : Template
+        The region.
+    planar : bool
+        False for shift, scale and rotation; True for any view of a flat target (homography).
+    values : ndarray of float32, shape (h, w), or None
+        How the template looks; None for as in the first frame.
+
+    Notes
+    -----
+    S. Baker and I. Matthews, Lucas-Kanade 20 years on: a unifying framework, Int. J. Comput. Vis. 56, 2004. Gain and
+    offset are found together with each step. Steps that the image does not determine are damped, so a target that is
+    alike in one direction (a disc turned, a bar shifted along) stays as predicted there.
+    """
+
+    def __init__(self, template: Template, *, planar: bool, values: NDArray[np.float32] | None = None) -> None:
+        self.template, self._planar = template, planar
+        self.values = template.values if values is None else values
+        self._coarse, self._fine = (Level(template, self.values, planar, coarse) for coarse in (True, False))
+        dx, dy = gradients(self.values)
+        # How far an own pixel may change before something else is seen there: on what is not uniform more.
+        own = self.template.inside
+        uneven = float(self.values.ravel()[own].std()) if own.any() else 0.0
+        self._uneven = max(uneven**2 - self.template.noise_dn**2, 0.0) ** 0.5 + np.hypot(dx, dy).ravel()[own]
+        self._carries = (np.abs(self.values - self.values.mean()) + 2 * np.hypot(dx, dy)).ravel()
+        self._trust = template.trust.ravel()
+        self._trust_least = _TRUST_KEPT * self._trust**2
+        self._learnt = _LEARNT_AT_FIRST
+        self._outline = Outline(template, self.values)
+        self._spread_trust()
+
+    def relooked(self, values: NDArray[np.float32]) -> Aligner:
+        """Aligner of the same region that looks like `values` by now."""
+        other = Aligner(self.template, planar=self._planar, values=values)
+        other._trust, other._learnt = self._trust, self._learnt
+        other._spread_trust()
+        return other
+
+    def align(self, view: View, to_image: Matrix, light: GainOffset | None = None) -> Fit | None:
+        """Improve a guess `to_image` (template pixels to pixels of the frame); None if it leads nowhere.
+
+        `light` is a guess of gain and offset, as of the frame before.
+        """
+        lights = [] if light is None else [light]
+        coarse = self._coarse.improve(view, view.from_image @ to_image, _COARSE_STEPS, lights)
+        fine = coarse and self._fine.improve(view, coarse[0], _FINE_STEPS, [coarse[1]])
+        return fine and self._judged(view, fine[0], [fine[1]])
+
+    def judge(self, view: View, to_image: Matrix, light: GainOffset | None = None) -> Fit | None:
+        """How well the template fits where it is put; None if hardly any of it can be seen."""
+        return self._judged(view, view.from_image @ to_image, [] if light is None else [light])
+
+    def vanished(self, fit: Fit) -> float:
+        """Share of the region's outline that had edges until now and has none where it was found."""
+        return self._outline.gone(fit.heights)
+
+    def learn(self, fit: Fit) -> None:
+        """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
+        self._outline.learn(fit.heights)
+        self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
+        known = ~np.isnan(fit.agrees)
+        new = self._trust + (fit.agrees - self._trust) / np.float32(self._learnt)
+        self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
+        self._spread_trust()
+
+    def _judged(self, view: View, place: Matrix, lights: list[GainOffset]) -> Fit | None:
+        seen = self._fine.look(view, place, lights)
+        if seen is None:
+            return None
+        noise, structure = self._fine.noise * (1 + 1 / seen.light[0] ** 2) ** 0.5, self._fine.structure
+        squared = np.square(seen.residuals / np.float32(np.hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)))
+        agrees = 1 / (1 + squared * squared)
+        found = float(self._carries @ (seen.trusted * agrees)) / max(float(self._carries @ self._fine.trust), 1e-9)
+        # Whatever there is agrees with noise as strong as the structure.
+        quality = found * min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
+        inside = seen.trusted > 0
+        values = seen.values.reshape(self.template.shape)
+        shown = values if inside.all() else np.where(inside.reshape(values.shape), values, np.float32(np.nan))
+        return Fit(
+            view.to_image @ place,
+            quality,
+            seen.light,
+            self._covered(seen, inside, float(np.hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure))),
+            float(inside.mean()),
+            np.where(inside, agrees, np.float32(np.nan)),
+            values,
+            self._outline.heights(shown, seen.light[0]),
+        )
+
+    def _covered(self, seen: Seen, inside: NDArray[np.bool_], most: float) -> float:
+        """Share of the region's own pixels in the image that are more than `most` off their median."""
+        there = inside[self.template.inside]
+        if np.count_nonzero(there) < _OWN_LEAST:
+            return 0.0
+        own = seen.residuals[self.template.inside]
+        return float(np.mean((np.abs(own - np.median(own[there])) > most + self._uneven)[there]))
+
+    def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
+        """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
+        change = (after - before).ravel()[self.template.inside]
+        if change.size < _OWN_LEAST:
+            return 0.0
+        most = float(np.hypot(_COVERED_NOISE * 2**0.5 * self._fine.noise, _COVERED_STRUCTURE * self._fine.structure))
+        return float(np.mean(np.abs(change - np.median(change)) > most + self._uneven))
+
+    def _spread_trust(self) -> None:
+        trust = self._trust.reshape(self.template.shape)
+        self._coarse.trust_in(trust)
+        self._fine.trust_in(trust)

@@ -1,0 +1,126 @@
+"""Access control of the page: only clients with its token."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hmac import compare_digest
+from http.cookies import CookieError, SimpleCookie
+from secrets import token_urlsafe
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+if TYPE_CHECKING:
+    from tornado.httputil import HTTPServerRequest
+    from tornado.web import Application
+
+#: Name of the token in the address, and prefix of the cookie's name.
+TOKEN = "token"  # noqa: S105 - its name
+#: Host names of the loopback interface.
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Access rule of a page.
+
+    Parameters
+    ----------
+    token : str
+        Token a client must present.
+    loopback_only : bool
+        Whether the page is served on loopback; requests for any other host are then refused (DNS rebinding).
+    """
+
+    token: str
+    loopback_only: bool
+
+    @classmethod
+    def new(cls, loopback_only: bool) -> Gate:
+        """Return a gate with a new token of 192 random bits."""
+        return cls(token_urlsafe(24), loopback_only)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie, by port: cookies are common to all ports of a host."""
+        return f"labcdp-rois-{self.token[:8]}"
+
+    def refusal(self, host: str, origin: str | None, cookies: str, query: str) -> str:
+        """Return why a request is refused; empty if it is accepted.
+
+        Parameters
+        ----------
+        host : str
+            Header ``Host``.
+        origin : str or None
+            Header ``Origin``, the address of the page; browsers send it with every websocket request.
+        cookies : str
+            Header ``Cookie``.
+        query : str
+            Query string of the address.
+        """
+        if self.loopback_only and _name(host) not in _LOOPBACK:
+            return "this page is served on loopback only: open the address that labcdp printed"
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return "this page answers no other page"
+        if not (self._known(self._of_query(query)) or self._known(self._of_cookies(cookies))):
+            return "the address lacks its token: open the whole address that labcdp printed"
+        return ""
+
+    def has_token(self, query: str) -> bool:
+        """Whether a query string contains the token."""
+        return self._known(self._of_query(query))
+
+    def _known(self, text: str) -> bool:
+        return compare_digest(text.encode(), self.token.encode())
+
+    def _of_query(self, query: str) -> str:
+        return parse_qs(query).get(TOKEN, [""])[0]
+
+    def _of_cookies(self, header: str) -> str:
+        try:
+            found = SimpleCookie(header).get(self.cookie)
+        except CookieError:
+            return ""
+        return found.value if found is not None else ""
+
+
+def guard(application: Application, gate: Gate) -> None:
+    """Apply a gate to all handlers of an application: pages, files and websockets."""
+    from tornado.routing import Matcher, Rule
+    from tornado.web import RequestHandler
+
+    def refusal(request: HTTPServerRequest) -> str:
+        headers = request.headers
+        return gate.refusal(request.host, headers.get("Origin"), headers.get("Cookie", ""), request.query)
+
+    class NotAllowed(Matcher):
+        def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+            return {} if refusal(request) else None
+
+    class WithToken(Matcher):
+        def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+            return {} if request.path == "/" and gate.has_token(request.query) else None
+
+    class Refused(RequestHandler):
+        def prepare(self) -> None:
+            self.set_status(403)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(f"labcdp: {refusal(self.request)}\n")
+
+    class Enter(RequestHandler):
+        """Store the token in a cookie and remove it from the address and the history."""
+
+        def get(self) -> None:
+            self.set_cookie(gate.cookie, gate.token, httponly=True, samesite="Lax", path="/")
+            self.set_header("Cache-Control", "no-store")
+            self.redirect("/", status=303)
+
+    application.add_handlers(r".*", [Rule(NotAllowed(), Refused), Rule(WithToken(), Enter)])
+
+
+def _name(host: str) -> str:
+    """Host without its port."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""

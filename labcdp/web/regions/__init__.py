@@ -1,0 +1,1 @@
+"""The page for drawing regions with the mouse."""

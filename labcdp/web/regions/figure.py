@@ -1,0 +1,215 @@
+"""The picture of the page: a Bokeh figure, and the channel for its mouse and key events."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from bokeh.core.properties import Float, Int, List, String
+from bokeh.model import DataModel
+from bokeh.models import ColumnDataSource, CustomJS, Div, LinearColorMapper, RadioButtonGroup, Range1d
+from bokeh.plotting import figure
+
+from .display import DisplayScale, Tile, tile
+from .drawing import Drawing
+from .page_image import PageImage
+from .shape_edit import handles
+from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
+
+#: Largest side of the reduced whole image shown below the visible part.
+_OVERVIEW_PX = 1000
+#: Most pixels of a part, however large a screen is.
+_MOST_PX = 4096
+
+#: Scripts for the browser, in this order.
+_SCRIPTS = ("picture.js", "gestures.js")
+
+#: Modes of a click on the picture, as on the buttons; picture.js has the same order.
+MODES = ("Select", "Polygon", "Rectangle", "Ellipse")
+
+
+class Link(DataModel):  # type: ignore[misc]
+    """Messages between the page and labcdp.
+
+    Parameters
+    ----------
+    state, answer : str
+        From labcdp: the drawing, and whether the last message was applied; JSON.
+    ask : str
+        From a button: ``fit``, ``in`` or ``out``, and a counter that makes each message different.
+    sent : str
+        From mouse and keys: a message for `Workspace.do`; JSON.
+    view : list of float
+        Left, top, right and bottom of the visible part, in pixels of the image, and its size on the screen.
+    pointer : list of int
+        Pixel under the pointer; empty outside the image.
+    """
+
+    state = String(default="{}")
+    answer = String(default="{}")
+    ask = String(default="")
+    sent = String(default="")
+    view = List(Float)
+    pointer = List(Int)
+
+
+class Picture:
+    """The picture of one tab.
+
+    Parameters
+    ----------
+    image : PageImage
+        The image.
+    """
+
+    def __init__(self, image: PageImage) -> None:
+        self.image = image
+        self.link = Link()
+        self.scale = DisplayScale.of(image.display)
+        self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
+        self.hint = Div(text="", name="hint", sizing_mode="stretch_width")
+        self._part: tuple[float, float, float, float] | None = None
+        self._screen = (1, 1)
+        self._overview, self._detail = _image_source(), _image_source()
+        self._sources = {
+            "shapes": _source("xs", "ys", "colour", "dash", "width", "fill"),
+            "draft": _source("x", "y"),
+            "handles": _source("x", "y"),
+            "labels": _source("x", "y", "text", "colour"),
+        }
+        self.figure = self._new_figure()
+        # Only properties of models in the document are synchronised.
+        self.figure.tags = [self.link]
+        self.show_scale(self.scale)
+
+    def script(self) -> CustomJS:
+        """Return a callback that attaches the mouse and key handlers when the page is loaded."""
+        folder = files("labcdp") / "data" / "roi-page"
+        code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+        arguments = {"figure": self.figure, "link": self.link, "modes": self.modes, "hint": self.hint, **self._sources}
+        return CustomJS(args=arguments, code=code)
+
+    def show(self, drawing: Drawing, selected: str | None) -> None:
+        """Show a drawing."""
+        state = json.dumps({"image": self.image.name} | _state(drawing, selected), separators=(",", ":"))
+        if state != self.link.state:
+            self.link.state = state
+
+    def show_scale(self, scale: DisplayScale) -> None:
+        """Change the mapping of values to grey levels."""
+        self.scale = scale
+        height, width = self.image.display.shape
+        reduction = max(width, height) / _OVERVIEW_PX
+        screen = round(width / reduction), round(height / reduction)
+        self._put(self._overview, tile(self.image.display, scale, (0, 0, width, height), screen))
+        if self._part is not None:
+            self.show_part(self._part, self._screen)
+
+    def show_part(self, part: tuple[float, float, float, float], screen: tuple[int, int]) -> None:
+        """Show a part of the image (left, top, right, bottom) with as many pixels as it has on the screen."""
+        self._part, self._screen = part, screen
+        step = self._step
+        left, top, right, bottom = (edge / step for edge in part)
+        pixels = min(screen[0], _MOST_PX), min(screen[1], _MOST_PX)
+        self._put(self._detail, tile(self.image.display, self.scale, (left, top, right, bottom), pixels))
+
+    @property
+    def _step(self) -> int:
+        """Pixels of the image, along each side, per displayed pixel."""
+        return 1 if self.image.colour_filter is None else 2
+
+    def _put(self, source: ColumnDataSource, part: Tile) -> None:
+        n = self._step
+        source.data = {
+            "image": [part.pixels],
+            "x": [n * part.x],
+            "y": [n * part.y],
+            "dw": [n * part.width],
+            "dh": [n * part.height],
+        }
+
+    def _new_figure(self) -> Any:
+        width, height = self.image.size
+        plot = figure(
+            tools="",
+            toolbar_location=None,
+            sizing_mode="stretch_both",
+            x_range=Range1d(0, width),
+            y_range=Range1d(height, 0),
+            min_border=4,
+            background_fill_color="#2b2b2b",
+            outline_line_color="#999999",
+            name="picture",
+        )
+        plot.grid.visible = False
+        plot.axis.minor_tick_line_color = None
+        plot.axis.axis_line_color = None
+        grey = LinearColorMapper(
+            palette=[f"#{level:02x}{level:02x}{level:02x}" for level in range(256)], low=0, high=255
+        )
+        for source in (self._overview, self._detail):
+            plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=grey, source=source)
+        sources = self._sources
+        plot.patches(
+            "xs",
+            "ys",
+            fill_color="colour",
+            fill_alpha="fill",
+            line_color="colour",
+            line_width="width",
+            line_dash="dash",
+            source=sources["shapes"],
+        )
+        plot.line("x", "y", line_color=PROPOSAL_COLOUR, line_width=2, source=sources["draft"])
+        plot.scatter(
+            "x", "y", marker="square", size=9, fill_color="white", line_color="#1a1a1a", source=sources["handles"]
+        )
+        plot.text(
+            "x",
+            "y",
+            text="text",
+            text_color="colour",
+            text_font_size="12px",
+            text_baseline="bottom",
+            background_fill_color="#1a1a1a",
+            background_fill_alpha=0.7,
+            padding=3,
+            y_offset=-4,
+            source=sources["labels"],
+        )
+        return plot
+
+
+def _state(drawing: Drawing, selected: str | None) -> dict[str, Any]:
+    width, height = drawing.size
+    shapes = []
+    for shape in (*drawing.shapes, *drawing.proposals):
+        proposal = drawing.is_proposal(shape.name)
+        rois = shape.rois()
+        colours = [PROPOSAL_COLOUR if proposal else colour(drawing, roi.name) for roi in rois]
+        shapes.append(
+            {
+                "name": shape.name,
+                "kind": shape.kind,
+                "outlines": [[[round(x, 2), round(y, 2)] for x, y in roi.corners] for roi in rois],
+                "colours": colours,
+                "handles": handles(shape),
+                "angle": getattr(shape, "angle_deg", 0.0),
+                "label": "" if proposal and shape.name != selected else shape.name,
+                "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
+                "proposal": proposal,
+            }
+        )
+    return {"width": width, "height": height, "selected": selected, "shapes": shapes}
+
+
+def _source(*columns: str) -> ColumnDataSource:
+    """Return a data source changed only by the page."""
+    return ColumnDataSource(data={name: [] for name in columns}, syncable=False)
+
+
+def _image_source() -> ColumnDataSource:
+    nothing = np.zeros((1, 1), dtype=np.uint8)
+    return ColumnDataSource(data={"image": [nothing], "x": [0], "y": [0], "dw": [1], "dh": [1]})

@@ -1,0 +1,102 @@
+"""Files of a drawing: the output, and the backup of unsaved changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core.disk import file_sha256
+from ...core.errors import InputError
+from ...regions import REGION_SUFFIXES, Shape, load_regions, save_regions
+from .shape_edit import ImageSize
+
+
+@dataclass(frozen=True)
+class DrawingFiles:
+    """The output file of a drawing, and a backup next to it with unsaved changes.
+
+    Parameters
+    ----------
+    output : Path
+        Region file: .json, .roi or .zip.
+    size : (int, int)
+        Width and height of the image in pixels.
+    """
+
+    output: Path
+    size: ImageSize
+
+    def __post_init__(self) -> None:
+        if self.output.suffix.lower() not in REGION_SUFFIXES:
+            raise InputError(
+                f"--output {self.output} has an unknown suffix: give a name that ends in {', '.join(REGION_SUFFIXES)}"
+            )
+        if not self.output.parent.is_dir():
+            raise InputError(f"{self.output.parent} is not a folder: give --output in an existing folder")
+        if self.output.is_dir():
+            raise InputError(f"--output {self.output} is a folder: give the name of a file")
+
+    @property
+    def unsaved(self) -> Path:
+        """Backup of a drawing with unsaved changes, itself a region file."""
+        return self.output.with_name(f"{self.output.name}.unsaved.json")
+
+    def keep(self, shapes: tuple[Shape, ...]) -> None:
+        """Write the backup; raises InputError if that is not possible."""
+        if shapes:
+            save_regions(self.unsaved, shapes, self.size, force=True)
+        else:
+            self.forget()
+
+    def forget(self) -> None:
+        """Remove the backup."""
+        try:
+            self.unsaved.unlink(missing_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"{self.unsaved} cannot be removed ({error.strerror}): remove it, or it is taken for newer"
+            ) from error
+
+    def kept(self) -> tuple[Shape, ...]:
+        """Return shapes that an earlier run did not save; empty without a backup.
+
+        Raises
+        ------
+        InputError
+            If the backup cannot be used with this image.
+        """
+        if not self.unsaved.exists():
+            return ()
+        try:
+            return load_regions(self.unsaved, self.size)
+        except InputError as error:
+            raise InputError(
+                f"{error}; it holds what was drawn and not saved: use the image it was drawn on, or move it away"
+            ) from error
+
+    def other(self, name: str) -> Path:
+        """Return the path for a file name given on the page, in the folder of the output.
+
+        Raises
+        ------
+        InputError
+            If it is not a plain file name with a known suffix, or exists and is not the output.
+        """
+        name = name.strip()
+        if not name or Path(name).name != name or name.startswith(".") or not name.isprintable():
+            raise InputError(
+                f"{name!r} is not a plain file name: give one without folders; it is written to {self.output.parent}"
+            )
+        path = self.output.with_name(name)
+        if path.suffix.lower() not in REGION_SUFFIXES:
+            raise InputError(f"{name!r} has an unknown suffix: give a name that ends in {', '.join(REGION_SUFFIXES)}")
+        return path
+
+    def fingerprint(self, path: Path) -> str:
+        """SHA-256 of a file, empty if there is none; raises InputError if it cannot be read."""
+        return file_sha256(path, "a file of regions") if path.exists() else ""
+
+    def save(self, path: Path, shapes: tuple[Shape, ...]) -> str:
+        """Write the drawing atomically and return the file's fingerprint; raises InputError if it cannot be written."""
+        save_regions(path, shapes, self.size, force=True)
+        return self.fingerprint(path)

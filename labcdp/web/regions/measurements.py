@@ -1,0 +1,167 @@
+"""Measurements in the regions of a drawing: DN, luminance, and the CDP of a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from ...core.errors import LabcdpError
+from ...core.finding import Finding
+from ...core.roi import Roi
+from ...metrics.regions.pair import PairResult, evaluate_pair
+from ...metrics.regions.region import RegionResult, evaluate_region
+from ...regions import check_region
+from .drawing import Drawing
+from .page_image import PageImage
+
+#: With more regions than this only those of the pair are measured, to keep the page responsive.
+MOST_MEASURED = 200
+
+
+@dataclass(frozen=True)
+class Means:
+    """Statistics of a region that are computed immediately.
+
+    Parameters
+    ----------
+    n_pixels : int
+        Number of its pixels.
+    value, value_std : float or None
+        Mean and standard deviation (n - 1) of DN or of the values of the file; None if there are not enough pixels.
+    light : float or None
+        Mean luminance.
+    error : str
+        Why there are none.
+    """
+
+    n_pixels: int = 0
+    value: float | None = None
+    value_std: float | None = None
+    light: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Luminance of a region, computed in the background.
+
+    Parameters
+    ----------
+    result : RegionResult or None
+        Luminance with its uncertainty; None if it cannot be evaluated.
+    findings : tuple of Finding
+        Findings for the user.
+    error : str
+        Why there is no result.
+    """
+
+    result: RegionResult | None
+    findings: tuple[Finding, ...] = ()
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class PairEvaluation:
+    """Contrast of a pair of regions.
+
+    Parameters
+    ----------
+    first, second : Roi
+        The regions.
+    result : PairResult or None
+        Their contrast and CDP; None if they cannot be evaluated.
+    error : str
+        Why there is no result.
+    """
+
+    first: Roi
+    second: Roi
+    result: PairResult | None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Results so far.
+
+    Parameters
+    ----------
+    regions : dict of Roi to Evaluation
+        Regions.
+    pair : PairEvaluation or None
+        Last evaluated pair.
+    """
+
+    regions: dict[Roi, Evaluation] = field(default_factory=dict)
+    pair: PairEvaluation | None = None
+
+
+class Measurements:
+    """Measure drawings of one image, reusing results of unchanged regions.
+
+    Parameters
+    ----------
+    image : PageImage
+        The image.
+    contrasts : sequence of float or None
+        Target contrasts, fractions; None for the measured contrast of the pair.
+    """
+
+    def __init__(self, image: PageImage, contrasts: Sequence[float] | None) -> None:
+        self.image, self.contrasts = image, contrasts
+        self._means: dict[Roi, Means] = {}
+        self._evaluations: dict[Roi, Evaluation] = {}
+        self._pair: PairEvaluation | None = None
+
+    def means(self, drawing: Drawing) -> Iterator[dict[Roi, Means]]:
+        """Yield the means of all regions in one step."""
+        self._means = {roi: self._means.get(roi) or self._mean(roi) for roi in _wanted(drawing)}
+        yield self._means
+
+    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
+        """Yield the results so far: the pair first, then the regions one by one; the last one is complete."""
+        wanted, chosen = _wanted(drawing), drawing.pair_rois
+        self._evaluations = {roi: found for roi, found in self._evaluations.items() if roi in wanted}
+        if len(chosen) == 2:
+            first, second = chosen
+            if self._pair is None or (self._pair.first, self._pair.second) != (first, second):
+                self._pair = self._evaluated_pair(first, second)
+            yield Evaluated(dict(self._evaluations), self._pair)
+        for roi in wanted:
+            if roi not in self._evaluations:
+                self._evaluations[roi] = self._evaluated(roi)
+                yield Evaluated(dict(self._evaluations), self._pair)
+
+    def _mean(self, roi: Roi) -> Means:
+        try:
+            inside = roi.select(self.image.values)
+            light = float(self.image.luminance.select(roi).mean(dtype=float))
+        except LabcdpError as error:
+            return Means(error=str(error))
+        std = float(inside.std(dtype=float, ddof=1)) if inside.size > 1 else None
+        return Means(inside.size, float(inside.mean(dtype=float)), std, light)
+
+    def _evaluated_pair(self, first: Roi, second: Roi) -> PairEvaluation:
+        try:
+            return PairEvaluation(first, second, evaluate_pair(self.image.luminance, first, second, self.contrasts))
+        except LabcdpError as error:
+            return PairEvaluation(first, second, None, str(error))
+
+    def _evaluated(self, roi: Roi) -> Evaluation:
+        findings: tuple[Finding, ...] = ()
+        try:
+            findings = check_region(self.image.values, self.image.saturated, roi)
+            return Evaluation(self._of_pair(roi) or evaluate_region(self.image.luminance, roi), findings)
+        except LabcdpError as error:
+            return Evaluation(None, findings, str(error))
+
+    def _of_pair(self, roi: Roi) -> RegionResult | None:
+        """Return the result of a region from that of the pair."""
+        if self._pair is None or self._pair.result is None:
+            return None
+        result = self._pair.result
+        return next((one for one in (result.a, result.b) if one.roi == roi), None)
+
+
+def _wanted(drawing: Drawing) -> tuple[Roi, ...]:
+    return drawing.rois if len(drawing.rois) <= MOST_MEASURED else drawing.pair_rois

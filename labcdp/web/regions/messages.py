@@ -1,0 +1,136 @@
+"""Validation of mouse and key messages, and the changes of a drawing they request."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ...core.disk import parse_json
+from ...core.errors import InputError
+from .drawing import Drawing
+from .shape_edit import Corner, box_shape, moved, polygon_shape, with_corner, with_handle, without_corner
+
+#: Most corners of a drawn polygon.
+_MOST_CORNERS = 10_000
+
+
+def parse_message(text: str) -> dict[str, Any]:
+    """Parse a message of the page; raises InputError if it is invalid."""
+    try:
+        message = parse_json(text)
+    except InputError as error:
+        raise InputError(f"the page sent an invalid message: {error}") from error
+    if not isinstance(message, dict) or not isinstance(message.get("do"), str):
+        raise InputError("the page sent a message without an action")
+    return message
+
+
+def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str | None]:
+    """Return the drawing changed by a message, and the name of the shape then selected (None for none).
+
+    Parameters
+    ----------
+    drawing : Drawing
+        Current drawing.
+    message : mapping
+        ``do`` with its arguments: ``polygon`` (corners), ``box`` (kind, start, end), ``corner`` (name, at, to),
+        ``insert`` (name, after, at), ``remove corner`` (name, at), ``move`` (name, by), ``delete`` (name), ``rename``
+        (name, to), ``accept`` (name).
+
+    Raises
+    ------
+    InputError
+        If the message is invalid, or the drawing cannot be changed accordingly.
+    """
+    known = _CHANGES.get(message["do"])
+    if known is None:
+        raise InputError(f"the page asked for {message['do']!r}, which is unknown: reload it")
+    return known(drawing, message)
+
+
+_Changed = tuple[Drawing, str | None]
+
+
+def _polygon(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    corners = message.get("corners")
+    if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
+        raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
+    name = drawing.new_name()
+    return drawing.added(polygon_shape(name, tuple(_place(one) for one in corners), drawing.size)), name
+
+
+def _box(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name = drawing.new_name()
+    start, end = _place(message.get("start")), _place(message.get("end"))
+    return drawing.added(box_shape(_text(message, "kind"), name, start, end, drawing.size)), name
+
+
+def _corner(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name, at, to = _text(message, "name"), _number(message, "at"), _place(message.get("to"))
+    return drawing.changed(name, lambda shape: with_handle(shape, at, to, drawing.size)), name
+
+
+def _insert(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name, after, at = _text(message, "name"), _number(message, "after"), _place(message.get("at"))
+    return drawing.changed(name, lambda shape: with_corner(shape, after, at, drawing.size)), name
+
+
+def _remove_corner(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name, at = _text(message, "name"), _number(message, "at")
+    return drawing.changed(name, lambda shape: without_corner(shape, at)), name
+
+
+def _move(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name, by = _text(message, "name"), _place(message.get("by"))
+    return drawing.changed(name, lambda shape: moved(shape, by, drawing.size)), name
+
+
+def _delete(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    return drawing.deleted(_text(message, "name")), None
+
+
+def _rename(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    to = _text(message, "to").strip()
+    return drawing.renamed(_text(message, "name"), to), to
+
+
+def _accept(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name = _text(message, "name")
+    return drawing.accepted([name]), name
+
+
+_CHANGES: dict[str, Callable[[Drawing, Mapping[str, Any]], _Changed]] = {
+    "polygon": _polygon,
+    "box": _box,
+    "corner": _corner,
+    "insert": _insert,
+    "remove corner": _remove_corner,
+    "move": _move,
+    "delete": _delete,
+    "rename": _rename,
+    "accept": _accept,
+}
+
+
+def _place(value: object) -> Corner:
+    if (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(one, int | float) and not isinstance(one, bool) for one in value)
+    ):
+        return float(value[0]), float(value[1])
+    raise InputError("the page sent a place that is not two numbers: reload it")
+
+
+def _text(message: Mapping[str, Any], key: str) -> str:
+    value = message.get(key)
+    if not isinstance(value, str):
+        raise InputError(f"the page sent no {key}: reload it")
+    return value
+
+
+def _number(message: Mapping[str, Any], key: str) -> int:
+    value = message.get(key)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"the page sent no number for {key}: reload it")
+    return value

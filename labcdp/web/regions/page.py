@@ -1,0 +1,262 @@
+"""One tab of the page: picture, buttons and tables of a workspace."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from html import escape
+from importlib.resources import files
+from itertools import count
+from typing import Any
+
+import panel as pn
+
+from ...core.errors import LabcdpError
+from ...report.digits import printable
+from .display import SCALES, DisplayScale
+from .figure import Picture
+from .messages import parse_message
+from .proposals import METHOD_NAMES, METHODS, default_size_px, propose
+from .wording import pair_table, region_table, warning_list
+from .workspace import Workspace
+
+_WIDTH = 420
+
+
+class Page:
+    """One tab.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        State common to all tabs.
+    document : bokeh.document.Document
+        The tab.
+    """
+
+    def __init__(self, workspace: Workspace, document: Any) -> None:
+        self.workspace, self.document = workspace, document
+        self.picture = Picture(workspace.image)
+        self._updating = False
+        self._waits = False
+        self._asked = count(1)
+        css = files("labcdp").joinpath("data/roi-page/page.css").read_text(encoding="utf-8")
+
+        def text(name: str, html: str = "") -> Any:
+            return pn.pane.HTML(html, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8))
+
+        self._head, self._readout, self._notice = text("head"), text("readout"), text("notice")
+        self._regions, self._pair, self._warnings = text("regions"), text("pair"), text("warnings")
+        self._name = pn.widgets.TextInput(
+            name="Name of the selected region", disabled=True, sizing_mode="stretch_width"
+        )
+        self._first, self._second = (
+            pn.widgets.Select(name=f"Region {letter}", sizing_mode="stretch_width") for letter in "AB"
+        )
+        self._file = pn.widgets.TextInput(
+            name="File (.json, or .zip or .roi for ImageJ)",
+            value=workspace.files.output.name,
+            sizing_mode="stretch_width",
+        )
+        self._scale = pn.widgets.Select(
+            name="Brightness", options=list(SCALES), value=self.picture.scale.name, width=130
+        )
+        self._method = pn.widgets.Select(
+            name="Propose regions", options={METHOD_NAMES[one]: one for one in METHODS}, sizing_mode="stretch_width"
+        )
+        self._size = pn.widgets.IntInput(
+            name="Size in pixels", value=default_size_px(workspace.image), start=6, width=110, visible=False
+        )
+        self._buttons = self._new_buttons()
+        self._text = text
+        self._connect()
+        self.update()
+
+    def layout(self) -> Any:
+        """Layout of the tab."""
+        button, text = self._buttons, self._text
+        side = pn.Column(
+            self._head,
+            self.picture.modes,
+            self.picture.hint,
+            pn.Row(*(button[name] for name in ("Undo", "Redo", "Delete", "Fit", "+", "-")), margin=(0, 3)),
+            self._readout,
+            self._notice,
+            text("h", "<h2>Regions</h2>"),
+            self._regions,
+            self._name,
+            text("h", "<h2>Contrast of two regions</h2>"),
+            pn.Row(self._first, self._second, margin=0, sizing_mode="stretch_width"),
+            self._pair,
+            self._warnings,
+            text("h", "<h2>Save</h2>"),
+            pn.Row(self._file, pn.Column(pn.Spacer(height=14), button["Save"], margin=0), margin=0),
+            button["Replace"],
+            text("h", "<h2>More</h2>"),
+            pn.Row(self._method, self._size, margin=0),
+            pn.Row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
+            self._scale,
+            width=_WIDTH,
+            sizing_mode="stretch_height",
+            scroll="y",
+            margin=0,
+        )
+        picture = pn.pane.Bokeh(self.picture.figure, sizing_mode="stretch_both", margin=0)
+        return pn.Row(picture, side, sizing_mode="stretch_both", min_height=420, margin=0)
+
+    def changed(self) -> None:
+        """Schedule a refresh; may be called from anywhere in the server's loop."""
+        if not self._waits:
+            self._waits = True
+            self.document.add_next_tick_callback(self.update)
+
+    def update(self) -> None:
+        """Refresh the tab from the workspace."""
+        self._waits = False
+        workspace = self.workspace
+        image, drawing, means, evaluated = workspace.image, workspace.drawing, workspace.means, workspace.evaluated
+        with self._quietly():
+            self.picture.show(drawing, workspace.selected)
+            self._head.object = self._heading()
+            self._regions.object = region_table(image, drawing, means, evaluated, workspace.selected)
+            self._pair.object = pair_table(drawing, evaluated)
+            self._warnings.object = warning_list(image, drawing, means, evaluated)
+            notice = workspace.notice
+            self._notice.object = (
+                f"<div class='notice {notice.kind}' role='status'>{_text(notice.text)}</div>" if notice.text else ""
+            )
+            names = [roi.name for roi in drawing.rois]
+            for widget, chosen in zip((self._first, self._second), drawing.pair, strict=True):
+                widget.param.update(options={"none": None, **{name: name for name in names}}, value=chosen)
+            self._name.param.update(value=workspace.selected or "", disabled=workspace.selected is None)
+            button = self._buttons
+            button["Undo"].disabled = not workspace.history.past
+            button["Redo"].disabled = not workspace.history.future
+            button["Delete"].disabled = workspace.selected is None
+            proposals = bool(drawing.proposals)
+            button["Accept all"].disabled = button["Discard"].disabled = not proposals
+            button["Replace"].visible = workspace.in_the_way is not None
+            button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
+
+    def _heading(self) -> str:
+        workspace = self.workspace
+        image = workspace.image
+        width, height = image.size
+        state = "<span class='state unsaved'>not saved</span>" if workspace.unsaved else ""
+        if not workspace.unsaved and workspace.written:
+            state = "<span class='state'>saved</span>"
+        return (
+            f"<p class='kind'>labcdp: regions of an image</p><h1>{_text(image.name)}</h1>"
+            f"<p class='quiet'>{width} x {height} pixels {'· ' + state if state else ''}</p>"
+        )
+
+    def _new_buttons(self) -> dict[str, Any]:
+        do = self.workspace.do
+
+        def selected(what: str) -> Callable[[Any], object]:
+            return lambda _: do({"do": what, "name": self.workspace.selected})
+
+        actions: dict[str, tuple[Callable[[Any], object], str]] = {
+            "Undo": (lambda _: do({"do": "undo"}), "Ctrl + Z"),
+            "Redo": (lambda _: do({"do": "redo"}), "Ctrl + Y"),
+            "Delete": (selected("delete"), "Delete the selected region (Del)"),
+            "Fit": (lambda _: self._ask("fit"), "Show the whole picture (F)"),
+            "+": (lambda _: self._ask("in"), "Zoom in (+, or the wheel)"),
+            "-": (lambda _: self._ask("out"), "Zoom out (-, or the wheel)"),
+            "Save": (lambda _: do({"do": "save", "name": self._file.value_input or self._file.value}), "Ctrl + S"),
+            "Replace": (lambda _: do({"do": "replace"}), "Replace the file that another program changed"),
+            "Propose": (lambda _: self._propose(), "Find regions; they count once you accept them"),
+            "Accept": (selected("accept"), "Accept the selected proposal (Enter)"),
+            "Accept all": (lambda _: do({"do": "accept all"}), "Accept all proposals"),
+            "Discard": (lambda _: do({"do": "discard"}), "Discard all proposals"),
+        }
+        buttons = {}
+        for name, (action, tip) in actions.items():
+            kind = "primary" if name == "Save" else "default"
+            button = pn.widgets.Button(name=name, button_type=kind, description=tip, margin=(3, 4))
+            button.on_click(action)
+            buttons[name] = button
+        return buttons
+
+    def _connect(self) -> None:
+        link, workspace = self.picture.link, self.workspace
+        link.on_change("sent", lambda _attr, _old, new: self._received(new))
+        link.on_change("view", lambda _attr, _old, new: self._look(new))
+        link.on_change("pointer", lambda _attr, _old, new: self._point(new))
+        self._scale.param.watch(self._unless_updating(self._rescale), "value")
+        self._name.param.watch(self._unless_updating(self._rename), "value")
+        for widget in (self._first, self._second):
+            widget.param.watch(self._unless_updating(self._pair_chosen), "value")
+        self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
+        self._point([])
+        self.document.on_session_destroyed(_ending(workspace.listen(self.changed)))
+
+    def _received(self, text: str) -> None:
+        """Apply a mouse or key message and answer; the page shows a preview until then."""
+        try:
+            message = parse_message(text)
+        except LabcdpError as error:
+            self.workspace.warn(error)
+            return
+        if message["do"] == "save":
+            message["name"] = self._file.value_input or self._file.value
+        done = self.workspace.do(message)
+        self.update()
+        self.picture.link.answer = json.dumps({"serial": message.get("serial"), "done": done})
+
+    def _look(self, view: list[float]) -> None:
+        if len(view) == 6:
+            left, top, right, bottom, width, height = view
+            self.picture.show_part((left, top, right, bottom), (int(width), int(height)))
+
+    def _point(self, pointer: list[int]) -> None:
+        text = self.workspace.image.readout(*pointer) if len(pointer) == 2 else ""
+        self._readout.object = f"<div class='readout'>{_text(text)}</div>"
+
+    def _ask(self, what: str) -> None:
+        self.picture.link.ask = f"{what} {next(self._asked)}"
+
+    def _propose(self) -> None:
+        method = self._method.value
+        try:
+            found = propose(self.workspace.image, method, self._size.value if method == "superpixels" else None)
+            self.workspace.propose(found, METHOD_NAMES[method])
+        except LabcdpError as error:
+            self.workspace.warn(error)
+
+    def _rescale(self, _event: Any) -> None:
+        self.picture.show_scale(DisplayScale.of(self.workspace.image.display, self._scale.value))
+
+    def _rename(self, event: Any) -> None:
+        if self.workspace.selected is not None:
+            self.workspace.do({"do": "rename", "name": self.workspace.selected, "to": event.new})
+
+    def _pair_chosen(self, _event: Any) -> None:
+        self.workspace.do({"do": "pair", "first": self._first.value, "second": self._second.value})
+
+    def _unless_updating(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
+        def watcher(event: Any) -> None:
+            if not self._updating:
+                action(event)
+                # A refused change is reverted.
+                self.changed()
+
+        return watcher
+
+    @contextmanager
+    def _quietly(self) -> Iterator[None]:
+        """Set widgets without triggering their callbacks."""
+        before, self._updating = self._updating, True
+        try:
+            yield
+        finally:
+            self._updating = before
+
+
+def _ending(end: Callable[[], None]) -> Callable[[Any], None]:
+    return lambda _session: end()
+
+
+def _text(text: str) -> str:
+    return escape(printable(text), quote=True)

@@ -1,0 +1,200 @@
+"""Editing of shapes: drag, add and remove corners, move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, isfinite, radians, sin
+
+from ...core.errors import InputError
+from ...regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape
+
+#: Width and height of an image in pixels.
+ImageSize = tuple[int, int]
+Corner = tuple[float, float]
+
+#: Decimals of corner coordinates in pixels: finer than a mouse, and files stay readable.
+_DECIMALS = 2
+_ROUNDING_PX = 1e-6
+
+
+def box_shape(kind: str, name: str, start: Corner, end: Corner, size: ImageSize) -> Shape:
+    """Make a rectangle or an ellipse from two opposite corners of its box.
+
+    Parameters
+    ----------
+    kind : {'rectangle', 'ellipse'}
+        Kind of shape.
+    name : str
+        Its name.
+    start, end : (float, float)
+        Opposite corners (x, y) in pixels, in any order; they are clipped to the image and snapped to pixel edges.
+    size : (int, int)
+        Width and height of the image.
+
+    Raises
+    ------
+    InputError
+        If the kind is another, or the box is empty.
+    """
+    (xa, ya), (xb, yb) = (_to_edge(inside(corner, size)) for corner in (start, end))
+    if xa == xb or ya == yb:
+        raise InputError("the box holds no pixel: drag from one corner to the opposite one, or zoom in")
+    x, y, width, height = min(xa, xb), min(ya, yb), abs(xb - xa), abs(yb - ya)
+    if kind == "rectangle":
+        return RectangleShape(name, x, y, width, height)
+    if kind == "ellipse":
+        return EllipseShape(name, x, y, width, height)
+    raise InputError(f"kind of a box is {kind!r}: give 'rectangle' or 'ellipse'")
+
+
+def polygon_shape(name: str, corners: tuple[Corner, ...], size: ImageSize) -> PolygonShape:
+    """Make a polygon; corners are clipped to the image, and consecutive duplicates dropped.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three different corners.
+    """
+    moved = [_rounded(inside(corner, size)) for corner in corners]
+    kept = [corner for at, corner in enumerate(moved) if at == 0 or corner != moved[at - 1]]
+    if kept and kept[-1] == kept[0]:
+        # Closed by a second click on the first corner.
+        kept.pop()
+    if len(kept) < 3:
+        raise InputError("a polygon has at least 3 corners: click more of them before you close it")
+    return PolygonShape(name, tuple(kept))
+
+
+def handles(shape: Shape) -> tuple[Corner, ...]:
+    """Return the draggable corners (x, y), in order: those of a polygon, or of the box of another shape."""
+    if isinstance(shape, PolygonShape):
+        return shape.corners
+    a, b = shape.width / 2, shape.height / 2
+    middle = shape.x + a, shape.y + b
+    return tuple(_turned(corner, middle, _angle(shape)) for corner in ((-a, -b), (a, -b), (a, b), (-a, b)))
+
+
+def with_handle(shape: Shape, at: int, to: Corner, size: ImageSize) -> Shape:
+    """Return the shape with a corner moved; the opposite corner of a box stays fixed.
+
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+    at : int
+        Index in its `handles`.
+    to : (float, float)
+        New position, in pixels; clipped to the image.
+    size : (int, int)
+        Width and height of the image.
+
+    Raises
+    ------
+    InputError
+        If there is no such corner, or the shape would be empty.
+    """
+    corners = handles(shape)
+    _require_corner(shape, at)
+    target = inside(to, size)
+    if isinstance(shape, PolygonShape):
+        return replace(shape, corners=(*corners[:at], _rounded(target), *corners[at + 1 :]))
+    angle = _angle(shape)
+    # Upright boxes stay on pixel edges.
+    target = _to_edge(target) if angle == 0 else target
+    opposite = corners[(at + 2) % 4]
+    across = _turned((target[0] - opposite[0], target[1] - opposite[1]), (0.0, 0.0), -angle)
+    width, height = (round(abs(side), _DECIMALS) for side in across)
+    if not (width > 0 and height > 0):
+        raise InputError(f"nothing would be left of region {shape.name!r}: keep its corners apart")
+    x, y = (target[0] + opposite[0] - width) / 2, (target[1] + opposite[1] - height) / 2
+    return replace(shape, x=round(x, _DECIMALS), y=round(y, _DECIMALS), width=width, height=height)
+
+
+def moved(shape: Shape, by: Corner, size: ImageSize) -> Shape:
+    """Return the shape moved by (x, y) pixels, no further than the edge of the image; upright boxes by whole pixels."""
+    xs, ys = zip(*(corner for roi in shape.rois() for corner in roi.corners), strict=True)
+    # Computed corners may be outside by a rounding error after the move.
+    exact = isinstance(shape, PolygonShape) or (isinstance(shape, RectangleShape) and shape.angle_deg == 0)
+    slack = 0.0 if exact else _ROUNDING_PX
+    dx = min(max(_finite(by[0]), slack - min(xs)), size[0] - max(xs) - slack)
+    dy = min(max(_finite(by[1]), slack - min(ys)), size[1] - max(ys) - slack)
+    if isinstance(shape, PolygonShape):
+        dx, dy = _rounded((dx, dy))
+        return replace(shape, corners=tuple(_rounded((x + dx, y + dy)) for x, y in shape.corners))
+    if _angle(shape) == 0:
+        # Round towards zero, so that the step does not leave the image.
+        dx, dy = float(int(dx)), float(int(dy))
+    return replace(shape, x=shape.x + dx, y=shape.y + dy)
+
+
+def with_corner(shape: Shape, after: int, at: Corner, size: ImageSize) -> Shape:
+    """Return a polygon with one more corner, behind corner number `after`.
+
+    Raises
+    ------
+    InputError
+        If the shape is not a polygon or has no such corner.
+    """
+    polygon = _polygon(shape)
+    _require_corner(shape, after)
+    new = _rounded(inside(at, size))
+    return replace(polygon, corners=(*polygon.corners[: after + 1], new, *polygon.corners[after + 1 :]))
+
+
+def without_corner(shape: Shape, at: int) -> Shape:
+    """Return a polygon without one of its corners.
+
+    Raises
+    ------
+    InputError
+        If the shape is not a polygon, has no such corner, or has only three corners.
+    """
+    polygon = _polygon(shape)
+    _require_corner(shape, at)
+    if len(polygon.corners) == 3:
+        raise InputError(f"region {shape.name!r} has 3 corners left: delete the region, or keep them")
+    return replace(polygon, corners=polygon.corners[:at] + polygon.corners[at + 1 :])
+
+
+def inside(corner: Corner, size: ImageSize) -> Corner:
+    """Clip a corner to an image of `size` (width, height); raises InputError."""
+    x, y = (_finite(value) for value in corner)
+    return min(max(x, 0.0), float(size[0])), min(max(y, 0.0), float(size[1]))
+
+
+def _polygon(shape: Shape) -> PolygonShape:
+    if not isinstance(shape, PolygonShape):
+        raise InputError(f"region {shape.name!r} is no polygon: only polygons get more or fewer corners")
+    return shape
+
+
+def _require_corner(shape: Shape, at: int) -> None:
+    if not 0 <= at < len(handles(shape)):
+        raise InputError(f"region {shape.name!r} has no corner {at}: it has {len(handles(shape))}")
+
+
+def _angle(shape: RectangleShape | EllipseShape | GridShape) -> float:
+    return 0.0 if isinstance(shape, GridShape) else shape.angle_deg
+
+
+def _turned(corner: Corner, about: Corner, angle_deg: float) -> Corner:
+    """Rotate a corner relative to the centre and add the centre."""
+    x, y = corner
+    if angle_deg == 0:
+        return about[0] + x, about[1] + y
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return about[0] + c * x - s * y, about[1] + s * x + c * y
+
+
+def _rounded(corner: Corner) -> Corner:
+    return round(corner[0], _DECIMALS), round(corner[1], _DECIMALS)
+
+
+def _to_edge(corner: Corner) -> Corner:
+    return float(round(corner[0])), float(round(corner[1]))
+
+
+def _finite(value: float) -> float:
+    if not isfinite(value):
+        raise InputError(f"a coordinate is {value}: give finite numbers of pixels")
+    return float(value)

@@ -1,0 +1,285 @@
+"""State common to all tabs of the page: the drawing, its files and its measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import InputError
+from ...core.roi import Roi
+from ...regions import Shape, new_shapes
+from .drawing import Drawing, History
+from .files import DrawingFiles
+from .lane import Lane, RunElsewhere
+from .measurements import Evaluated, Means, Measurements
+from .messages import change
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A message to the user.
+
+    Parameters
+    ----------
+    text : str
+        One sentence.
+    kind : {'info', 'done', 'warning'}
+        Display style.
+    """
+
+    text: str
+    kind: str = "info"
+
+
+@dataclass(frozen=True)
+class Start:
+    """Initial state of a workspace.
+
+    Parameters
+    ----------
+    history : History
+        The drawing.
+    saved : tuple of Shape
+        Content of the output file; empty if there is none.
+    read : tuple of Shape
+        Content of another file read at the start; it counts as saved there until changed.
+    proposals : tuple of Shape
+        Proposals to be confirmed.
+    stored : str
+        Fingerprint of the output when it was read; empty if there was none.
+    """
+
+    history: History
+    saved: tuple[Shape, ...] = ()
+    read: tuple[Shape, ...] = ()
+    proposals: tuple[Shape, ...] = ()
+    stored: str = ""
+
+
+class Workspace:
+    """A drawing on one image, with its history and files, common to all tabs of the page.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        Measures regions of the image.
+    files : DrawingFiles
+        Files of the drawing.
+    start : Start
+        Initial state.
+    run_elsewhere : RunElsewhere
+        Runs long computations.
+    """
+
+    def __init__(
+        self,
+        measurements: Measurements,
+        files: DrawingFiles,
+        start: Start,
+        run_elsewhere: RunElsewhere,
+    ) -> None:
+        self.image = measurements.image
+        self.files = files
+        self.history = start.history
+        self.selected: str | None = None
+        self.means: dict[Roi, Means] = {}
+        self.evaluated = Evaluated()
+        self.notice = Notice("")
+        #: Files written in this run, in order.
+        self.written: list[Path] = []
+        #: File changed by another program, and its fingerprint; it is replaced only after confirmation.
+        self.in_the_way: tuple[Path, str] | None = None
+        #: Fingerprints of the files when last read or written here.
+        self._stored = {files.output: start.stored}
+        self._saved, self._read, self._proposals = start.saved, start.read, start.proposals
+        self._lanes = (
+            Lane(run_elsewhere, measurements.means, self._take_means),
+            Lane(run_elsewhere, measurements.evaluations, self._take_evaluated),
+        )
+        self._listeners: list[Callable[[], None]] = []
+        self._kept = ""
+
+    @property
+    def drawing(self) -> Drawing:
+        """The current drawing."""
+        return self.history.present
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether the drawing has unsaved changes."""
+        shapes = self.drawing.shapes
+        return shapes != self._saved and (not shapes or shapes != self._read)
+
+    def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call `listener` after each change; returns a function that unsubscribes it."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+
+    def do(self, message: dict[str, Any]) -> bool:
+        """Apply a message of mouse, keys or buttons; an invalid one changes nothing but the notice.
+
+        Parameters
+        ----------
+        message : dict
+            As for `messages.change`, or ``undo``, ``redo``, ``select`` (name or None), ``save`` (file name or None),
+            ``replace`` (the conflicting file), ``accept all``, ``discard``, ``pair`` (names).
+
+        Returns
+        -------
+        bool
+            Whether it was applied.
+        """
+        try:
+            self._do(message)
+        except InputError as error:
+            self._tell(Notice(_sentence(str(error)), "warning"))
+            return False
+        return True
+
+    def begin(self) -> None:
+        """Measure the initial drawing and show initial proposals."""
+        if self._proposals:
+            self.propose(self._proposals, "Found")
+        else:
+            self.measure()
+
+    def propose(self, proposals: Iterable[Shape], what: str) -> None:
+        """Show proposals to be confirmed; `what` names their origin."""
+        found = tuple(proposals)
+        new = new_shapes(found, self.drawing.shapes)
+        n, n_known = len(new), len(found) - len(new)
+        there = f" {n_known} more {'exist' if n_known > 1 else 'exists'} already." if n_known else ""
+        text = f"{n} region{'s' if n > 1 else ''} proposed. They count once you accept them.{there}"
+        if not new:
+            text = f"all {n_known} regions found exist already." if n_known > 1 else "the region exists already."
+        self._change(self.drawing.proposed(new), self.selected, Notice(f"{what}: {text}"))
+
+    def warn(self, error: Exception) -> None:
+        """Report an error."""
+        self._tell(Notice(_sentence(str(error)), "warning"))
+
+    def measure(self) -> None:
+        """Start measuring the drawing; called after each change."""
+        for lane in self._lanes:
+            lane.start(self.drawing)
+
+    def last_words(self) -> list[str]:
+        """Return the final message: saved files and unsaved changes."""
+        lines = [f"Saved: {path}" for path in dict.fromkeys(self.written)]
+        n = len(self.drawing.shapes)
+        if not self.unsaved:
+            return lines or ["Nothing was changed"]
+        if not self.drawing.shapes:
+            return [*lines, "Not saved: all regions were deleted; the file is as it was"]
+        what = f"Not saved: the drawing of {n} region{'s' if n > 1 else ''}"
+        if not self._kept:
+            return [*lines, f"{what}; it is kept in {self.files.unsaved}, and the same command resumes with it"]
+        return [*lines, f"{what}; it is lost, since it could not be kept: {self._kept}"]
+
+    def _do(self, message: dict[str, Any]) -> None:
+        what = message["do"]
+        history = self.history
+        if what == "select":
+            self._select(message.get("name"))
+        elif what == "save":
+            self._save(message.get("name"))
+        elif what == "replace":
+            if self.in_the_way is None:
+                raise InputError("there is no file to replace: save the drawing")
+            self._save(self.in_the_way[0].name, replace=True)
+        elif what in ("undo", "redo"):
+            self.history = history.undone() if what == "undo" else history.redone()
+            self._after_change(self.selected, Notice(f"{what.capitalize()}: done"))
+        elif what == "accept all":
+            n = len(self.drawing.proposals)
+            self._change(self.drawing.accepted(), self.selected, Notice(f"{n} proposals accepted", "done"))
+        elif what == "discard":
+            self._change(self.drawing.proposed(()), self.selected, Notice("Proposals discarded"))
+        elif what == "pair":
+            first, second = (message.get(key) for key in ("first", "second"))
+            self._change(self.drawing.paired(first, second), self.selected, Notice(""))
+        else:
+            drawing, selected = change(self.drawing, message)
+            self._change(drawing, selected, Notice(""))
+
+    def _select(self, name: object) -> None:
+        if name is not None:
+            if not isinstance(name, str):
+                raise InputError("the page sent no name: reload it")
+            name = self._shape_of(name)
+        self.selected = name
+        self._tell(Notice(""))
+
+    def _shape_of(self, name: str) -> str:
+        """Name of the shape of a region."""
+        for shape in self.drawing.shapes:
+            if any(roi.name == name for roi in shape.rois()):
+                return shape.name
+        return self.drawing.shape(name).name
+
+    def _save(self, name: object, replace: bool = False) -> None:
+        if not self.drawing.shapes:
+            raise InputError("there is no region to save: draw one first, or accept a proposal")
+        path = self.files.output if name is None else self.files.other(str(name))
+        there = self.files.fingerprint(path)
+        if there and path not in self._stored:
+            raise InputError(f"{path} exists already: give another name")
+        if there not in ("", self._stored.get(path)) and not (replace and self.in_the_way == (path, there)):
+            self.in_the_way = (path, there)
+            raise InputError(
+                f"{path} was changed by another program since it was read, and is not replaced: save under another "
+                "name, or confirm with Replace"
+            )
+        self._stored[path] = self.files.save(path, self.drawing.shapes)
+        self.in_the_way = None
+        self.written.append(path)
+        self._saved = self.drawing.shapes
+        n = len(self.drawing.shapes)
+        self._keep()
+        self._tell(Notice(f"Saved: {n} region{'s' if n > 1 else ''} in {path}", "done"))
+
+    def _change(self, drawing: Drawing, selected: str | None, notice: Notice) -> None:
+        self.history = self.history.changed(drawing)
+        self._after_change(selected, notice)
+
+    def _after_change(self, selected: str | None, notice: Notice) -> None:
+        names = {shape.name for shape in (*self.drawing.shapes, *self.drawing.proposals)}
+        self.selected = selected if selected in names else None
+        self._keep()
+        self.measure()
+        self._tell(notice)
+
+    def _keep(self) -> None:
+        try:
+            if self.unsaved:
+                self.files.keep(self.drawing.shapes)
+            else:
+                self.files.forget()
+        except InputError as error:
+            self._kept = str(error)
+        else:
+            self._kept = ""
+
+    def _take_means(self, means: dict[Roi, Means]) -> None:
+        self.means = means
+        self._listen()
+
+    def _take_evaluated(self, evaluated: Evaluated) -> None:
+        self.evaluated = evaluated
+        self._listen()
+
+    def _tell(self, notice: Notice) -> None:
+        if self._kept:
+            notice = Notice(f"Unsaved regions cannot be kept: {self._kept}. Save it under another name.", "warning")
+        self.notice = notice
+        self._listen()
+
+    def _listen(self) -> None:
+        for listener in tuple(self._listeners):
+            listener()
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] if text[:1].islower() and not text.startswith("/") else text

@@ -1,0 +1,220 @@
+"""The server of the page: on loopback, protected by a token, until Ctrl-C."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from ipaddress import ip_address
+from threading import Thread
+from typing import Any
+
+from ..core.errors import InputError
+from .gate import TOKEN, Gate, guard
+from .regions.files import DrawingFiles
+from .regions.measurements import Measurements
+from .regions.workspace import Start, Workspace
+
+_log = logging.getLogger(__name__)
+
+#: Largest message of the page in bytes.
+_MOST_BYTES = 4 * 2**20
+
+
+@dataclass(frozen=True)
+class Address:
+    """Address of the page.
+
+    Parameters
+    ----------
+    host : str
+        Bound address, as given.
+    port : int
+        Port.
+    token : str
+        Token a client must present.
+    """
+
+    host: str
+    port: int
+    token: str
+
+    @property
+    def loopback(self) -> bool:
+        """Whether it is reachable only from this computer."""
+        return is_loopback(self.host)
+
+    @property
+    def url(self) -> str:
+        """Address to open, with the token."""
+        return f"{self.place}/?{TOKEN}={self.token}"
+
+    @property
+    def place(self) -> str:
+        """Address without the token."""
+        return f"http://{self._visible}:{self.port}"
+
+    @property
+    def tunnel(self) -> str:
+        """SSH command that forwards a loopback page to another computer."""
+        return f"ssh -N -L {self.port}:{self._visible}:{self.port} {_user()}@{socket.gethostname()}"
+
+    @property
+    def _visible(self) -> str:
+        if self.host in ("0.0.0.0", "::"):  # noqa: S104 - compared, not bound
+            return socket.gethostname()
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is reachable only from this computer."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Server:
+    """A page that is served until it is stopped.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        Measures regions of the image.
+    files : DrawingFiles
+        Files of the drawing.
+    start : Start
+        Initial state.
+    host : str
+        Address to bind.
+    port : int
+        Port; 0 for a free one.
+
+    Raises
+    ------
+    InputError
+        If the address cannot be bound.
+    """
+
+    def __init__(
+        self,
+        measurements: Measurements,
+        files: DrawingFiles,
+        start: Start,
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        self._socket = _bound(host, port)
+        bound: int = self._socket.getsockname()[1]
+        self._gate = Gate.new(is_loopback(host))
+        self.address = Address(host, bound, self._gate.token)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.workspace = Workspace(measurements, files, start, self._elsewhere)
+
+    def run(self, ready: Callable[[Address], None]) -> None:
+        """Serve until SIGINT, SIGTERM or SIGHUP; `ready` is called once the page can be opened."""
+        for name in ("bokeh", "panel", "tornado", "param"):
+            # They log every request; errors are shown on the page.
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        asyncio.run(self._serve(ready))
+
+    async def _serve(self, ready: Callable[[Address], None]) -> None:
+        from bokeh.server.server import BaseServer
+        from bokeh.server.tornado import BokehTornado
+        from panel.io.application import build_applications
+        from panel.io.server import get_static_routes
+        from tornado.httpserver import HTTPServer
+        from tornado.ioloop import IOLoop
+
+        self._loop = asyncio.get_running_loop()
+        stopped = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            # nohup ignores SIGHUP.
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                self._loop.add_signal_handler(number, stopped.set)
+        application = BokehTornado(
+            build_applications({"/": self._tab}, title=f"{self.workspace.image.name} - labcdp regions", location=False),
+            # The gate checks the origin of every request, also behind a tunnel with another port.
+            extra_websocket_origins=["*"],
+            extra_patterns=get_static_routes({}),
+            websocket_max_message_size_bytes=_MOST_BYTES,
+            use_index=False,
+            # A disconnected tab can reconnect.
+            unused_session_lifetime_milliseconds=600_000,
+            include_headers=[],
+            include_cookies=[],
+        )
+        guard(application, self._gate)
+        http = HTTPServer(application)
+        http.add_socket(self._socket)
+        server = BaseServer(IOLoop.current(), application, http)
+        server.start()
+        self.workspace.begin()
+        ready(self.address)
+        await stopped.wait()
+        server.unlisten()
+        server.stop()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            self._loop.remove_signal_handler(number)
+
+    def _tab(self) -> Any:
+        import panel as pn
+
+        from .regions.page import Page
+
+        document = pn.state.curdoc
+        page = Page(self.workspace, document)
+        document.config.notify_connection_status = False  # shown by the page itself
+        document.js_on_event("document_ready", page.picture.script())
+        return page.layout()
+
+    def _elsewhere(self, steps: Iterator[Any], then: Callable[[Any], None], done: Callable[[], None]) -> None:
+        loop = self._loop
+        assert loop is not None, "the server runs"
+
+        def here(call: Callable[[], None]) -> None:
+            with suppress(RuntimeError):  # the server has stopped in the meantime
+                loop.call_soon_threadsafe(call)
+
+        def run() -> None:
+            try:
+                for found in steps:
+                    here(partial(then, found))
+            except Exception as error:
+                # An internal error must not leave the page waiting for results.
+                _log.exception("the regions cannot be measured")
+                here(partial(self.workspace.warn, error))
+            here(done)
+
+        # A daemon thread, so that Ctrl-C does not wait for results.
+        Thread(target=run, name="measure", daemon=True).start()
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        bound = socket.create_server((host, port), family=family, backlog=128)
+    except OSError as error:
+        where = f"port {port}" if port else f"address {host}"
+        # create_server adds text of its own; negative numbers are errors of the name look-up.
+        why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror
+        raise InputError(f"{where} cannot be used ({why}): give another, or leave it out for a free one") from error
+    bound.setblocking(False)
+    return bound
+
+
+def _user() -> str:
+    from getpass import getuser
+
+    try:
+        return getuser()
+    except (KeyError, OSError):
+        return "USER"

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+
+from labcdp.calibration.dark.library import DarkLibrary
+from labcdp.calibration.response.bracket import bracket_luminance
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import Invalid, LuminanceMap, chosen
+from labcdp.core.vignetting import FlatField, middle_of
+
+SHAPE = (120, 160)
+EXPOSURES = (0.0005, 0.002, 0.008, 0.032, 0.128)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Four decades of luminance, in no order."""
+    values = np.geomspace(0.6, 1900, SHAPE[0] * SHAPE[1])
+    return np.random.default_rng(5).permutation(values).reshape(SHAPE)
+
+
+@pytest.fixture(scope="module")
+def calibration(make_calibration):
+    return make_calibration(shape=SHAPE, exposures_s=(0.0005, 0.128))
+
+
+@pytest.fixture(scope="module")
+def frames(scene, expose):
+    rng = np.random.default_rng(6)
+    return [expose(scene, t, rng, frame_id=i) for i, t in enumerate(EXPOSURES)]
+
+
+def test_the_bracket_finds_the_scene_within_its_uncertainty(calibration, frames, scene):
+    result = bracket_luminance(calibration, frames)
+    seen = result.map
+    assert seen.valid.all()
+    deviation = (seen.luminance_cd_m2 / scene - 1) / seen.random_rel
+    n = deviation.size
+    # Standard deviation of a mean, and of a standard deviation, of n normal numbers.
+    assert abs(deviation.mean()) < 4 / np.sqrt(n)
+    assert deviation.std() == pytest.approx(1, abs=4 / np.sqrt(2 * n) + 0.02)  # rounding is not normal
+    assert result.inconsistent_share == 0
+    assert result.findings == ()
+
+
+def test_the_bracket_is_nearer_to_the_scene_than_each_exposure(calibration, frames, scene):
+    result = bracket_luminance(calibration, frames)
+    for frame in frames:
+        alone = calibration.to_luminance(frame)
+        usable = (frame.dn < 3900) & (scene > 1)
+        errors = [np.sqrt(np.mean((m.luminance_cd_m2[usable] / scene[usable] - 1) ** 2)) for m in (result.map, alone)]
+        assert errors[0] < errors[1]
+    assert result.n_used.max() == len(EXPOSURES)
+
+
+def test_weights_are_optimal_for_shot_noise(calibration, make_frame):
+    """Without read noise the best estimate is all electrons over all time."""
+    frames = [make_frame(np.full(SHAPE, 64 + 40 * t + 1200 * 20 * t), t) for t in (0.02, 0.04)]
+    seen = bracket_luminance(calibration, frames).map
+    net = np.array([1200 * 20 * t for t in (0.02, 0.04)])
+    variances = (0.25 * net + 1.5**2) / (1200 * np.array([0.02, 0.04])) ** 2
+    assert seen.random_rel == pytest.approx(np.sqrt(1 / np.sum(1 / variances)) / 20, rel=0.01)
+
+
+def test_saturation_at_every_exposure_is_reported(calibration, expose, scene):
+    bright = scene.copy()
+    bright[0, 0] = 1e5
+    rng = np.random.default_rng(7)
+    result = bracket_luminance(calibration, [expose(bright, t, rng) for t in EXPOSURES])
+    assert result.map.invalid[0, 0] & Invalid.SATURATED
+    assert result.n_used[0, 0] == 0
+    assert (result.findings[-1].code, result.findings[-1].values["exposure_s"]) == ("pixels-saturated", 0.0005)
+
+
+def test_movement_is_flagged(calibration, expose, scene):
+    rng = np.random.default_rng(8)
+    frames = [expose(scene, t, rng) for t in EXPOSURES]
+    moved = scene.copy()
+    moved[:12] = 30.0
+    frames[2] = expose(moved, EXPOSURES[2], rng)
+    result = bracket_luminance(calibration, frames)
+    flagged = np.not_equal(result.map.invalid & Invalid.INCONSISTENT, 0)
+    different = np.abs(np.log(scene[:12] / 30)) > 0.7
+    # Where the third exposure is saturated by the scene it never was compared.
+    compared = scene[:12] < 300
+    assert flagged[:12][different & compared].mean() > 0.95
+    assert not flagged[12:].any()
+    assert result.findings[0].code == "exposures-inconsistent"
+
+
+def test_noise_of_the_flat_field_does_not_average_down(make_calibration, make_frame):
+    flat = FlatField(np.ones(SHAPE), 0.01, 0.0, 4)
+    assert flat.relative[middle_of(SHAPE)].mean() == 1
+    frame = make_frame(np.full(SHAPE, 3000.0), 0.02)
+    calibration = make_calibration(shape=SHAPE, vignetting=flat)
+    many = bracket_luminance(calibration, [frame] * 16).map.random_rel
+    alone = calibration.to_luminance(frame).random_rel
+    assert many**2 - 0.01**2 == pytest.approx((alone**2 - 0.01**2) / 16, rel=1e-3)
+
+
+def test_noise_of_the_dark_library_does_not_average_down(make_calibration, expose):
+    """Many frames of dim light: what is left is the error of the library, which is the same in all of them."""
+    rng = np.random.default_rng(11)
+    pattern, error = rng.normal(0, 6, SHAPE), rng.normal(0, 2, SHAPE)
+    pattern -= pattern.mean()
+    library = DarkLibrary(
+        pattern + error, np.zeros(SHAPE), ((4.0, 0.0), (0.0, 0.0)), ((36.0, 0.0), (0.0, 0.0)), None, None, 4
+    )
+    calibration = make_calibration(shape=SHAPE, dark_library=library)
+    frames = [expose(np.full(SHAPE, 5.0), 0.032, rng, pattern_dn=pattern, frame_id=i) for i in range(16)]
+    seen = bracket_luminance(calibration, frames).map
+    n = seen.luminance_cd_m2.size
+    deviation = (seen.luminance_cd_m2 / 5.0 - 1) / seen.random_rel
+    assert deviation.std() == pytest.approx(1, abs=4 / np.sqrt(2 * n) + 0.01)
+    assert seen.fixed_cd_m2 == pytest.approx(2 / (1200 * 0.032), rel=1e-3)
+    # Joined again, nothing more is gained.
+    assert calibration.to_luminance(frames[0]).fixed_cd_m2 == pytest.approx(seen.fixed_cd_m2, rel=1e-5)
+
+
+def test_maps_of_different_calibrations_are_not_joined(calibration, frames):
+    a = calibration.to_luminance(frames[0])
+    b = LuminanceMap(a.luminance_cd_m2, a.random_rel, 0.01, a.invalid)
+    with pytest.raises(InputError, match="maps of different calibrations cannot be joined"):
+        chosen(np.ones(SHAPE, bool), a, b)

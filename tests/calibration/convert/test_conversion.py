@@ -1,0 +1,205 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labcdp.calibration import GainSetting, LensIdentity
+from labcdp.calibration.convert.conversion import to_luminance
+from labcdp.calibration.dark.library import DarkLibrary
+from labcdp.calibration.dark.signal import DarkModel
+from labcdp.calibration.fit_error import FitError
+from labcdp.calibration.noise import TemporalNoise
+from labcdp.core.errors import CalibrationError
+from labcdp.core.frame import CameraIdentity
+from labcdp.core.response import Response
+from labcdp.core.roi import Roi
+from labcdp.core.vignetting import RadialVignetting
+
+SHAPE = (48, 64)
+R, K, S, OFFSET, RATE = 1200.0, 0.25, 1.5, 64.0, 40.0
+FALL_OFF = RadialVignetting(-0.4, 0.05, 0.0, covariance=((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 0.0)))
+
+
+def every_dn(make_frame, exposure_s=0.008):
+    """A frame with all DN, at all places."""
+    dn = np.random.default_rng(1).permutation(np.arange(48 * 64)) * 4096 // (48 * 64)
+    dn[:21] = [*range(60, 80), 4095]
+    return make_frame(dn.reshape(SHAPE), exposure_s)
+
+
+def brute_force(calibration, frame, v, pattern=0.0, h=lambda n: n, slope=lambda n: 1.0):
+    """The definition, pixel by pixel."""
+    net = frame.dn - OFFSET - RATE * frame.exposure_s
+    scale = R * frame.exposure_s * v
+    luminance = h(net - pattern) / scale
+    error = slope(net) * np.sqrt(K * np.maximum(net, 0) + S**2) / scale
+    low, high = calibration.range_cd_m2
+    outside = (luminance + 3 * error < low) | (luminance - 3 * error > high)
+    flags = 1 * (frame.dn >= 4095) + 2 * (luminance < 0) + 4 * outside
+    return luminance, error / np.abs(luminance), flags
+
+
+def test_luminance_noise_and_flags_are_those_of_the_definition(make_calibration, make_frame):
+    calibration, frame = make_calibration(range_cd_m2=(2.0, 300.0)), every_dn(make_frame)
+    seen = to_luminance(calibration, frame)
+    luminance, random_rel, flags = brute_force(calibration, frame, 1.0)
+    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-6)
+    np.testing.assert_allclose(seen.random_rel, random_rel, rtol=1e-6)
+    assert (seen.invalid == flags).all()
+    assert np.bitwise_or.reduce(flags, axis=None) == 7  # each reason occurs
+    assert seen.luminance_cd_m2.dtype == np.float32
+
+
+@pytest.mark.parametrize("range_cd_m2", [(2.0, 300.0), (0.5, 2000.0), (50.0, 51.0), (1e-6, 1e9)])
+def test_vignetting_is_taken_off_before_the_range_is_judged(make_calibration, make_frame, range_cd_m2):
+    calibration = make_calibration(range_cd_m2=range_cd_m2, vignetting=FALL_OFF)
+    frame = every_dn(make_frame)
+    seen = to_luminance(calibration, frame)
+    luminance, _, flags = brute_force(calibration, frame, FALL_OFF.relative_illuminance(SHAPE))
+    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-6)
+    assert (seen.invalid == flags).all()
+
+
+def test_a_quadratic_response_is_linearised_and_not_continued(make_calibration, make_frame):
+    response = Response("quadratic", (0.0, 4000.0), (0.0, 4800.0))
+    calibration = make_calibration(response=response, range_net_dn=(5.0, 3000.0), range_cd_m2=(1e-6, 1e9))
+    frame = every_dn(make_frame)
+    seen = to_luminance(calibration, frame)
+    bend = 0.2 / 4000
+    luminance, random_rel, flags = brute_force(
+        calibration,
+        frame,
+        1.0,
+        h=lambda n: np.where(n < 0, n, np.where(n > 4000, 4800 + 1.4 * (n - 4000), n * (1 + bend * n))),
+        slope=lambda n: np.clip(1 + 2 * bend * n, 1, 1.4),
+    )
+    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-6)
+    np.testing.assert_allclose(seen.random_rel, random_rel, rtol=1e-6)
+    net = frame.dn - OFFSET - RATE * 0.008
+    beyond = net - 3 * np.sqrt(K * np.maximum(net, 0) + S**2) > 3000
+    assert (seen.invalid == flags | np.where(beyond, 4, 0)).all()
+
+
+def test_another_gain_has_its_own_dark_noise_and_factor(make_calibration, make_frame):
+    dark = DarkModel(70.0, 80.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 3.0, 0.0, (0.001, 0.064))
+    calibration = make_calibration(gains=(GainSetting(6.0, 2.0, 0.001, dark, TemporalNoise(0.5, 3.0)),))
+    seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), gain_db=6.0))
+    net = 1000 - 70 - 80 * 0.008
+    assert seen.luminance_cd_m2 == pytest.approx(net / (2 * R * 0.008), rel=1e-6)
+    assert seen.random_rel == pytest.approx(np.sqrt(0.5 * net + 9) / net, rel=1e-6)
+
+
+def test_temperature_moves_the_dark_signal(make_calibration, make_frame):
+    dark = DarkModel(
+        64.0, 4000.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 1.5, 0.0, (0.001, 0.064), (20.0, 40.0), 23.0, 7.0
+    )
+    calibration = make_calibration(dark=dark)
+    seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), temperature_c=30.0))
+    assert seen.luminance_cd_m2 == pytest.approx((1000 - 64 - 2 * 4000 * 0.008) / (R * 0.008), rel=1e-6)
+
+
+def test_a_frame_warmer_than_the_dark_frames_is_logged(make_calibration, make_frame, caplog):
+    covariance = ((0.04, 0, 0), (0, 0, 0), (0, 0, (1 / 22.5) ** 2))
+    dark = DarkModel(64.0, 4000.0, covariance, 1.5, 0.0, (0.001, 0.064), (23.0, 23.0), 23.0)
+    calibration = make_calibration(
+        dark=dark, fit_errors=(FitError("dark and temperature", (1.0, 4095.0), (0.0, 0.0), (), (0, 0, 1 / 22.5), 0.0),)
+    )
+    for temperature_c, times in ((24.0, 1.0), (30.5, 2.0)):
+        caplog.clear()
+        seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), temperature_c=temperature_c))
+        growth = 2 ** ((temperature_c - 23) / 7.5)
+        net = 1000 - 64 - 4000 * 0.008 * growth
+        assert seen.luminance_cd_m2 == pytest.approx(net / (R * 0.008), rel=1e-6)
+        by_growth_dn = 4000 * 0.008 * growth * np.log(2) * (temperature_c - 23) / 22.5
+        assert seen.common[2].relative == pytest.approx(-by_growth_dn / net, rel=1e-5)
+        assert (len(caplog.messages) == 1) == (times == 2)
+    assert caplog.messages[0].startswith("temperature-not-covered (frame 0) exposure_s=0.008, temperature_c=30.5")
+
+
+def test_common_errors_are_those_of_the_calibration_and_of_the_vignetting(make_calibration, make_frame):
+    frame = every_dn(make_frame)
+    plain, curved = (to_luminance(make_calibration(vignetting=v), frame) for v in (None, FALL_OFF))
+    sources = [e.source for e in plain.common]
+    assert sources == ["meter scale", "exposure time", "fit", "dark and temperature"]
+    assert [e.rectangular for e in plain.common] == [True, False, False, False]
+    assert [e.source for e in curved.common] == [*sources, "flat field", "flat field"]
+    net = frame.dn - OFFSET - RATE * 0.008
+    np.testing.assert_allclose(plain.common[3].relative, -0.2 / net, rtol=1e-5)
+    for seen in (plain, curved):
+        total = np.sqrt(sum(np.square(e.relative, dtype=float) for e in seen.common))
+        np.testing.assert_allclose(seen.common_rel, np.broadcast_to(total, SHAPE), rtol=1e-5)
+    # An error of V makes the opposite error of L.
+    for error, pattern in zip(curved.common[4:], FALL_OFF.common_patterns(SHAPE), strict=True):
+        np.testing.assert_allclose(error.relative, -pattern, rtol=1e-5, atol=1e-9)
+
+
+def test_common_errors_of_a_region_are_those_of_its_pixels(make_calibration, make_frame):
+    seen = to_luminance(make_calibration(vignetting=FALL_OFF), every_dn(make_frame))
+    region = Roi("triangle", ((3, 4), (30, 6), (11, 40)))
+    for here, everywhere in zip(seen.common_of(region), seen.common, strict=True):
+        if np.ndim(everywhere.relative):
+            assert (here.relative == region.select(np.asarray(everywhere.relative))).all()
+        else:
+            assert here.relative == everywhere.relative
+
+
+def library(pattern, noise=0.01):
+    return DarkLibrary(
+        pattern,
+        np.zeros(SHAPE),
+        ((noise**2, 0.0), (0.0, 0.0)),
+        ((float(pattern.var()), 0.0), (0.0, 0.0)),
+        None,
+        None,
+        64,
+    )
+
+
+@pytest.mark.parametrize("vignetting", [None, FALL_OFF])
+def test_the_dark_pattern_is_taken_off(make_calibration, make_frame, vignetting):
+    pattern = np.random.default_rng(2).normal(0, 3, SHAPE)
+    pattern -= pattern.mean()
+    calibration = make_calibration(dark_library=library(pattern), vignetting=vignetting)
+    frame = every_dn(make_frame)
+    v = 1.0 if vignetting is None else vignetting.relative_illuminance(SHAPE)
+    luminance, _, flags = brute_force(calibration, frame, v, pattern.astype(np.float32))
+    seen = to_luminance(calibration, frame)
+    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-5, atol=1e-5)
+    assert np.count_nonzero(seen.invalid != flags) <= 2  # pixels on an edge, in float32
+    net = frame.dn - OFFSET - RATE * 0.008
+    bright = net > 500
+    expected = np.sqrt(K * np.maximum(net, 0) + S**2 + 0.01**2) / (net - pattern)
+    np.testing.assert_allclose(seen.random_rel[bright], expected[bright], rtol=1e-4)
+
+
+def test_scatter_between_patches_belongs_to_every_region(make_calibration, make_frame):
+    calibration = make_calibration()
+    scattered = replace(calibration, responsivity=replace(calibration.responsivity, scatter_rel=0.02))
+    assert to_luminance(scattered, make_frame(np.full(SHAPE, 1000))).slow_rel == 0.02
+
+
+def test_another_lens_is_refused(make_calibration, make_frame):
+    frame = make_frame(np.full(SHAPE, 1000))
+    calibration = make_calibration()
+    to_luminance(calibration, frame, calibration.lens)
+    with pytest.raises(
+        CalibrationError, match=r"for the lens Kowa LM6NCL .*f/2\.6\), the frame was taken with .*f/4\)"
+    ):
+        to_luminance(calibration, frame, replace(calibration.lens, f_number=4.0))
+    with pytest.raises(CalibrationError, match="calibrate with this lens"):
+        to_luminance(calibration, frame, LensIdentity("Other", "1", 0.006, 2.6))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"camera": CameraIdentity("Allied Vision", "Manta G-505B", "1")}, "camera of the calibration is"),
+        ({"gain_db": 6.0}, "gain of the calibration|for a gain of 0 dB"),
+        ({"pixel_format": "Mono12Packed"}, "pixel format of the calibration is Mono12"),
+        ({"dn": np.zeros((24, 32), np.uint16)}, "image size of the calibration is 64 x 48 pixels"),
+        ({"colour_filter": "RG"}, "colour filter"),
+    ],
+)
+def test_other_frames_are_refused(make_calibration, make_frame, change, message):
+    with pytest.raises(CalibrationError, match=message):
+        to_luminance(make_calibration(), make_frame(np.full(SHAPE, 500.0), **change))

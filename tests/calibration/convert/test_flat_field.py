@@ -1,0 +1,174 @@
+import numpy as np
+import pytest
+
+from labcdp.calibration.dark.library import dark_library
+from labcdp.calibration.defects import Defect, find_defects
+from labcdp.calibration.flat.field import measure_vignetting
+from labcdp.calibration.frames.measure import measure_whole
+from labcdp.core.errors import InputError
+from labcdp.core.vignetting import FlatField, RadialVignetting
+
+SHAPE = (160, 200)
+TRUE = RadialVignetting(-0.4, 0.06, -0.02)
+V = TRUE.relative_illuminance(SHAPE)
+PRNU = 1 + 0.008 * np.random.default_rng(11).normal(size=SHAPE)
+
+
+@pytest.fixture(scope="module")
+def uniform(statistics):
+    """Light and dark frames of a uniform source seen through a lens; options go to the source and the sensor."""
+
+    def measure(prnu=PRNU, source=1.0, n=8, exposures=(0.004, 0.012), luminance=150.0, seed=1):
+        rng = np.random.default_rng(seed)
+        light = np.full(SHAPE, luminance) * source
+        lights = [statistics(light, t, n, rng, v=V * prnu) for t in exposures]
+        darks = [statistics(np.zeros(SHAPE), t, n, rng) for t in exposures]
+        return measure_vignetting(lights, darks, 0.005)
+
+    return measure
+
+
+@pytest.fixture(scope="module")
+def good(uniform):
+    return uniform()
+
+
+def test_flat_field_is_the_truth_within_its_noise(good):
+    truth = V * PRNU
+    deviation = good.flat.relative / truth
+    deviation /= deviation.mean()
+    n = deviation.size
+    # The stated noise is that of a typical pixel; at the edge there is less light.
+    assert deviation.std() == pytest.approx(good.flat.random_rel, rel=0.15)
+    assert np.median(np.abs(deviation - 1)) * 1.4826 == pytest.approx(good.flat.random_rel, rel=0.05 + 4 / np.sqrt(n))
+    assert good.flat.n_frames == 16
+
+
+def test_polynomial_is_the_truth_within_its_covariance(good):
+    patterns = np.array(good.radial.common_patterns(SHAPE))
+    error = good.radial.relative_illuminance(SHAPE) / V - 1
+    assert (np.abs(error) < 4 * np.sqrt((patterns**2).sum(axis=0)) + 1e-9).all()
+    assert np.abs(error).max() < 0.002
+
+
+def test_pattern_of_the_pixels_is_found(good):
+    assert good.prnu_rel == pytest.approx(0.008, rel=0.03)
+    assert good.not_radial_rel < 0.0005
+    assert isinstance(good.chosen, FlatField)
+    assert good.reason.code == "flat-field-for-pixels"
+    assert good.findings == ()
+
+
+def test_a_source_brighter_on_one_side_is_noticed(uniform):
+    seen = uniform(source=np.linspace(0.97, 1.03, SHAPE[1]))
+    assert seen.not_radial_rel == pytest.approx(0.06 / np.sqrt(12), rel=0.1)
+    assert seen.findings[0].code == "flat-not-radial"
+    assert 0.05 < seen.findings[0].values["change_rel"] < 0.07
+    assert seen.radial.slow_rel > 0.015
+
+
+def test_dust_is_noticed(uniform):
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    spot = 1 - 0.06 * np.exp(-((x - 60) ** 2 + (y - 50) ** 2) / 2 / 4**2)
+    seen = uniform(prnu=PRNU * spot)
+    (found,) = [one for one in seen.findings if one.code == "flat-spots"]
+    assert found.values["count"] == 1
+    assert found.values["x_px"] in (59, 60)
+
+
+def test_saturated_pixels_of_one_exposure_come_from_the_other(uniform):
+    seen = uniform(exposures=(0.004, 0.024))  # the middle saturates at the longer
+    error = seen.flat.relative / V / PRNU
+    assert error.std() / error.mean() < 0.01
+    assert seen.n_replaced == 0
+
+
+def pattern_with_defects():
+    pattern = np.random.default_rng(4).normal(0, 1.0, SHAPE)
+    pattern[10, 11] += 120
+    return pattern
+
+
+def test_defects_are_found_with_their_reason(expose):
+    rng = np.random.default_rng(5)
+    pattern = pattern_with_defects()
+    gain = np.ones(SHAPE)
+    gain[20, 21] = 0.3
+    darks, lights = [], []
+    for i in range(16):
+        dark = expose(np.zeros(SHAPE), 0.01, rng, pattern_dn=pattern, frame_id=i)
+        light = expose(np.full(SHAPE, 150.0), 0.01, rng, pattern_dn=pattern, v=V * PRNU * gain, frame_id=i)
+        for frame, group in ((dark, darks), (light, lights)):
+            dn = frame.dn.copy()
+            dn[30, 31] = 500
+            dn[40, 41] += rng.integers(0, 60, dtype=np.uint16)
+            group.append(frame.with_pixels(dn))
+    found = find_defects(measure_whole(darks).statistics, measure_whole(lights).statistics)
+    named = {(int(r), int(c)): Defect(int(f)) for r, c, f in zip(found.rows, found.columns, found.reasons, strict=True)}
+    assert set(named) == {(10, 11), (20, 21), (30, 31), (40, 41)}
+    assert Defect.HOT in named[10, 11]
+    assert Defect.DEAD in named[20, 21]
+    assert Defect.STUCK in named[30, 31]
+    assert Defect.NOISY in named[40, 41]
+    assert found.count(Defect.NOISY) == 1
+    mask = found.mask(SHAPE)
+    assert mask.sum() == found.n_pixels == 4
+    with pytest.raises(InputError, match="the defect map is for 200 x 160 pixels, the image has 20 x 10"):
+        found.mask((10, 20))
+
+
+def test_dark_library_finds_offset_and_rate(statistics):
+    rng = np.random.default_rng(7)
+    offset, rate = rng.normal(0, 2, SHAPE), rng.normal(0, 300, SHAPE)
+    exposures = (0.001, 0.01, 0.02)
+    library = dark_library([statistics(np.zeros(SHAPE), t, 8, rng, pattern_dn=offset + rate * t) for t in exposures])
+    n = offset.size
+    for t in exposures:
+        truth = offset + rate * t
+        error = library.pattern_dn(SHAPE, t) - (truth - truth.mean())
+        assert error.std() == pytest.approx(library.noise_dn(t), rel=0.05 + 4 / np.sqrt(2 * n))
+        assert library.nonuniformity_dn(t) == pytest.approx(truth.std(), rel=0.03)
+        assert abs(library.pattern_dn(SHAPE, t).mean()) < 1e-4
+        assert library.worth_applying(t)
+    assert library.verdict(0.01).code == "dark-pattern-subtracted"
+
+
+def test_doubling_temperature(expose):
+    rng = np.random.default_rng(9)
+    rate = np.abs(rng.normal(2000, 300, SHAPE))
+    sets = []
+    for temperature in (20.0, 27.0, 34.0):
+        growth = 2 ** ((temperature - 27.0) / 7.0)
+        for t in (0.001, 0.03):
+            frames = [
+                expose(np.zeros(SHAPE), t, rng, pattern_dn=rate * growth * t - 40 * t, frame_id=i) for i in range(4)
+            ]
+            sets.append(measure_whole(type(f)(**{**vars(f), "temperature_c": temperature}) for f in frames))
+    library = dark_library(sets)
+    assert library.doubling_temperature_c == pytest.approx(7.0, rel=0.02)
+    assert library.temperature_c == pytest.approx(27.0)
+    error = library.pattern_dn(SHAPE, 0.03, 27.0) - (rate - rate.mean()) * 0.03
+    assert error.std() == pytest.approx(library.noise_dn(0.03, 27.0), rel=0.05)
+    assert library.pattern_dn(SHAPE, 0.03, 34.0) == pytest.approx(library.pattern_dn(SHAPE, 0.06, 27.0), abs=5)
+
+
+def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen(uniform):
+    seen = uniform(prnu=1.0, n=2, luminance=30.0)
+    assert isinstance(seen.chosen, RadialVignetting)
+    assert seen.reason.code == "flat-field-radial"
+    assert seen.chosen.slow_rel == pytest.approx(0.005, abs=0.002)
+
+
+def test_taps_with_different_gains_are_noticed(uniform):
+    seen = uniform(prnu=PRNU * np.where(np.arange(SHAPE[1]) < 100, 1.0, 1.02))
+    (found,) = [one for one in seen.findings if one.code == "flat-step"]
+    assert 0.019 <= found.values["step_rel"] < 0.03
+    assert found.subject == "column 100"
+
+
+def test_a_library_of_few_frames_of_an_even_sensor_is_not_worth_it(statistics):
+    rng = np.random.default_rng(8)
+    pattern = rng.normal(0, 0.3, SHAPE)
+    library = dark_library([statistics(np.zeros(SHAPE), 0.01, 2, rng, pattern_dn=pattern)])
+    assert not library.worth_applying(0.01)
+    assert library.verdict(0.01).code == "dark-pattern-too-noisy"

@@ -1,0 +1,106 @@
+"""The response by a bracket against simulated cameras, and against OpenCV's."""
+
+import cv2
+import numpy as np
+import pytest
+
+from labcdp.calibration.response.curve import response_from_bracket
+from labcdp.calibration.response.debevec import solve
+from labcdp.core.errors import CalibrationError
+
+SHAPE = (150, 200)
+DARK, FULL = 12.0, 255.0
+POWERS_OF_TWO = tuple(0.0001 * 2.0**k for k in range(10))
+UNEVEN = tuple(0.0001 * np.cumprod([1, 1.5, 2.3, 1.7, 2.6, 1.4, 2.1, 1.9, 2.8, 1.6]))
+#: Exposure, 0 to 1, over DN, 0 to 1, of three cameras.
+INVERSES = {"linear": lambda n: n, "gamma 2.2": lambda n: n**2.2, "cubic": lambda n: 0.6 * n + 0.1 * n**2 + 0.3 * n**3}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    values = np.geomspace(0.5, 2000, SHAPE[0] * SHAPE[1])
+    return np.random.default_rng(1).permutation(values).reshape(SHAPE)
+
+
+@pytest.fixture(scope="module")
+def bracket(scene, make_frame):
+    def take(camera="gamma 2.2", exposures=POWERS_OF_TWO, bits=8, noise=0.7, moved=False):
+        rng = np.random.default_rng(2)
+        at = np.linspace(0, 1, 100_001)
+        scale, frames = 2 ** (bits - 8), []
+        for i, t in enumerate(exposures):
+            exposure = np.clip((scene[::-1] if moved and i % 2 else scene) * t / 0.5, 0, 1)
+            signal = np.interp(exposure, INVERSES[camera](at), at)
+            dn = (DARK + (FULL - DARK) * signal + rng.normal(0, noise, SHAPE)) * scale
+            frames.append(make_frame(dn, t, i, bit_depth=bits))
+        return frames
+
+    return take
+
+
+def log_error(curve, camera, scale=1):
+    """Deviation of ln h from the truth over the covered range, with the best common factor."""
+    n = np.linspace(*curve.range_net_dn, 200)
+    ratio = np.log(curve.response.linearise(n) / INVERSES[camera](n / scale / (FULL - DARK)))
+    return ratio - ratio.mean()
+
+
+@pytest.mark.parametrize("camera", INVERSES)
+@pytest.mark.parametrize(("exposures", "bits"), [(POWERS_OF_TWO, 8), (UNEVEN, 8), (POWERS_OF_TWO, 12)])
+def test_the_response_is_that_of_the_simulated_camera(bracket, camera, exposures, bits):
+    curve = response_from_bracket(bracket(camera, exposures, bits), DARK * 2 ** (bits - 8))
+    low, high = np.array(curve.range_net_dn) / 2 ** (bits - 8)
+    assert low < 20
+    assert high > 230
+    error = log_error(curve, camera, 2 ** (bits - 8))
+    assert np.sqrt(np.mean(error**2)) < 0.003
+    assert np.abs(error).max() < 0.015
+    assert curve.residual_rel < 0.02
+    # The stated errors hold it: the ramps add up along the curve.
+    n = np.linspace(*curve.range_net_dn, 200)
+    stated = curve.errors(n) - curve.errors(n).mean(axis=1, keepdims=True)
+    assert (np.abs(error) < 3 * np.sqrt((stated**2).sum(axis=0)) + 0.005).all()
+
+
+def test_opencv_finds_the_same_response(bracket):
+    """OpenCV's curve scatters by the noise of its pixels; smoothed over 15 levels it agrees within 2 %."""
+    frames = bracket("gamma 2.2", POWERS_OF_TWO[3:9])
+    images = [np.repeat(frame.dn.astype(np.uint8)[..., None], 3, axis=2) for frame in frames]
+    process = cv2.createCalibrateDebevec(samples=900, lambda_=30, random=False)
+    times = np.array([frame.exposure_s for frame in frames], dtype=np.float32)
+    theirs = np.log(process.process(images, times=times)[:, 0, 0])
+    curve = response_from_bracket(frames, DARK)
+    dn = np.arange(60, 220)
+    difference = np.log(curve.response.linearise(dn - DARK)) - theirs[dn]
+    smooth = np.convolve(difference - difference.mean(), np.ones(15) / 15, "valid")
+    assert np.abs(smooth).max() < 0.02
+
+
+def test_without_noise_a_power_law_is_exact():
+    """Its second differences are 0, so smoothing does not bend it."""
+    exposures, light = np.array([1.0, 2.0, 5.0, 9.0]), np.geomspace(0.01, 1, 100)
+    net_dn = 200 * np.outer(exposures / 9, light) ** (1 / 2.2)
+    knots, linear = solve(net_dn, exposures, (10.0, 200.0))
+    assert linear == pytest.approx(knots[0] * (knots / knots[0]) ** 2.2, rel=1e-4)
+
+
+def test_the_curve_rises_and_is_the_same_for_frames_in_any_order(bracket):
+    curve = response_from_bracket(bracket(), DARK)
+    assert response_from_bracket(list(reversed(bracket())), DARK) == curve
+    assert (np.diff(curve.response.linear_dn) > 0).all()
+    assert curve.response.linearise(curve.range_net_dn[0]) == pytest.approx(curve.range_net_dn[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"exposures": (0.001, 0.002)}, "there are 2 frames at 2 exposures: give frames at 3 or more exposures"),
+        ({"exposures": (0.001, 0.001, 0.002)}, "there are 3 frames at 2 exposures"),
+        ({"exposures": (1e-6, 0.01, 100.0)}, "neighbouring exposures share no pixel"),
+        ({"exposures": (1e-5, 1.1e-5, 1.2e-5)}, "of the DN between dark and saturation at two exposures"),
+        ({"moved": True}, "the exposures differ from any one response"),
+    ],
+)
+def test_brackets_that_are_ambiguous_are_refused(bracket, change, message):
+    with pytest.raises(CalibrationError, match=message):
+        response_from_bracket(bracket(**change), DARK)

@@ -1,0 +1,57 @@
+"""Dark signal with less noise than rounding hides: stated uncertainties hold the truth, and the cause is told."""
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.rounding import mean_before_rounding, rounded_moments, variance_before_rounding
+
+from .conftest import KnownCamera, Recording, write_data_set
+
+#: 0.21 DN of noise: the variance of the dark signal is below what the standard allows.
+QUIET = KnownCamera(k_dn_per_e=0.05, read_noise_e=4.25, dsnu_e=3.2, dark_current_e_s=800.0, shape=(40, 48))
+
+
+@pytest.mark.parametrize("deviation", [0.05, 0.2, 0.4, 0.6, 1.0])
+@pytest.mark.parametrize("place", [0.0, 0.2, 0.5, 0.9])
+def test_moments_of_rounded_values_by_brute_force(deviation, place):
+    values = np.rint(place + deviation * np.random.default_rng(2).standard_normal(400_000))
+    mean, variance = rounded_moments(np.array([place]), deviation**2)
+    assert mean[0] == pytest.approx(values.mean(), abs=5 * sqrt(variance[0] / values.size) + 1e-6)
+    assert variance[0] == pytest.approx(values.var(), abs=5 * sqrt(3 * max(variance[0], 1e-3) / values.size))
+    assert mean_before_rounding(float(mean[0]), deviation**2) == pytest.approx(place, abs=0.01) or deviation < 0.1
+
+
+@pytest.mark.parametrize("deviation", [0.02, 0.1, 0.25, 0.4, 0.6, 0.9, 1.3, 5.0])
+def test_the_range_before_rounding_holds_the_truth(deviation):
+    for place in np.linspace(0, 1, 11):
+        _, rounded = rounded_moments(np.array([place]), deviation**2)
+        least, largest = variance_before_rounding(float(rounded[0]))
+        assert least - 1e-5 <= deviation**2 <= largest + 1e-5
+
+
+@pytest.mark.parametrize("black_level_dn", [20.0, 20.5, 20.7])
+@pytest.mark.parametrize("read_noise_e", [4.25, 7.5])
+def test_uncertainties_hold_what_rounding_hides(tmp_path, black_level_dn, read_noise_e):
+    camera = replace(QUIET, black_level_dn=black_level_dn, read_noise_e=read_noise_e)
+    found = characterise_data_set(write_data_set(tmp_path / "set", camera, Recording(levels=10, stack=4)))
+    for quantity, truth in (
+        (found.dark_noise_e, camera.read_noise_e),
+        (found.dark_current_e_s, camera.dark_current_e_s),
+        (found.dark_current_by_variance_e_s, camera.dark_current_e_s),
+        (found.dsnu_e, camera.dsnu_e),
+    ):
+        assert abs(quantity.value - truth) < 3 * quantity.standard_uncertainty, quantity
+    assert "dark-noise-rounded" in [one.code for one in found.findings]
+
+
+def test_below_the_standards_least_variance_read_noise_is_an_upper_limit(tmp_path):
+    camera = replace(QUIET, black_level_dn=20.1)
+    found = characterise_data_set(write_data_set(tmp_path / "set", camera, Recording(levels=10, stack=4)))
+    assert found.dark_noise_e.value > camera.read_noise_e
+    assert found.dark_noise_e.standard_uncertainty > 0.3 * found.dark_noise_e.value
+    assert found.dark_noise_e.note.startswith("an upper limit: below 0.49 DN rounding hides the noise")
+    assert "read-noise-upper-limit" in [one.code for one in found.findings]

@@ -1,0 +1,146 @@
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.calibration import CameraState, DarkObservation
+from labcdp.calibration.dark.lines import line
+from labcdp.calibration.emva import Level, Quantity, SeriesPoint
+from labcdp.calibration.emva.dark_current import fit_dark_current
+from labcdp.calibration.emva.linearity import linearity
+from labcdp.calibration.emva.photon_transfer import responsivity, system_gain
+from labcdp.calibration.emva.snr import sensitivity_threshold_e, snr
+from labcdp.core.frame import CameraIdentity
+
+K, R, DARK_VARIANCE, PIXELS = 0.25, 0.1, 4.0, 5000
+COVERED = 1.959963984540054
+RUNS = 600
+#: Four standard deviations of a share of 95 % in so many runs; a widened uncertainty covers a little more.
+TOLERANCE = 4 * sqrt(0.95 * 0.05 / RUNS)
+
+
+STATE = CameraState(CameraIdentity("", "", ""), "", 12, (50, 100), 0.0, 4095.0, 20.0)
+
+
+def level(mean_dn, variance_dn2):
+    return Level(mean_dn, variance_dn2, PIXELS, (mean_dn, mean_dn))
+
+
+def point(photons, net_dn, variance, dark_variance=DARK_VARIANCE):
+    return SeriesPoint("", photons * 1e-6, photons, level(20 + net_dn, variance), level(20.0, dark_variance))
+
+
+def drawn_points(rng, photons):
+    """What images would give: means and variances drawn from their own distributions."""
+    points = []
+    for light in photons:
+        variance = K * R * light + DARK_VARIANCE
+        chi = rng.chisquare(PIXELS - 1, 2) / (PIXELS - 1)
+        mean, dark = rng.normal(0, np.sqrt(np.array([variance, DARK_VARIANCE]) / (2 * PIXELS)))
+        points.append(point(light, R * light + mean - dark, variance * chi[0], DARK_VARIANCE * chi[1]))
+    return points
+
+
+def drawn_dark(rng, exposure_s, mean_dn, variance, drift_dn=0.0, temperature_c=None):
+    """A pair of dark frames whose black level drifts from one to the next."""
+    means = mean_dn + rng.normal(0, sqrt(variance / PIXELS + drift_dn**2), 2)
+    return DarkObservation(
+        exposure_s=exposure_s,
+        mean_dn=means.mean(),
+        frame_means_variance_dn2=means.var(ddof=1),
+        n_pixels=PIXELS,
+        n_frames=2,
+        temporal_variance_dn2=variance * rng.chisquare(PIXELS - 1) / (PIXELS - 1),
+        nonuniformity_dn=0.0,
+        black_share=0.0,
+        state=STATE,
+        temperature_c=temperature_c,
+    )
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_k_is_covered_by_its_uncertainty(weighted):
+    rng = np.random.default_rng(11)
+    photons = np.geomspace(100, 20_000, 12) if weighted else np.linspace(500, 20_000, 12)
+    hits, values = 0, []
+    for _ in range(RUNS):
+        fit = system_gain(drawn_points(rng, photons), weighted)
+        hits += abs(fit.value - K) <= COVERED * fit.standard_uncertainty
+        values.append(fit.value)
+    assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
+    assert np.mean(values) == pytest.approx(K, abs=4 * np.std(values) / sqrt(RUNS))
+
+
+def test_r_is_covered_by_its_uncertainty():
+    rng = np.random.default_rng(12)
+    hits = 0
+    for _ in range(RUNS):
+        fit = responsivity(drawn_points(rng, np.linspace(500, 20_000, 12)))
+        hits += abs(fit.value - R) <= COVERED * fit.standard_uncertainty
+    assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("drift_dn", [0.0, 0.1])
+def test_dark_current_is_covered_by_its_uncertainty(drift_dn):
+    """With a black level that drifts by 0.1 DN, ten times as far as noise moves a mean."""
+    rng = np.random.default_rng(13)
+    exposures, rate, gain = np.linspace(0.01, 1.0, 8), 40.0, Quantity(K, 0.0, "DN/e-")
+    hits = by_variance = 0
+    for _ in range(RUNS):
+        darks = [drawn_dark(rng, t, 20 + K * rate * t, DARK_VARIANCE + K**2 * rate * t, drift_dn) for t in exposures]
+        fitted = fit_dark_current(darks)
+        current, noisy = fitted.current_e_s(gain), fitted.current_by_variance_e_s(gain)
+        hits += abs(current.value - rate) <= COVERED * current.standard_uncertainty
+        by_variance += abs(noisy.value - rate) <= COVERED * noisy.standard_uncertainty
+    assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
+    assert by_variance / RUNS == pytest.approx(0.955, abs=TOLERANCE)
+
+
+def test_line_is_numpys_polyfit():
+    rng = np.random.default_rng(14)
+    x, u = np.linspace(0.01, 5, 9), np.linspace(0.1, 0.5, 9)
+    y = 3 + 0.5 * x + u * rng.standard_normal(9)
+    fit = line(x, y, u)
+    (slope, intercept), covariance = np.polyfit(x, y, 1, w=1 / u, cov="unscaled")
+    assert (fit.slope, fit.intercept) == (pytest.approx(slope), pytest.approx(intercept))
+    ratio = max(1.0, np.sum(((y - intercept - slope * x) / u) ** 2) / 7)
+    assert np.allclose(fit.covariance, ratio * covariance[::-1, ::-1])
+
+
+def test_linearity_is_that_of_the_standards_closed_form():
+    rng = np.random.default_rng(15)
+    photons = np.linspace(1000, 20_000, 20)
+    y = 5 + R * photons * (1 + 0.01 * rng.standard_normal(20))
+    found = linearity([point(p, v, 10.0) for p, v in zip(photons, y, strict=True)], saturation_net_dn=2200.0)
+    inside = (y >= 0.05 * 2200) & (y <= 0.95 * 2200)
+    slope, intercept = np.polyfit(photons[inside], y[inside], 1, w=1 / y[inside])
+    deviation = y[inside] / (intercept + slope * photons[inside]) - 1
+    assert found.intercept_dn == pytest.approx(intercept, rel=1e-6)
+    assert found.slope_dn == pytest.approx(slope, rel=1e-9)
+    expected = [deviation.min(), deviation.max(), np.abs(deviation).mean()]
+    assert [one.value for one in found.errors()] == pytest.approx(expected, abs=1e-12)
+
+
+def test_doubling_temperature_is_found_and_covered():
+    rng = np.random.default_rng(16)
+    hits, runs = 0, 100
+    for _ in range(runs):
+        darks = [
+            drawn_dark(rng, t, 64 + 30 * t * 2 ** ((c - 30) / 8.0), 9.0, temperature_c=c)
+            for t in (0.01, 0.1, 0.4)
+            for c in (20.0, 30.0, 40.0)
+        ]
+        found = fit_dark_current(darks).doubling_temperature_c()
+        hits += abs(found.value - 8.0) <= COVERED * found.standard_uncertainty
+    assert hits / runs == pytest.approx(0.955, abs=4 * sqrt(0.95 * 0.05 / runs))
+
+
+def test_snr_is_one_at_the_threshold():
+    k, dark_dn = Quantity(K, 0.0, "DN/e-"), 2.0
+    threshold = sensitivity_threshold_e(Quantity(dark_dn, 0.0, "DN"), k)
+    dark_e = sqrt(dark_dn**2 - 1 / 12) / K
+    # The standard's threshold leaves out (1/2)^2 beside the variance of the dark signal.
+    assert snr(np.array([threshold.value]), dark_e, K)[0] == pytest.approx(1.0, abs=0.25 / 2 / 8**2 * 2)
+    bright = np.array([1e6])
+    assert snr(bright, 0.0, K)[0] == pytest.approx(1e3, rel=1e-5)
+    assert snr(bright, 0.0, K, prnu=0.01)[0] == pytest.approx(100, rel=0.01)

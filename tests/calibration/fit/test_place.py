@@ -1,0 +1,181 @@
+"""Errors that go with the place of a patch: the flat field's own, and a fall-off that is not taken off."""
+
+import logging
+from dataclasses import replace
+from datetime import timedelta
+from math import log, sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
+from labcdp.calibration.frames.place import smooth_patterns
+from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
+
+SHAPE = (48, 64)
+EXPOSURES_S = (0.001, 0.008, 0.064)
+UNEVEN_REL = 0.01
+EVEN_FIELD = FlatField(np.ones(SHAPE, np.float32), 0.0, UNEVEN_REL, 16)
+PLACES = [(x, y) for y in (8, 24, 40) for x in (8, 24, 40, 56)]
+_Y, _X = np.mgrid[: SHAPE[0], : SHAPE[1]]
+PIXELS = np.column_stack([_X.ravel(), _Y.ravel()]) + 0.5
+N_BENCHES = 60
+
+
+@pytest.fixture(autouse=True)
+def _quiet(caplog):
+    caplog.set_level(logging.CRITICAL)
+
+
+def seen_at(camera, name, luminance, place, true_v, rng, vignetting=None):
+    """Observations of a patch at a place where the camera gets the part `true_v` of the light."""
+    return [
+        replace(camera.observe(name, luminance * true_v, t, rng), centre_px=place, vignetting=vignetting)
+        for t in EXPOSURES_S
+    ]
+
+
+def bench(camera, meter, rng, true_v, vignetting=None, *, drift_per_h=0.0, luminances=None, start_s=600):
+    """Patches at random places; one reading every 5 minutes, of a light that drifts."""
+    luminances = np.geomspace(0.5, 1000, len(PLACES)) if luminances is None else luminances
+    order = rng.permutation(len(PLACES))[: len(luminances)]
+    observations, readings = [], {}
+    for number, (luminance, k) in enumerate(zip(luminances[rng.permutation(len(luminances))], order, strict=True)):
+        observations += seen_at(camera, f"P{number}", luminance, PLACES[k], true_v[k], rng, vignetting)
+        lit = luminance * (1 + drift_per_h * 300 * number / 3600)
+        readings[f"P{number}"] = [meter.read(lit, rng, start_s + 300 * number + i) for i in range(3)]
+    return observations, [camera.dark(t, rng) for t in EXPOSURES_S], readings
+
+
+def covered(camera, calibration, rng, true_v, vignetting=None):
+    """Whether the intervals of a luminance and of a contrast hold the truth."""
+    truth = np.exp(rng.uniform(log(1.0), log(800), 3))
+    places = rng.choice(len(PLACES), 3, replace=False)
+    one, bright, dark = (
+        patch_luminance(calibration, seen_at(camera, "new", v, PLACES[k], true_v[k], rng, vignetting))
+        for v, k in zip(truth, places, strict=True)
+    )
+    low, high = one.interval_95_cd_m2
+    off = bright.luminance_cd_m2 / dark.luminance_cd_m2 - truth[1] / truth[2]
+    return low <= truth[0] <= high, abs(off) <= 1.96 * contrast_uncertainty(bright, dark)
+
+
+def readings_left_out(calibration):
+    return [row.patch for row in calibration.left_out if row.exposure_s is None]
+
+
+def found(calibration, name):
+    return next(test for test in calibration.tests if test.name == name)
+
+
+def test_smooth_patterns_have_mean_0_and_rms_1_over_the_image():
+    patterns = smooth_patterns(SHAPE, PIXELS)
+    # Sums over pixels for integrals: right to one over the square of their number along a side.
+    assert patterns.mean(axis=0) == pytest.approx(0, abs=2e-3)
+    assert patterns.T @ patterns / len(PIXELS) == pytest.approx(np.eye(3), abs=3e-3)
+
+
+def test_a_patch_has_the_non_uniformity_of_the_source_to_itself(camera, meter_class, setup):
+    calibration = fit(*bench(camera, meter_class(), np.random.default_rng(1), np.ones(12), EVEN_FIELD), setup)
+    exact = fit(*bench(camera, meter_class(), np.random.default_rng(1), np.ones(12)), setup)
+    bright, dark = (
+        patch_luminance(calibration, seen_at(camera, "new", v, (8, 8), 1.0, None, EVEN_FIELD)) for v in (300, 100)
+    )
+    alone = patch_luminance(exact, seen_at(camera, "new", 300, (8, 8), 1.0, None))
+    assert bright.random_rel == pytest.approx(np.hypot(alone.random_rel, UNEVEN_REL), rel=0.01)
+    assert contrast_uncertainty(bright, dark) >= 3 * sqrt(2) * UNEVEN_REL
+
+
+def test_errors_of_the_polynomial_cancel_between_near_patches(camera, meter_class, setup):
+    covariance = ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    polynomial = RadialVignetting(-0.2, 0.0, 0.0, None, covariance)
+    calibration = fit(*bench(camera, meter_class(), np.random.default_rng(2), np.ones(12), polynomial), setup)
+    edge, near, middle = (
+        patch_luminance(calibration, seen_at(camera, "new", 300.0, place, 1.0, None, polynomial))
+        for place in ((4, 4), (5, 4), (32, 24))
+    )
+    (error,) = [float(e.relative) for e in edge.common if e.source == "flat field"]
+    r2 = (28**2 + 20**2) / (32**2 + 24**2)
+    assert abs(error) == pytest.approx(0.01 * r2 / (1 - 0.2 * r2))
+    own = sqrt(2) * edge.random_rel
+    assert contrast_uncertainty(edge, near) < 0.1 * abs(error)
+    assert contrast_uncertainty(edge, middle) == pytest.approx(np.hypot(own, error), rel=0.01)
+
+
+def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, meter_class, setup):
+    """The source is uneven as stated: by a slope of any direction, and by patches of its own."""
+    rng = np.random.default_rng(3)
+    inside, lost, alarms = [], 0, 0
+    for _ in range(N_BENCHES):
+        meter = meter_class(true_scale_error_rel=rng.uniform(-0.02, 0.02))
+        pattern = smooth_patterns(SHAPE, PLACES)[:, 1:] @ rng.normal(0, sqrt(1 / 4), 2)
+        true_v = 1 + UNEVEN_REL * (pattern + rng.normal(0, sqrt(1 / 2), len(PLACES)))
+        calibration = fit(*bench(camera, meter, rng, true_v, EVEN_FIELD), setup)
+        lost += bool(readings_left_out(calibration))
+        alarms += any(found(calibration, name).significant for name in ("drift", "vignetting", "scatter"))
+        inside.append(covered(camera, calibration, rng, true_v, EVEN_FIELD))
+    luminances, contrasts = np.mean(inside, axis=0)
+    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / N_BENCHES)
+    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / N_BENCHES)
+    # One in a hundred each; a Poisson number with mean 0.6 exceeds 4 in 0.04 % of cases.
+    assert lost <= 4
+    assert alarms <= 4
+
+
+@pytest.mark.parametrize("n_patches", [6, 12])
+@pytest.mark.parametrize("fall", [0.1, 0.25])
+def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, meter_class, setup, fall, n_patches):
+    rng, n = np.random.default_rng(4), 15
+    half_diagonal = np.hypot(*SHAPE) / 2
+    true_v = np.array([1 - fall * np.hypot(x - 32, y - 24) ** 2 / half_diagonal**2 for x, y in PLACES])
+    inside, lost, named = [], 0, 0
+    for _ in range(n):
+        meter = meter_class(true_scale_error_rel=rng.uniform(-0.02, 0.02))
+        calibration = fit(*bench(camera, meter, rng, true_v, luminances=np.geomspace(1, 800, n_patches)), setup)
+        lost += bool(readings_left_out(calibration))
+        # Six patches, of which one or two lie apart, cannot always tell a place from chance.
+        expected = {"vignetting-not-corrected"} if n_patches == 12 else {"vignetting-not-corrected", "patches-scatter"}
+        named += bool(expected & {one.code for one in calibration.findings})
+        assert calibration.responsivity.scatter_rel > 0.2 * np.std(true_v)
+        inside.append(covered(camera, calibration, rng, true_v))
+    luminances, contrasts = np.mean(inside, axis=0)
+    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert lost == 0
+    assert named == n
+
+
+def test_what_is_said_of_vignetting_depends_on_what_was_taken_off(camera, meter_class, setup):
+    true_v = np.array([1 - 0.2 * np.hypot(x - 32, y - 24) ** 2 / 40**2 for x, y in PLACES])
+    for vignetting, code in (
+        (Cos4Vignetting(6e-3, 1e-6), "vignetting-not-cos4"),
+        (EVEN_FIELD, "vignetting-changed"),
+    ):
+        calibration = fit(*bench(camera, meter_class(), np.random.default_rng(5), true_v, vignetting), setup)
+        assert found(calibration, "vignetting").significant
+        assert code in {one.code for one in calibration.findings}
+
+
+@pytest.mark.parametrize("drift_per_h", [0.02, -0.05])
+def test_a_drift_is_named_and_no_good_reading_lost(camera, meter_class, setup, drift_per_h):
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        calibration = fit(*bench(camera, meter_class(), rng, np.ones(12), drift_per_h=drift_per_h), setup)
+        test = found(calibration, "drift")
+        assert test.significant
+        # Camera over meter falls as the light of the readings rises.
+        assert test.value == pytest.approx(-drift_per_h, abs=4 * test.standard_uncertainty + 0.1 * abs(drift_per_h))
+        assert not found(calibration, "vignetting").significant
+        assert readings_left_out(calibration) == []
+
+
+@pytest.mark.parametrize("bad", [0, 5, 11])
+def test_a_bad_reading_is_not_taken_for_a_drift_or_vignetting(camera, meter_class, setup, bad):
+    observations, darks, readings = bench(camera, meter_class(), np.random.default_rng(8), np.ones(12))
+    wrong = readings[f"P{bad}"][0]
+    readings[f"P{bad}"] = [
+        replace(wrong, value=1.05 * wrong.value, timestamp=wrong.timestamp + timedelta(seconds=i)) for i in range(3)
+    ]
+    calibration = fit(observations, darks, readings, setup)
+    assert readings_left_out(calibration) == [f"P{bad}"]
+    assert not any(found(calibration, name).significant for name in ("drift", "vignetting"))

@@ -1,0 +1,129 @@
+"""Stated 95 % intervals in worlds that differ from the fitted model; `benchmarks/worlds` runs all of them at length."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from worlds.bench import QUANTITIES, calibrate_once
+from worlds.camera import (
+    BAYER,
+    curved,
+    expected_dn,
+    expected_noise_dn,
+    expose,
+    make_device,
+    random_colour,
+    straightened,
+    vignetting,
+)
+from worlds.meter import lamp, read_patches, scale_errors
+from worlds.table import LOWEST, NAMED, binomial_error, summarise
+from worlds.target import Target
+from worlds.truth import PIXELS, cdp, true_pixels
+from worlds.world import HEIGHT, WIDTH, WORLDS, World
+
+#: Calibrations of each world; `benchmarks/worlds` has 400.
+N = 20
+#: Worlds in which labcdp's intervals hold, or a finding names the effect.
+HOLDING = ("ideal", "patch scatter 1 %", "lamp flicker 1 %", "meter scale 2 %", "one wrong reading of one, 20 %")
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20261122)
+
+
+def test_mean_and_variance_of_frames_follow_photon_transfer(rng):
+    """Mean and temporal variance at the middle of the image, against the closed forms of EMVA 1288."""
+    device = make_device(World(row_dn=0.5), rng)
+    frames = np.array([expose(device, 40.0, 0.01, rng) for _ in range(200)])[:, 46:50, 62:66].astype(float)
+    noise_dn = expected_noise_dn(device, 40.0, 0.01)
+    # Rows have a common part: take it as fully common, 4 rows a frame.
+    assert frames.mean() == pytest.approx(expected_dn(device, 40.0, 0.01), abs=4 * noise_dn / sqrt(200 * 4), rel=0)
+    assert frames.var(axis=0, ddof=1).mean() == pytest.approx(noise_dn**2, rel=4 * sqrt(2 / (200 * 4)))
+
+
+def test_effects_have_their_stated_size(rng):
+    device = make_device(World(prnu_rel=0.01, dsnu_e=5, column_dn=0.5), rng)
+    for pattern, size in ((device.prnu, 0.01), (device.dsnu_e, 5)):
+        assert pattern.std() == pytest.approx(size, rel=4 / sqrt(2 * HEIGHT * WIDTH))
+    assert device.column_dn[0].std() == pytest.approx(0.5, rel=4 / sqrt(2 * WIDTH))
+    for world, spread_dn in ((World(flicker_rel=0.01), 0.01), (World(black_drift_dn=2.0), 2.0)):
+        camera = make_device(world, rng)
+        scene = 400.0 if world.flicker_rel else 0.0
+        means = np.array([expose(camera, scene, 0.001, rng).mean() for _ in range(100)])
+        signal_dn = means.mean() - world.black_dn if world.flicker_rel else 1.0
+        assert means.std(ddof=1) == pytest.approx(spread_dn * signal_dn, rel=4 / sqrt(200))
+    # Glare of 0.5 % of the mean light is seen by a black patch.
+    scene = np.zeros((HEIGHT, WIDTH))
+    scene[:, : WIDTH // 2] = 400.0
+    camera = make_device(World(glare_rel=0.005), rng)
+    veil = expose(camera, scene, 0.001, rng)[:, WIDTH // 2 + 1 :] - expected_dn(camera, 0.0, 0.001)
+    expected = 0.005 * (scene * vignetting(camera.world)).mean() * camera.responsivity_e_s_cd_m2 * 0.001 * 0.4
+    assert veil.mean() == pytest.approx(expected, abs=4 * 2.5 / sqrt(veil.size), rel=0)
+
+
+@pytest.mark.parametrize("world", [World(cubic=0.01), World(gamma=2.2)], ids=["cubic", "gamma"])
+def test_the_response_is_inverted_exactly(world, rng):
+    linear_dn = rng.uniform(world.black_dn, 4000, 1000)
+    np.testing.assert_allclose(straightened(curved(linear_dn, world), world), linear_dn, rtol=1e-12)
+
+
+def test_the_meter_reads_with_its_stated_errors(rng):
+    world = World(scale_half_width_rel=0.02, drift_rel=0.03, wrong_reading_rel=0.2, readings=1)
+    scales = scale_errors(world, rng)
+    assert scales[0] == scales[1]
+    assert abs(scales[0]) <= 0.02
+    shown = read_patches(world, {f"{i}": 100.0 for i in range(16)}, scales, rng, 600, 3000)
+    ratios = np.array([s.value_cd_m2 / (100.0 * lamp(world, s.second) * (1 + scales[0])) for s in shown])
+    wrong = np.abs(ratios - 1) > 0.1
+    assert wrong.sum() == 1
+    assert np.abs(ratios[wrong] - 1) == pytest.approx(0.2, abs=4 * 1.2 * 0.002)
+    assert np.abs(ratios[~wrong] - 1).max() < 4.5 * 0.002
+
+
+def test_true_cdp_equals_all_pairs_and_the_closed_form(rng):
+    bright, dark = rng.normal(1.3, 0.2, 300), rng.normal(0.5, 0.3, 400)
+    pairs = bright[:, None] / dark[None, :] - 1
+    counted = np.mean((dark > 0) & (bright[:, None] > 0) & (pairs >= 0.5) & (pairs <= 1.5))
+    assert cdp(bright, dark, 1.0, 0.5) == counted
+    # Normal noise: b - (1 + K) d is normal too.
+    bright, dark = rng.normal(1.3, 0.05, PIXELS), rng.normal(1.0, 0.04, PIXELS)
+    low, high = (norm.cdf((1.3 - q) / np.hypot(0.05, 0.04 * q)) for q in (1.15, 1.45))
+    assert cdp(bright, dark, 0.3, 0.5) == pytest.approx(low - high, abs=4 * 0.5 * sqrt(2 / PIXELS))
+
+
+def test_true_pixels_have_the_true_mean_and_the_noise_of_photon_transfer(rng):
+    world = World(prnu_rel=0.01, dsnu_e=2.0, column_dn=0.3, row_dn=0.4)
+    device = make_device(world, rng)
+    target = Target({"P": (60, 44, 8, 8)}, {"P": 50.0}, {"P": {}}, np.zeros((HEIGHT, WIDTH)))
+    pixels = true_pixels(device, target, "P", 0.01, rng, weights={"": 1.0})
+    per_cd_m2 = 0.4 * device.responsivity_e_s_cd_m2 * 0.01
+    variance = expected_noise_dn(device, 50.0, 0.01) ** 2 + 0.8**2 + 0.3**2 + (0.01 * 50 * per_cd_m2) ** 2
+    assert pixels.mean() == pytest.approx(50.0, abs=4 * sqrt(variance / PIXELS) / per_cd_m2, rel=0)
+    assert pixels.var() == pytest.approx(variance / per_cd_m2**2, rel=4 * sqrt(2 / PIXELS))
+
+
+def test_coloured_patches_keep_their_luminance_and_differ_between_planes(rng):
+    colours = [random_colour(rng) for _ in range(200)]
+    assert set(colours[0]) == set(BAYER)
+    # Green is near V(lambda), red and blue are not.
+    spread = {plane: np.std([np.log(colour[plane]) for colour in colours]) for plane in BAYER}
+    assert spread["Gr"] == spread["Gb"] < 0.5 * min(spread["R"], spread["B"])
+
+
+@pytest.mark.parametrize("name", HOLDING)
+def test_stated_intervals_hold_or_a_finding_names_the_effect(name):
+    """At least 93 %, within 3 sigma / sqrt(N) of a share; else 90 % of the failures are named."""
+    world = next(world for world in WORLDS if world.name == name)
+    summary = summarise(world, [calibrate_once(world, number) for number in range(N)])
+    assert summary.reasons == {}
+    holds = {q: summary.coverage[q] >= LOWEST - 3 * binomial_error(LOWEST, N) for q in QUANTITIES}
+    assert all(holds.values()) or summary.named_where_wrong >= NAMED, summary
+    if "wrong reading" in name:
+        assert summary.named == 1
+
+
+def test_a_calibration_is_the_same_for_the_same_number():
+    assert calibrate_once(WORLDS[0], 5) == calibrate_once(WORLDS[0], 5) != calibrate_once(WORLDS[0], 6)

@@ -1,0 +1,317 @@
+from dataclasses import replace
+from itertools import product
+from math import inf, sqrt
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+from scipy.stats import poisson
+
+from labcdp.chain import ExposureSettings, Hdr, Sensor, ToneCurve
+from labcdp.chain.camera_model import CameraModel
+from labcdp.chain.capture import Capture
+from labcdp.chain.hdr.merge import ExposureLadder, Method, merge_dn
+from labcdp.chain.predict.prediction import PatchRates, predict, predict_interval
+from labcdp.chain.predict.value_table import value_table
+from labcdp.metrics import Distribution, cdp
+
+FloatArray = NDArray[np.float64]
+
+QUIET = Sensor(
+    pixel_pitch_m=3e-6,
+    width=100,
+    height=100,
+    quantum_efficiency=0.5,
+    full_well_e=50_000,
+    k_dn_per_e=1.0,
+    read_noise_e=0.0,
+    dark_current_e_s=0.0,
+    bits=16,
+)
+USUAL = replace(QUIET, full_well_e=7000, k_dn_per_e=0.6, read_noise_e=5.0, bits=12, black_level_dn=64.0)
+COARSE = replace(USUAL, full_well_e=9000, k_dn_per_e=0.02, bits=8, black_level_dn=10.0)
+
+
+def single(sensor: Sensor, exposure_s: float = 1.0) -> CameraModel:
+    return CameraModel(sensor, ExposureSettings((exposure_s,)))
+
+
+def test_shot_noise_alone() -> None:
+    # 250 against 300 quanta, contrasts of 0.1 to 0.3: reference value of exact Poisson sums.
+    prediction = predict(single(QUIET), PatchRates(250.0, 300.0), 0.2)
+    assert float(prediction.cdp) == pytest.approx(0.6706, abs=5e-5)
+    assert float(prediction.snr_dark) == pytest.approx(sqrt(250), rel=1e-6)
+    assert float(prediction.snr_bright) == pytest.approx(sqrt(300), rel=1e-6)
+
+
+@pytest.mark.parametrize(("electrons", "contrast", "share"), [(420, 0.1, 0.5), (2502, 0.1, 0.9), (1020, 0.2, 0.95)])
+def test_electrons_needed(electrons: float, contrast: float, share: float) -> None:
+    prediction = predict(single(QUIET), PatchRates(electrons, electrons * (1 + contrast)), contrast)
+    assert float(prediction.cdp) == pytest.approx(share, abs=1e-3)
+
+
+def test_contrast_moments_of_shot_noise() -> None:
+    counts = np.arange(1, 2000)
+    dark = poisson.pmf(counts, 60.0)
+    inverse, inverse_2 = (dark / counts).sum() / dark.sum(), (dark / counts**2).sum() / dark.sum()
+    mean = 90 * inverse - 1
+    variance = (90**2 + 90) * inverse_2 - (90 * inverse) ** 2
+    prediction = predict(single(QUIET), PatchRates(60.0, 90.0), 0.5)
+    assert float(prediction.mean_contrast) == pytest.approx(mean, rel=1e-7)
+    assert float(prediction.csnr) == pytest.approx(mean / sqrt(variance), rel=1e-6)
+
+
+def temporal(sensor: Sensor, mean_e: float, offset_e: float = 0.0) -> FloatArray:
+    """Probability of each DN of one pixel, by all electron counts."""
+    counts = np.arange(int(mean_e + 12 * sqrt(mean_e) + 40))
+    share = poisson.pmf(counts, mean_e)
+    electrons = np.minimum(counts, sensor.full_well_e) + offset_e
+    top = 2**sensor.bits
+    edges = (np.arange(top + 1) - 0.5 - sensor.black_level_dn) / sensor.k_dn_per_e
+    edges[[0, -1]] = -inf, inf
+    below = share @ ndtr((edges - electrons[:, None]) / sensor.read_noise_e)
+    return np.maximum(np.diff(below), 0)
+
+
+def merged_by_hand(camera: CameraModel, rate_e_s: float) -> Distribution:
+    """Distribution of the merged value by all combinations of DN, pixel offset by pixel offset."""
+    assert camera.hdr is not None
+    sensor = camera.sensor
+    ladder = ExposureLadder(camera.exposures_s, sensor.saturation_dn() - sensor.black_level_dn, sensor.k_dn_per_e)
+    net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
+    grids = np.meshgrid(*[net_dn] * len(ladder), indexing="ij")
+    values = merge_dn(camera.hdr.method, camera.hdr.bits, grids, ladder).ravel()
+    nodes, weights = np.polynomial.hermite_e.hermegauss(1 if sensor.dsnu_e == 0 else 60)
+    total = np.zeros(values.size)
+    for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+        joint = np.ones(1)
+        for exposure_s in camera.exposures_s:
+            joint = np.multiply.outer(joint, temporal(sensor, rate_e_s * exposure_s, node * sensor.dsnu_e))
+        total += weight * joint.ravel()
+    distinct, place = np.unique(np.round(values, 9), return_inverse=True)
+    return Distribution(distinct, np.bincount(place, total))
+
+
+def pairs_by_hand(
+    dark: Distribution, bright: Distribution, zero: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Shares inside, below and above, every pair visited."""
+    inside = below = above = 0.0
+    for x, p in zip(dark.values - zero, dark.weights, strict=True):
+        y, share = bright.values - zero, bright.weights * p
+        if x > 0:
+            is_below, is_above = y < (1 + low) * x * (1 - 1e-7), y > (1 + high) * x * (1 + 1e-7)
+        else:
+            is_below, is_above = y <= 1e-8, y > 1e-8
+        below += share[is_below].sum()
+        above += share[is_above].sum()
+        inside += share[~is_below & ~is_above].sum()
+    return inside, below, above
+
+
+TINY = replace(QUIET, bits=3, full_well_e=30.0, k_dn_per_e=0.25, read_noise_e=0.6, black_level_dn=1.0)
+
+
+@pytest.mark.parametrize("contrast", [0.4, 1.0])
+@pytest.mark.parametrize(("rate_e_s", "veil_e_s"), [(0.0, 0.0), (3.0, 0.0), (9.0, 2.3), (14.0, 0.0), (90.0, 5.0)])
+def test_single_exposures_of_a_tiny_sensor_by_hand(rate_e_s: float, veil_e_s: float, contrast: float) -> None:
+    rates = PatchRates(rate_e_s + veil_e_s, rate_e_s * (1 + contrast) + veil_e_s, veil_e_s)
+    prediction = predict(single(TINY), rates, contrast)
+    dark, bright = (
+        Distribution(np.arange(8), temporal(TINY, float(rate)) + 1e-300) for rate in (rates.dark_e_s, rates.bright_e_s)
+    )
+    expected = pairs_by_hand(dark, bright, 1.0 + 0.25 * veil_e_s, 0.5 * contrast, 1.5 * contrast)
+    assert (prediction.cdp, prediction.below, prediction.above) == pytest.approx(expected, abs=2e-7)
+
+
+@pytest.mark.parametrize("dsnu_e", [0.0, 0.5])
+@pytest.mark.parametrize("method", ["normal", "linear", "weighted"])
+def test_merges_of_a_tiny_sensor_by_hand(method: str, dsnu_e: float) -> None:
+    hdr = Hdr(method, bits=7)  # type: ignore[arg-type]
+    camera = CameraModel(replace(TINY, dsnu_e=dsnu_e), ExposureSettings((1.0, 0.5, 0.125)), hdr)
+    contrast = 0.8
+    rates = np.array([0.0, 1.5, 5.0, 8.0, 25.0, 60.0])
+    veil = np.array([0.0, 0.0, 1.3, 0.0, 4.1, 0.0])
+    prediction = predict(camera, PatchRates(rates + veil, rates * (1 + contrast) + veil, veil), contrast)
+    for i, (rate, haze) in enumerate(zip(rates, veil, strict=True)):
+        dark, bright = (merged_by_hand(camera, one + haze) for one in (rate, rate * (1 + contrast)))
+        expected = pairs_by_hand(dark, bright, 0.25 * haze, 0.5 * contrast, 1.5 * contrast)
+        # Where an exposure fades, values are binned, which a sensor of eight DN feels.
+        tolerance = 0.006 if method == "weighted" and rate > 2 else 2e-6
+        assert (prediction.cdp[i], prediction.below[i], prediction.above[i]) == pytest.approx(expected, abs=tolerance)
+
+
+def test_linear_merge_of_twelve_bits_by_convolution() -> None:
+    camera = CameraModel(USUAL, ExposureSettings((16e-3, 4e-3, 1e-3)), Hdr("linear"))
+    rate, zero = 2e4, 0.6 * 16e-3 * 0.3 * 2e4
+
+    def values(mean: float) -> Distribution:
+        share = np.ones(1)
+        for exposure_s, step in ((16e-3, 1), (4e-3, 4), (1e-3, 16)):
+            one = temporal(USUAL, mean * exposure_s)[:600]
+            spaced = np.zeros((one.size - 1) * step + 1)
+            spaced[::step] = one
+            share = np.convolve(share, spaced)
+        occurs = np.flatnonzero(share > 1e-14)
+        return Distribution((occurs - 64 * 21) / 3 - zero, share[occurs])
+
+    expected = cdp(values(1.3 * rate), values(1.7 * rate), 0.4)
+    prediction = predict(camera, PatchRates(1.3 * rate, 1.7 * rate, 0.3 * rate), 0.4)
+    assert float(prediction.cdp) == pytest.approx(expected.cdp, abs=1e-8)
+    assert float(prediction.below) == pytest.approx(expected.below, abs=1e-8)
+
+
+def simulated(camera: CameraModel, rate_e_s: float, seed: int) -> FloatArray:
+    """Values of a patch of the camera's sensor, as a device of its own."""
+    sensor, settings = replace(camera.sensor, device_seed=seed), camera.settings
+    k_dn_per_e, temperature_c = sensor.k_dn_per_e, settings.temperature_c
+    captures = [
+        Capture(
+            dn=sensor.expose(rate_e_s, exposure_s, temperature_c=temperature_c, seed=seed, exposure_index=index),
+            exposure_s=exposure_s,
+            black_level_dn=sensor.black_level_dn,
+            dark_dn=sensor.black_level_dn + k_dn_per_e * sensor.dark_current_at(temperature_c) * exposure_s,
+            dn_per_lx=exposure_s,
+            saturation_dn=sensor.saturation_dn(),
+            k_dn_per_e=k_dn_per_e,
+            dark_noise_dn=sensor.dark_noise_dn(),
+        )
+        for index, exposure_s in enumerate(settings.exposure_s)
+    ]
+    dn = captures[0].dn if camera.hdr is None else camera.hdr.merge(captures).dn
+    if camera.tone_curve is not None:
+        dn = camera.tone_curve.decode(camera.tone_curve.encode(dn))
+    return dn.astype(np.float64)
+
+
+SENSORS = {
+    "temporal noise alone": USUAL,
+    "fixed pattern": replace(USUAL, prnu_rel=0.02, dsnu_e=3.0, dark_current_e_s=50.0, dsnu_e_s=30.0),
+    "coarse steps": COARSE,
+    "coarse steps, fixed pattern": replace(COARSE, prnu_rel=0.01, dsnu_e=8.0),
+    "hot": replace(USUAL, dark_current_e_s=20_000.0, dsnu_e_s=8000.0, prnu_rel=0.01),
+    "small well": replace(USUAL, full_well_e=2000, prnu_rel=0.01),
+}
+BRACKET = (16e-3, 4e-3, 1e-3)
+CAMERAS = {
+    "single": (BRACKET[:1], None, None),
+    "normal": (BRACKET, Hdr("normal"), None),
+    "linear": (BRACKET, Hdr("linear"), None),
+    "weighted": (BRACKET, Hdr("weighted"), None),
+    "weighted, tone curve": (BRACKET, Hdr("weighted"), ToneCurve()),
+}
+
+
+def test_simulation_agrees() -> None:
+    contrast = 0.25
+    rates = np.array([500.0, 4e3, 3e4, 2.6e5, 3.6e5, 1.2e6])
+    veil = 0.3 * rates
+    scores = []
+    for number, (sensor, made) in enumerate(product(SENSORS.values(), CAMERAS.values())):
+        exposures_s, hdr, tone_curve = made
+        if tone_curve is not None and sensor.bits == 8:
+            continue
+        camera = CameraModel(sensor, ExposureSettings(exposures_s), hdr, tone_curve)
+        prediction = predict(camera, PatchRates(rates + veil, rates * (1 + contrast) + veil, veil), contrast)
+        for i in range(rates.size):
+            # Saturated patches have equal means, of which either may come out larger.
+            if not 0.02 < prediction.cdp[i] < 0.98 or prediction.saturated_share[i] > 0.5:
+                continue
+            seed = 20_000 + 1000 * number + 2 * i
+            dark = simulated(camera, float(rates[i] + veil[i]), seed)
+            bright = simulated(camera, float(rates[i] * (1 + contrast) + veil[i]), seed + 1)
+            zero = camera.dark_dn + camera.dn_per_e_s * float(veil[i])
+            result = cdp(bright - zero, dark - zero, contrast)
+            scores.append((result.cdp - float(prediction.cdp[i])) / result.u)
+    assert len(scores) > 80
+    assert max(np.abs(scores)) < 4
+    assert sqrt(np.mean(np.square(scores))) == pytest.approx(1, abs=4 / sqrt(2 * len(scores)))
+
+
+def test_saturated_share_and_snr_of_a_simulation() -> None:
+    camera = CameraModel(SENSORS["fixed pattern"], ExposureSettings(BRACKET), Hdr("weighted"))
+    rates = np.array([2e5, 3.3e5, 2e6, 5.2e6])
+    prediction = predict(camera, PatchRates(rates, rates), 0.1)
+    for i, rate in enumerate(rates):
+        values = simulated(camera, float(rate), 50 + i)
+        share = float((values >= camera.saturation_dn).mean())
+        expected = float(prediction.saturated_share[i])
+        assert abs(share - expected) <= 5 * sqrt(expected * (1 - expected) / values.size) + 1e-9
+        if expected < 0.01:
+            snr = (values.mean() - camera.dark_dn) / values.std()
+            spread = values - values.mean()
+            relative = sqrt(((spread**4).mean() / values.var() ** 2 - 1) / 4 / values.size)
+            assert snr == pytest.approx(float(prediction.snr_bright[i]), rel=5 * relative)
+
+
+def test_a_map_gives_what_single_cells_give() -> None:
+    camera = CameraModel(SENSORS["fixed pattern"], ExposureSettings(BRACKET), Hdr("normal"))
+    dark = np.geomspace(1e2, 1e6, 7)[:, None]
+    contrast = np.array([0.1, 0.5, 2.0])
+    whole = predict(camera, PatchRates(dark, dark * (1 + contrast), 0.1 * dark), contrast)
+    assert whole.cdp.shape == (7, 3)
+    for i, j in ((0, 2), (3, 0), (5, 1), (6, 2)):
+        rate = float(dark[i, 0])
+        one = predict(camera, PatchRates(rate, rate * (1 + contrast[j]), 0.1 * rate), contrast[j])
+        assert float(one.cdp) == pytest.approx(whole.cdp[i, j], abs=1e-9)
+        assert float(one.csnr) == pytest.approx(whole.csnr[i, j], rel=1e-6)
+    np.testing.assert_allclose(whole.cdp + whole.below + whole.above, 1, atol=1e-9)
+
+
+def test_open_intervals_follow_the_conventions_of_cdp() -> None:
+    camera = single(USUAL)
+    rates = PatchRates(3.0, 9.0)
+    dark, bright = (patch_distribution(camera, rate) for rate in (3.0, 9.0))
+    undefined = dark.not_positive * bright.not_positive
+    at_least, at_most = predict_interval(camera, rates, 0.5, inf), predict_interval(camera, rates, -inf, 2.0)
+    within = predict_interval(camera, rates, 0.5, 2.0)
+    assert float(at_least.below) == pytest.approx(float(within.below), abs=1e-12)
+    assert float(at_least.cdp) == pytest.approx(float(within.cdp + within.above), abs=1e-12)
+    assert float(at_most.cdp) == pytest.approx(float(within.cdp + within.below) - undefined, abs=1e-7)
+    assert float(at_most.below) == pytest.approx(undefined, abs=1e-7)
+
+
+@pytest.mark.parametrize("tone_curve", [None, ToneCurve(12, 8)])
+def test_distributions_of_patches_give_the_same_cdp(tone_curve: ToneCurve | None) -> None:
+    camera = CameraModel(SENSORS["fixed pattern"], ExposureSettings((16e-3,)), None, tone_curve)
+    dark, bright = (patch_distribution(camera, rate, 2e3) for rate in (1.2e4, 1.7e4))
+    prediction = predict(camera, PatchRates(1.2e4, 1.7e4, 2e3), 0.5)
+    assert float(prediction.cdp) == pytest.approx(cdp(bright, dark, 0.5).cdp, abs=1e-9)
+    if tone_curve is None:
+        assert dark.mean == pytest.approx(1e4, rel=1e-6)
+
+
+def patch_distribution(camera: CameraModel, rate_e_s: float, veil_e_s: float = 0.0) -> Distribution:
+    """Photo-electrons per second of a uniform patch, without dark current and veil, as the camera measures them."""
+    table = value_table(camera, np.array([rate_e_s]))
+    (_, first, share, _), *_ = table.blocks(np.array([rate_e_s]))
+    values, place = np.unique(table.values[first : first + share.shape[1]], return_inverse=True)
+    zero = camera.dark_dn + camera.dn_per_e_s * veil_e_s
+    weights = np.bincount(place, np.maximum(share[0], 0.0))
+    return Distribution(values, weights).map(lambda value: (value - zero) / camera.dn_per_e_s)
+
+
+@pytest.mark.parametrize("method", ["linear", "weighted"])
+@pytest.mark.parametrize(("exposures_s", "fill", "contrast"), [((0.02, 0.01), 0.3, 0.2), ((0.014, 0.01), 0.8, 0.3)])
+def test_single_electrons_that_show_in_the_dn(
+    method: Method, exposures_s: tuple[float, float], fill: float, contrast: float
+) -> None:
+    # Five DN to an electron and no read noise: only every fifth DN occurs, and ties on the interval's ends count.
+    sensor = replace(QUIET, full_well_e=10_000, k_dn_per_e=5.0, bits=12)
+    camera = CameraModel(sensor, ExposureSettings(exposures_s), Hdr(method))
+    dark_e_s = fill * 819 / exposures_s[0]
+
+    def summed(rate_e_s: float) -> Distribution:
+        electrons = np.arange(1200)
+        shares = [poisson.pmf(electrons, rate_e_s * time) for time in exposures_s]
+        dn = np.minimum(5 * electrons, 4095)
+        values = merge_dn(method, 20, [dn[:, None], dn[None, :]], camera.ladder)
+        distinct, place = np.unique(values, return_inverse=True)
+        weights = np.bincount(place.ravel(), np.outer(*shares).ravel())
+        return Distribution(distinct[weights > 1e-14], weights[weights > 1e-14])
+
+    dark, bright = summed(dark_e_s), summed(dark_e_s * (1 + contrast))
+    predicted = predict(camera, PatchRates(dark_e_s, dark_e_s * (1 + contrast)), contrast)
+    assert float(predicted.cdp) == pytest.approx(cdp(bright, dark, contrast).cdp, abs=4e-4)
+    assert float(predicted.cdp + predicted.below + predicted.above) == pytest.approx(1.0, abs=1e-6)

@@ -1,0 +1,128 @@
+"""f1' and mismatch factors against published cases and brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labcdp.core.errors import InputError
+from labcdp.core.photometry import spectral_weights
+from labcdp.core.spectral.mismatch import (
+    f1_prime,
+    least_f1_prime,
+    mismatch_factor,
+    mismatch_findings,
+    weighted_sum,
+)
+from labcdp.core.spectral.table import SpectralTable, read_spectral_file
+
+NM, _, V = spectral_weights("E")
+
+
+def table(values):
+    return SpectralTable(tuple(NM.tolist()), tuple(np.asarray(values, dtype=float).tolist()))
+
+
+def bell(middle_nm, width_nm):
+    return np.exp(-(((NM - middle_nm) / width_nm) ** 2) / 2)
+
+
+def test_f1_prime_of_a_published_case():
+    # F. Rudawski, Lighting Toolbox, cief1: V(lambda)^1.05 has 2.4148 %; the last digits are of the tables' steps.
+    assert f1_prime(table(V**1.05)) == pytest.approx(0.024148, abs=2e-5)
+
+
+def test_f1_prime_of_equal_sensitivity_is_that_of_the_formula():
+    # s = 1: s* is the constant integral(S_A V) / integral(S_A), summed over the wavelengths by hand.
+    _, a, _ = spectral_weights("A")
+    level = sum(float(p * v) for p, v in zip(a, V, strict=True)) / sum(float(p) for p in a)
+    expected = sum(abs(level - float(v)) for v in V) / sum(float(v) for v in V)
+    assert f1_prime(table(np.ones_like(V))) == pytest.approx(expected, rel=1e-12)
+
+
+@given(middle=st.floats(450, 650), width=st.floats(20, 100), scale=st.floats(0.01, 100))
+def test_the_scale_of_a_sensitivity_does_not_matter(middle, width, scale):
+    one = table(bell(middle, width) + 1e-6)
+    other = table(scale * np.array(one.values))
+    assert f1_prime(other) == pytest.approx(f1_prime(one), rel=1e-9)
+    assert mismatch_factor(other, "LED-B4", "A") == pytest.approx(mismatch_factor(one, "LED-B4", "A"), rel=1e-9)
+
+
+def test_a_mismatch_factor_is_the_ratio_of_true_and_indicated_luminance():
+    s = bell(530, 60)
+    for test_light, calibration in (("LED-B1", "A"), ("D65", "LED-B4")):
+        (_, power_t, _), (_, power_c, _) = spectral_weights(test_light), spectral_weights(calibration)
+        # A meter that shows 1 per unit of luminance in the light of its calibration.
+        responsivity = float(power_c @ s) / float(power_c @ V)
+        indicated, true = float(power_t @ s) / responsivity, float(power_t @ V)
+        assert mismatch_factor(table(s), test_light, calibration) == pytest.approx(true / indicated, rel=1e-12)
+
+
+def test_the_least_f1_prime_is_below_all_others():
+    planes = {"R": table(bell(600, 40)), "G": table(bell(535, 40)), "B": table(bell(460, 30))}
+    best = least_f1_prime(planes)
+    least = f1_prime(weighted_sum(planes, best))
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        near = {name: weight + rng.normal(0, 0.1) for name, weight in best.items()}
+        assert f1_prime(weighted_sum(planes, near)) >= least - 1e-9
+
+
+def test_a_sum_that_can_be_v_lambda_is_found():
+    planes = {"R": table(V * (NM > 560)), "G": table(2 * V * (NM <= 560))}
+    weights = least_f1_prime(planes)
+    assert (weights["R"], weights["G"]) == pytest.approx((1, 0.5), rel=1e-6)
+
+
+def test_a_warning_with_a_sensitivity_says_how_much():
+    s = table(bell(520, 60))
+    (found,) = mismatch_findings("A", "LED-B4", s)
+    factor = mismatch_factor(s, "LED-B4", "A")
+    assert found.code == "light-differs-by"
+    assert found.values["deviation_rel"] == pytest.approx(1 / factor - 1)
+    assert found.values["factor"] == factor
+    (negligible,) = mismatch_findings("A", "LED-B4", table(V))
+    assert (negligible.code, negligible.severity) == ("light-differs-negligible", "info")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_files_of_spectra_are_read(tmp_path, separator):
+    point = "." if separator == "," else ","
+    rows = ["wavelength_nm r g b", "380 0 0 0", "500 0.5 1 0", "600 1 0.25 0.125", "780 0 0 0"]
+    text = "\n".join(row.replace(" ", separator).replace("." if separator != "," else "#", point) for row in rows)
+    (tmp_path / "s.csv").write_text(text, encoding="utf-8")
+    file = read_spectral_file(tmp_path / "s.csv")
+    assert list(file.columns) == ["R", "G", "B"]
+    assert file.columns["B"].values == (0, 0, 0.125, 0)
+    assert file.columns["R"].at([440.0, 900.0]) == pytest.approx([0.25, 0])
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", r"is empty: give a CSV file with the columns"),
+        ("nm,R\n400,1\n", r"has the columns nm, R: give wavelength_nm and then one column, or R, G and B"),
+        ("wavelength_nm,R,G\n400,1,1\n", r"has the columns wavelength_nm, R, G"),
+        ("wavelength_nm,s\n", r"has a header and no values"),
+        ("wavelength_nm,s\n380,0\n400,x\n", r"line 3: '400,x' holds no number"),
+        ("wavelength_nm,s\n380,0\n400\n", r"line 3: it has 1 cells, the header has 2"),
+        ("wavelength_nm,s\n380,0\n500,1\n500,1\n780,0\n", r"column relative: wavelengths do not rise at 500 nm"),
+        ("wavelength_nm,s\n380,0\n500,1\n600,-0.5\n780,0\n", r"it has -0.5 at 600 nm: give values of at least 0"),
+        ("wavelength_nm,s\n380,0\n500,0\n780,0\n", r"has no value above 0"),
+        ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", r"one that is not finite"),
+        ("wavelength_nm,s\n380,0\n500,1\n650,0.6\n", r"ends at 650 nm with 60% of its maximum"),
+        ("wavelength_nm,s\n500,1\n780,0\n", r"begins at 500 nm with 100% of its maximum"),
+    ],
+)
+def test_files_that_are_no_spectra_are_refused(tmp_path, text, match):
+    (tmp_path / "s.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=match):
+        read_spectral_file(tmp_path / "s.csv")
+
+
+def test_a_warning_for_an_unknown_light_says_so():
+    (found,) = mismatch_findings("A", "street lamp", table(bell(520, 60)))
+    assert found.code == "light-differs-unknown"
+    assert str(found.values["reason"]).startswith("spectrum is 'street lamp'")

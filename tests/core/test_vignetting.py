@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from labcdp.core.errors import InputError
+from labcdp.core.vignetting import FlatField, RadialVignetting, middle_of
+
+
+def test_radius_is_relative_to_half_the_diagonal():
+    r2 = RadialVignetting(0, 0, 0).squared_radius((3, 4))
+    # The centre of the corner pixel is (1.5, 1) pixels off the middle, half the diagonal 2.5.
+    assert r2[0, 0] == pytest.approx((1.5**2 + 1) / 2.5**2)
+    assert r2[1, 1] == pytest.approx(0.5**2 / 2.5**2)
+
+
+def test_polynomial_and_its_centre():
+    fall_off = RadialVignetting(-0.3, -0.1, 0.05, centre_px=(0.5, 0.5))
+    v = fall_off.relative_illuminance((30, 40))
+    r2 = (10**2 + 20**2) / 25**2
+    assert v[0, 0] == 1
+    assert v[10, 20] == pytest.approx(1 - 0.3 * r2 - 0.1 * r2**2 + 0.05 * r2**3)
+
+
+def test_patterns_have_the_variance_of_the_covariance():
+    jacobian = np.random.default_rng(1).normal(size=(3, 3)) * 0.01
+    covariance = jacobian @ jacobian.T
+    fall_off = RadialVignetting(-0.3, -0.1, 0.05, covariance=tuple(map(tuple, covariance)))
+    patterns = fall_off.common_patterns((30, 40))
+    r2, v = fall_off.squared_radius((30, 40))[3, 7], fall_off.relative_illuminance((30, 40))[3, 7]
+    by_coefficient = np.array([r2, r2**2, r2**3]) / v
+    assert sum(p[3, 7] ** 2 for p in patterns) == pytest.approx(by_coefficient @ covariance @ by_coefficient)
+    assert RadialVignetting(-0.3, 0, 0).common_patterns((30, 40)) == []
+
+
+@pytest.mark.parametrize("change", [{"a2": np.nan}, {"slow_rel": -0.1}, {"covariance": ((1.0,),)}])
+def test_unusable_polynomials_are_refused(change):
+    with pytest.raises(InputError, match="fall-off"):
+        RadialVignetting(**{"a2": 0.0, "a4": 0.0, "a6": 0.0} | change)
+
+
+def flat(noise=0.01, seed=1):
+    relative = 1 + noise * np.random.default_rng(seed).normal(size=(40, 60))
+    return relative / relative[middle_of(relative.shape)].mean()
+
+
+def test_flat_fields_are_equal_by_content_and_cannot_be_changed():
+    values = flat()
+    a, b = FlatField(values, 0.001, 0.01, 4), FlatField(values.copy(), 0.001, 0.01, 4)
+    assert a == b
+    assert hash(a) == hash(b)
+    values[0, 0] = 7
+    assert a == b
+    with pytest.raises(ValueError, match="read-only"):
+        a.relative[0, 0] = 7
+    assert a != FlatField(flat(seed=2), 0.001, 0.01, 4)
+    assert a != FlatField(flat(), 0.002, 0.01, 4)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (flat() * 1.1, r"the middle of the flat field is 1\.1, not 1"),
+        (flat() - 1.0, "a 2-D array of positive numbers"),
+        (np.ones(5), "a 2-D array of positive numbers"),
+    ],
+)
+def test_unusable_flat_fields_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        FlatField(values, 0.001, 0.01, 4)

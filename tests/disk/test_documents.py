@@ -1,0 +1,129 @@
+"""What is read from disk stays within its limits, and whatever is wrong becomes one short line."""
+
+import json
+import os
+import tracemalloc
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from labcdp.core.disk import parse_json, parse_toml, quoted, read_bytes, read_csv, read_json, read_text, read_toml
+from labcdp.core.errors import InputError
+
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(1 - 10**40, 10**40 - 1)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda children: st.lists(children, max_size=4) | st.dictionaries(st.text(), children, max_size=4),
+    max_leaves=20,
+)
+
+
+@given(VALUES)
+@example(1 - 10**40)
+def test_json_is_read_as_the_standard_library_reads_it(value):
+    assert parse_json(json.dumps(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"a": 1, "a": 2}', "the key 'a' is given twice"),
+        ("{" + ",".join(f'"{i}": 1' for i in range(100_000)) + ', "7": 1}', "the key '7' is given twice"),
+        ("[NaN]", "NaN stands where a number should"),
+        ("[1e999]", "'1e999' stands where a number should"),
+        ("9" * 5000, "a number has 5000 digits"),
+        ("[" * 100_000, "nested more than 64 levels deep"),
+        ('{"a":' * 70 + "1" + "}" * 70, "nested more than 64 levels deep"),
+        ("[" + "1," * 4_000_001 + "1]", "more than 4000000 values"),
+        ('"\ud800', "not valid JSON"),
+        ("", "not valid JSON: Expecting value in line 1, column 1"),
+    ],
+)
+def test_json_that_is_refused(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        parse_json(text)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = " + "[" * 1000, "nested too deep"),
+        ("a." * 100_000 + "b = 1", "is a key of more than 16 parts"),
+        ("x = 1" + "0" * 60, "a number of more than 40 digits"),
+        ("x = " + "1" * 5000, "not valid TOML"),
+        ("x = 1\nx = 2", r"not valid TOML: Cannot overwrite a value"),
+        ("x = 2026-13-45", "not valid TOML"),
+    ],
+)
+def test_toml_that_is_refused(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        parse_toml(text)
+    assert len(str(caught.value)) < 250
+
+
+READERS = {
+    "bytes": lambda path: read_bytes(path, "a file", 1000),
+    "text": lambda path: read_text(path, "a text", 1000),
+    "json": lambda path: read_json(path, "a document"),
+    "toml": lambda path: read_toml(path, "a configuration"),
+    "csv": lambda path: read_csv(path, "a table"),
+}
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=READERS)
+def test_only_regular_files_are_opened(tmp_path, read):
+    os.mkfifo(tmp_path / "pipe")
+    os.symlink(tmp_path / "circle", tmp_path / "circle")
+    for path, reason in [
+        (tmp_path, "it is a folder"),
+        (tmp_path / "pipe", "it is a pipe, not a file"),
+        ("/dev/zero", "it is a device, not a file"),
+        (tmp_path / "circle", "Too many levels of symbolic links"),
+        (tmp_path / ("x" * 300), "File name too long"),
+        (tmp_path / "none", "No such file or directory"),
+        (f"{tmp_path}/a\0b", "its name holds a null character"),
+    ]:
+        with pytest.raises(InputError, match=rf"cannot be read \({reason}\): give a") as caught:
+            read(path)
+        assert str(caught.value).isprintable()
+
+
+def test_a_large_file_is_not_loaded(tmp_path):
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(2**40)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"cannot be read \(it is larger than 1000 bytes\)"):
+            read_bytes(tmp_path / "large", "a file", 1000)
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("a,b\n1\n", r"line 2: it has 1 cells, the header has 2: '1'"),
+        ('a,b\n"1,2\n', "line 2: unexpected end of data"),
+        ("a,b\n" + "x" * 200_000 + ",1\n", r"line 2: field larger than field limit"),
+        ("," * 2000 + "\n", "is empty|more than 1000 columns"),
+        ("a,b\n" + "1,2\n" * 200_001, "more than 1000 columns or 200000 rows"),
+    ],
+)
+def test_tables_that_are_refused(tmp_path, text, message):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_csv(tmp_path / "a.csv", "a table")
+    assert len(str(caught.value)) < 300 + len(str(tmp_path))
+
+
+@given(st.text() | st.binary() | st.lists(st.text()) | st.integers() | st.floats() | VALUES)
+def test_messages_quote_little_and_printable(value):
+    assert quoted(value).isprintable()
+    assert len(quoted(value)) <= 100

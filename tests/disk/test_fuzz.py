@@ -1,0 +1,47 @@
+"""Damaged files of every kind: none ends in a traceback, a crash, a hang, too much memory or a wrong number."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "tools"))
+
+from fuzzing.seeds import make_seeds  # noqa: E402
+from fuzzing.targets import SEEDS, TARGETS  # noqa: E402
+from fuzzing.worker import Bench  # noqa: E402
+
+from labcdp.core.errors import LabcdpError  # noqa: E402
+
+
+def test_damaged_files_are_refused_in_one_line_or_read_as_what_they_say():
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools" / "fuzz", "--inputs", "1000", "--seed", "1"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    assert "1000 inputs" in done.stdout
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz") / "seeds"
+    make_seeds(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", [name for name in TARGETS if name not in SEEDS])
+def test_what_is_not_a_file_is_refused_by_every_reader(seeds, tmp_path, name):
+    bench = Bench(name, seeds, tmp_path, 0)
+    path = next(one for one in bench.files if one.suffix != ".txt" or name in ("faults", "emva"))
+    path.unlink()
+    for make in (os.mkfifo, os.mkdir, lambda p: os.symlink("/dev/zero", p), lambda p: os.symlink(p, p)):
+        make(path)
+        # A folder that is searched for files leaves out what is none.
+        with pytest.raises((LabcdpError, OSError)) as caught:
+            bench.target.read(bench.folder, path)
+        assert isinstance(caught.value, LabcdpError), name
+        assert str(caught.value).isprintable()
+        os.rmdir(path) if path.is_dir() else path.unlink()

@@ -1,0 +1,257 @@
+import os
+import subprocess
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from labcdp.core.errors import InputError
+from labcdp.drivers.aravis.camera import AravisCamera
+from labcdp.drivers.aravis.library import CameraInfo, choose, discover
+from labcdp.drivers.camera import (
+    FREE_RUN,
+    CameraBusyError,
+    CameraError,
+    CameraNotFoundError,
+    CameraSettingError,
+    IncompleteFrameError,
+)
+from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.simulated.gige import genicam
+from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
+
+from ..conftest import Ramp
+
+_CONTROLLER = """
+import time
+from labcdp.drivers.aravis.camera import AravisCamera
+with AravisCamera("SIM-1"):
+    print("ready")
+    time.sleep(120)
+"""
+
+
+def test_discovery_finds_the_camera(camera_on_loopback):
+    assert discover() == [CameraInfo("Allied Vision Technologies", "Manta_G-505B", "SIM-1", "127.0.0.1", "GigEVision")]
+
+
+@pytest.mark.parametrize("selector", [None, "SIM-1", "127.0.0.1", "Manta_G-505B"])
+def test_opens_by_serial_address_model_or_as_the_only_one(camera_on_loopback, selector):
+    with AravisCamera(selector) as camera:
+        identity = camera.identity
+    assert (identity.vendor, identity.model, identity.serial) == ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
+    assert identity.simulated
+
+
+def test_the_constructor_does_no_io():
+    camera = AravisCamera("nowhere")
+    with pytest.raises(CameraError, match="not open: use it as a context manager"):
+        _ = camera.identity
+
+
+def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        camera.configure(exposure_s=0.002, gain_db=3.5, pixel_format="Mono12")
+        frame = camera.snap()
+    assert frame.shape == (48, 64)
+    assert frame.dn[0, :2].tolist() == [2000, 35]
+    np.testing.assert_array_equal(frame.dn[1], np.arange(64))
+    assert (frame.exposure_s, frame.gain_db) == (0.002, 3.5)
+    assert (frame.bit_depth, frame.saturation_dn, frame.black_level_dn) == (12, 4095, 7)
+    assert (frame.pixel_format, frame.colour_filter, frame.temperature_c) == ("Mono12", None, 31.5)
+    assert not frame.dn.flags.writeable
+
+
+def test_all_formats_of_the_camera_give_the_same_scene(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        assert camera.pixel_formats == ["Mono8", "Mono12", "Mono12Packed", "Mono16"]
+        frames = {}
+        for name in camera.pixel_formats:
+            camera.configure(pixel_format=name)
+            frames[name] = camera.snap()
+    np.testing.assert_array_equal(frames["Mono12Packed"].dn[1:], frames["Mono12"].dn[1:])
+    # A 12-bit sensor drops its last four bits in an 8-bit format.
+    np.testing.assert_array_equal(frames["Mono8"].dn[1:], frames["Mono12"].dn[1:] >> 4)
+
+
+def test_every_frame_is_taken_after_the_last_change(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        for exposure_us in range(1000, 1030):
+            applied = camera.configure(exposure_s=exposure_us * 1e-6)
+            frame = camera.snap()
+            assert frame.dn[0, 0] == exposure_us
+            assert frame.exposure_s == applied.exposure_s == pytest.approx(exposure_us * 1e-6, rel=1e-9)
+
+
+def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        camera.configure(exposure_s=0.001)
+        first = next(camera.grab(20))
+        assert first.dn[0, 0] == 1000
+        camera.configure(exposure_s=0.003)
+        assert [f.dn[0, 0] for f in camera.grab(3)] == [3000, 3000, 3000]
+
+
+def test_settings_cannot_change_under_a_grab(camera_on_loopback):
+    """The rest of its frames would tell a wrong exposure."""
+    with AravisCamera("127.0.0.1") as camera:
+        frames = camera.grab(20)
+        next(frames)
+        with pytest.raises(CameraError, match=r"still grabbing: finish that loop, .* before a change of settings"):
+            camera.configure(exposure_s=0.003)
+        with pytest.raises(CameraError, match=r"still grabbing.* before another grab"):
+            camera.snap()
+        frames.close()
+        camera.configure(exposure_s=0.003)
+        assert camera.snap().dn[0, 0] == 3000
+
+
+def test_grab_loses_no_frame(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        numbers = [int(frame.dn[0, 2]) for frame in camera.grab(60)]
+        ids = [frame.frame_id for frame in camera.grab(5)]
+    # The pool repeats its four frames in turn: neighbours differ, none is left out.
+    assert len(numbers) == 60
+    assert all(a != b for a, b in pairwise(numbers))
+    assert np.diff(ids).tolist() == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"exposure_s": 100.0}, r"exposure_s is 100 s: the camera takes 2.1e-05 to 60 s"),
+        ({"exposure_s": 1e-6}, r"exposure_s is 1e-06 s: the camera takes 2.1e-05 to 60 s"),
+        ({"gain_db": 40.0}, r"gain_db is 40 dB: the camera takes 0 to 26 dB"),
+        ({"pixel_format": "Mono10"}, r"has no pixel format 'Mono10'"),
+    ],
+)
+def test_settings_out_of_range_are_refused(camera_on_loopback, settings, message):
+    with AravisCamera("127.0.0.1") as camera:
+        before = camera.settings
+        with pytest.raises(CameraSettingError, match=message):
+            camera.configure(**settings)
+        assert camera.settings == before
+
+
+def test_absent_camera(camera_on_loopback):
+    with pytest.raises(CameraNotFoundError, match=r"no camera 'DEV-9' .* answers; found: .*serial SIM-1.*check power"):
+        AravisCamera("DEV-9").open()
+
+
+def test_two_cameras_need_a_choice():
+    found = [CameraInfo("V", "M", serial, f"10.0.0.{serial}", "GigEVision") for serial in ("1", "2")]
+    with pytest.raises(CameraNotFoundError, match=r"more than one camera 'M' .*give a serial number"):
+        choose(found, "M")
+    assert choose(found, "2").address == "10.0.0.2"
+
+
+def test_busy_camera(camera_on_loopback, start_python):
+    other = start_python(_CONTROLLER)
+    assert other.stdout.readline() == "ready\n"
+    with pytest.raises(CameraBusyError, match=r"SIM-1 at 127\.0\.0\.1 is controlled by another program: close that"):
+        AravisCamera("127.0.0.1").open()
+
+
+def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
+    settings = ["Width=32", "Height=24", "OffsetX=16", "OffsetY=12"]
+    subprocess.run(["arv-tool-0.8", "control", *settings], check=True, capture_output=True)
+    with AravisCamera("127.0.0.1") as camera:
+        frame = camera.snap()
+    assert frame.shape == (48, 64)
+    np.testing.assert_array_equal(frame.dn[1], np.arange(64))
+
+
+def test_incomplete_frames_are_refused(aravis):
+    device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
+    with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera("127.0.0.1") as camera:
+        server.set_packet_loss(0.2)
+        with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; .*lower the frame rate"):
+            list(camera.grab(20))
+        server.set_packet_loss(0)
+        assert camera.snap().shape == (480, 640)
+
+
+def test_a_trigger_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
+    for setting in ("TriggerMode=On", "TriggerSource=Software"):
+        subprocess.run(["arv-tool-0.8", "control", setting], check=True, capture_output=True)
+    with AravisCamera("127.0.0.1") as camera:
+        assert camera.settings.trigger == FREE_RUN
+        assert camera.snap().shape == (48, 64)
+
+
+def test_nothing_is_left_behind(camera_on_loopback):
+    with AravisCamera("127.0.0.1") as camera:
+        camera.snap()
+    threads, files = len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        with AravisCamera("127.0.0.1") as camera:
+            list(camera.grab(2))
+    del camera
+    # Aravis' threads are not Python's.
+    assert len(os.listdir("/proc/self/task")) <= threads
+    assert len(os.listdir("/proc/self/fd")) <= files
+
+
+@pytest.mark.parametrize("timeout_s", [-1.0, float("nan"), float("inf")])
+def test_an_impossible_timeout_is_refused(camera_on_loopback, timeout_s):
+    with (
+        AravisCamera("127.0.0.1") as camera,
+        pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"),
+    ):
+        camera.snap(timeout_s)
+
+
+def test_opening_resets_what_another_program_left(camera_on_loopback):
+    left = {"ReverseX": True, "ReverseY": True, "LUTEnable": True, "ExposureMode": "TriggerWidth"}
+    left |= {"BlackLevelAuto": "Continuous", "GainAuto": "Continuous", "ExposureAuto": "Continuous"}
+    with AravisCamera("127.0.0.1") as camera:
+        upright = camera.snap().dn
+        for name, value in left.items():
+            assert camera.set_feature(name, value) == value
+        # The first row carries what differs from frame to frame.
+        np.testing.assert_array_equal(camera.snap().dn[:-1], upright[1:][::-1, ::-1])
+    with AravisCamera("127.0.0.1") as camera:
+        now = {name: camera.feature(name) for name in left}
+        np.testing.assert_array_equal(camera.snap().dn[1:], upright[1:])
+    right = {"ReverseX": False, "ReverseY": False, "LUTEnable": False, "ExposureMode": "Timed"}
+    assert now == right | dict.fromkeys(("BlackLevelAuto", "GainAuto", "ExposureAuto"), "Off")
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [
+        ("SensorWidth", "SensorHeight"),
+        ("TriggerSelector", "TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware"),
+        ("BinningHorizontal", "BinningVertical", "BinningHorizontalMode", "BinningVerticalMode"),
+        ("Gain", "GainAuto", "BlackLevel", "Gamma", "ExposureAuto", "DeviceTemperature"),
+    ],
+)
+def test_opens_and_grabs_without_features_that_a_camera_need_not_have(camera_on_loopback, monkeypatch, missing):
+    def image_format(formats):
+        features = full_image_format(formats)
+        features["WidthMax"] = genicam.integer("WidthMax", genicam.Address.SENSOR_WIDTH, access="RO")
+        features["HeightMax"] = genicam.integer("HeightMax", genicam.Address.SENSOR_HEIGHT, access="RO")
+        return features
+
+    def without(features):
+        return lambda *arguments: {name: xml for name, xml in features(*arguments).items() if name not in missing}
+
+    full_image_format = genicam._image_format
+    for name, features in (("_image_format", image_format), ("_device", genicam._device)):
+        monkeypatch.setattr(genicam, name, without(features))
+    for name in ("_acquisition", "_analog"):
+        monkeypatch.setattr(genicam, name, without(getattr(genicam, name)))
+    camera_on_loopback.set_faults(CameraTrouble(gone=True))
+    camera_on_loopback.set_faults(NO_TROUBLE)
+    with AravisCamera("127.0.0.1") as camera:
+        assert not set(missing) & set(camera.features())
+        assert camera.snap().shape == (48, 64)
+
+
+def test_an_opening_that_fails_releases_the_camera(camera_on_loopback, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(AravisCamera, "settings", property(lambda self: 1 / 0))
+        with pytest.raises(ZeroDivisionError):
+            AravisCamera("127.0.0.1").open()
+    with AravisCamera("127.0.0.1") as camera:
+        assert camera.snap().shape == (48, 64)

@@ -1,0 +1,62 @@
+from dataclasses import replace
+from ipaddress import IPv4Interface
+
+import pytest
+
+from labcdp.drivers.aravis import transport as aravis_transport
+from labcdp.drivers.aravis.camera import AravisCamera
+from labcdp.drivers.aravis.transport import TransportFacts, TransportPlan, plan_transport
+from labcdp.drivers.host.network import Interface
+from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+
+from ..conftest import SMALL, Ramp
+
+_GIGABIT = Interface("eth0", IPv4Interface("169.254.0.10/16"), mtu_bytes=1500, speed_mbit_s=1000)
+_MANTA = TransportFacts(1500, 2452 * 2056, 15.0, _GIGABIT, (1_000_000, 124_000_000))
+
+
+def test_a_gigabit_link_gives_a_manta_about_its_default_bandwidth():
+    # By hand: 125 MB/s x 1500 / 1538 x 0.95; Allied Vision's default is 115 MB/s.
+    assert plan_transport(_MANTA) == TransportPlan(None, 115_815_994, 0)
+
+
+def test_jumbo_frames_carry_more_up_to_the_cameras_limit():
+    jumbo = replace(_MANTA, packet_size_bytes=9000, interface=replace(_GIGABIT, mtu_bytes=9000))
+    assert plan_transport(jumbo) == TransportPlan(None, 118_250_719, 0)
+    ten_gigabit = replace(jumbo, interface=replace(_GIGABIT, mtu_bytes=9000, speed_mbit_s=10_000))
+    assert plan_transport(ten_gigabit).bytes_per_s == 124_000_000
+
+
+@pytest.mark.parametrize("interface", [None, replace(_GIGABIT, name="lo", is_loopback=True, speed_mbit_s=None)])
+def test_what_is_not_known_to_need_it_is_left_alone(interface):
+    facts = replace(_MANTA, packet_size_bytes=9000, interface=interface)
+    assert plan_transport(facts) == TransportPlan()
+
+
+def test_a_camera_without_bandwidth_pauses_between_packets():
+    plan = plan_transport(replace(_MANTA, bandwidth_range=None, frame_rate_hz=5.0))
+    assert plan.bytes_per_s is None
+    n_packets = -(-2452 * 2056 // (1500 - 36))
+    sending_s = 1538 / 125e6
+    assert n_packets * (sending_s + plan.packet_delay_ns * 1e-9) == pytest.approx(0.5 / 5, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("naming", "bandwidth"), [("prosilica", "StreamBytesPerSecond"), ("sfnc", "DeviceLinkThroughputLimit")]
+)
+def test_the_plan_is_carried_out_except_what_the_user_has_set(aravis, monkeypatch, naming, bandwidth):
+    jumbo = replace(_GIGABIT, mtu_bytes=4000)
+    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()), AravisCamera("127.0.0.1") as camera:
+        # As if the camera were behind a network card.
+        monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: jumbo)
+        camera.snap()
+        features = camera.features()
+        assert features["GevSCPSPacketSize"] == 4000
+        assert features["GevSCPD"] == 0
+        assert features[bandwidth] == int(125e6 * 4000 / 4038 * 0.95)
+        assert features.get("DeviceLinkThroughputLimitMode", "On") == "On"
+        camera.set_feature(bandwidth, 50_000_000)
+        camera.set_feature("GevSCPSPacketSize", 1500)
+        camera.snap()
+        assert camera.feature(bandwidth) == 50_000_000
+        assert camera.feature("GevSCPSPacketSize") == 1500

@@ -1,0 +1,94 @@
+"""Why no frames come: each cause from facts that show it, the likeliest first, with the command that mends it."""
+
+from ipaddress import IPv4Interface
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labcdp.drivers.host.finding import Finding
+from labcdp.drivers.host.network import Interface
+from labcdp.drivers.host.stream import Receiver, StreamFacts, causes_at, stream_causes
+
+#: A 16-bit frame of a Manta G-505.
+FRAME = 2452 * 2056 * 2
+CAMERA = "192.168.7.20"
+ETH1 = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=1500)
+
+
+def topics(facts, receiver):
+    return [finding.topic for finding in causes_at(facts, receiver)]
+
+
+def test_packets_larger_than_the_interface_takes():
+    facts = StreamFacts(CAMERA, FRAME, 9000)
+    first = causes_at(facts, Receiver(ETH1))[0]
+    assert first == Finding(
+        "packet size",
+        "fault",
+        "the camera sends packets of 9000 bytes, but eth1 takes 1500",
+        "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
+    )
+    assert topics(StreamFacts(CAMERA, FRAME, 1500), Receiver(ETH1)) == ["firewall"]
+
+
+def test_a_camera_that_waits_for_its_trigger_comes_first_if_nothing_came():
+    waiting = StreamFacts(CAMERA, FRAME, 9000, 425_984, trigger_source="Line1")
+    found = causes_at(waiting, Receiver(ETH1, 212_992))
+    assert [finding.topic for finding in found] == ["trigger", "packet size", "receive buffer", "firewall"]
+    assert str(found[0]) == (
+        "the camera waits for a pulse on Line1: check the cable of the trigger and that pulses come, or set the "
+        "trigger to free-running"
+    )
+    assert "software trigger" in causes_at(StreamFacts(CAMERA, FRAME, trigger_source="Software"), Receiver())[0].cause
+
+
+@pytest.mark.parametrize(
+    ("firewall", "state", "command"),
+    [
+        ("ufw", "notice", "sudo ufw allow proto udp from 192.168.7.20"),
+        ("firewalld", "notice", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
+        ("iptables", "notice", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
+        (None, "unknown", "if there is a firewall, let UDP packets from 192.168.7.20 through"),
+    ],
+)
+def test_a_firewall_is_suspected_when_nothing_came(firewall, state, command):
+    (finding,) = causes_at(StreamFacts(CAMERA, FRAME), Receiver(ETH1, firewall=firewall))
+    assert (finding.topic, finding.state, finding.remedy) == ("firewall", state, command)
+
+
+counts = st.integers(0, 10**12)
+
+
+@given(
+    st.text() | st.sampled_from(["", CAMERA, "127.0.0.1", "255.255.255.255", "::1", "localhost"]),
+    counts,
+    st.none() | st.integers(-5, 10**9),
+    st.none() | counts,
+    st.none() | st.text(max_size=8),
+    counts,
+    counts,
+)
+def test_no_facts_make_it_fail(address, payload, packet, granted, trigger, failed, missing):
+    facts = StreamFacts(address, payload, packet, granted, trigger, failed=failed, missing=missing)
+    for finding in stream_causes(facts):
+        assert finding.state != "good"
+        assert finding.cause
+        assert finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("message", "cause", "remedy"),
+    [
+        ("no camera: check power", "no camera", "check power"),
+        ("/dev/x: in use: end\n the program", "/dev/x: in use", "end the program"),
+        ("no reason at all", "no reason at all", None),
+        # What another program said stands in brackets, and is no remedy.
+        ("cannot be opened [Device: not found]", "cannot be opened [Device: not found]", None),
+        ("cannot be opened [E: x]: look at [1]", "cannot be opened [E: x]", "look at [1]"),
+    ],
+)
+def test_an_error_becomes_cause_and_remedy(message, cause, remedy):
+    found = Finding.of_error("topic", RuntimeError(message))
+    assert found == Finding("topic", "fault", cause, remedy)
+    assert str(found) == " ".join(message.split())

@@ -1,0 +1,221 @@
+import re
+import signal
+import subprocess
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import serial
+
+from labcdp.chain import Chain
+from labcdp.core.clock import SimulatedClock
+from labcdp.core.errors import ConfigurationError
+from labcdp.core.vignetting import Cos4Vignetting
+from labcdp.drivers.aravis.camera import AravisCamera
+from labcdp.drivers.camera import SOFTWARE_TRIGGER, CameraSettingError
+from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.session import SessionConfiguration, example_configuration
+
+SHAPE = (400, 480)
+
+
+@pytest.fixture
+def bench(small_configuration):
+    return SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE)
+
+
+def test_camera_and_meter_agree_on_the_target(aravis, bench, small_configuration):
+    """What the chain says a patch of that luminance gives is what arrives over GigE Vision, within noise."""
+    specimen = Chain.load("manta-g505").camera()
+    conversion = replace(specimen, sensor=replace(specimen.sensor, width=480, height=400)).conversion(temperature_c=35)
+    vignetting = Cos4Vignetting(6e-3, 3.45e-6).relative_illuminance(SHAPE)
+    with (
+        bench.gige_camera(),
+        AravisCamera("127.0.0.1") as camera,
+        bench.pty_meter(0) as pty,
+        MinoltaLS110(pty.port) as meter,
+    ):
+        camera.configure(exposure_s=0.002)
+        frame = camera.snap()
+        for patch in small_configuration.target.patches:
+            bench.point_meter(patch.name)
+            true_cd_m2 = bench.luminance_cd_m2[patch.name]
+            # 0.6 % scale, four times 0.1 % repeatability, and half a unit of the last of four digits.
+            digit = 10.0 ** max(-2, np.floor(np.log10(true_cd_m2)) - 3)
+            assert meter.measure().luminance_cd_m2 == pytest.approx(
+                1.006 * true_cd_m2, rel=0.004, abs=0.5 * digit + 1e-9
+            )
+            region = patch.region()
+            expected = conversion.dark_dn(0.002) + conversion.responsivity_dn_s_cd_m2 * 0.002 * true_cd_m2 * (
+                region.select(vignetting).mean()
+            )
+            values = region.select(frame.dn).astype(float)
+            # Noise of the mean, and 1 % PRNU and 2 e- DSNU averaged over the pixels.
+            tolerance = 4 * (values.std() + 0.02) / np.sqrt(values.size)
+            assert values.mean() == pytest.approx(expected, abs=tolerance)
+
+
+def test_exposure_and_gain_are_those_of_the_registers(aravis, bench, small_configuration):
+    region = next(p.region() for p in small_configuration.target.patches if p.name == "P11")
+
+    def signal(camera, **settings):
+        """Mean above the black level, and its variance."""
+        camera.configure(**settings)
+        values = region.select(camera.snap().dn).astype(float) - 64
+        return values.mean(), values.var() / values.size
+
+    with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
+        short = signal(camera, exposure_s=0.001, gain_db=0.0)
+        long = signal(camera, exposure_s=0.004)
+        gained = signal(camera, exposure_s=0.001, gain_db=20 * np.log10(2))
+    # The register keeps tenths of a decibel: 6.0 dB are a factor of 1.995.
+    for (mean, variance), factor in ((long, 4.0), (gained, 10 ** (6.0 / 20))):
+        ratio = mean / short[0]
+        sigma = ratio * np.sqrt(variance / mean**2 + short[1] / short[0] ** 2)
+        # The dark current adds 0.03 DN at 4 ms.
+        assert ratio == pytest.approx(factor, abs=5 * sigma + 0.001)
+
+
+def test_frames_differ_by_noise_and_repeat_by_seed(bench, small_configuration):
+    with bench.in_process_camera() as camera:
+        first, second = camera.snap(), camera.snap()
+    assert (first.dn != second.dn).any()
+    again = SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE)
+    with again.in_process_camera() as camera:
+        np.testing.assert_array_equal(camera.snap().dn, first.dn)
+
+
+def test_the_camera_in_this_process_gives_the_pixels_of_the_one_on_the_wire(aravis, bench, small_configuration):
+    with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
+        camera.configure(exposure_s=0.004)
+        wire = camera.snap()
+    again = SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE)
+    with again.in_process_camera() as camera:
+        camera.configure(exposure_s=0.004)
+        local = camera.snap()
+    np.testing.assert_array_equal(wire.dn, local.dn)
+    assert wire.camera == local.camera
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"exposure_s": 100.0}, "exposure_s is 100 s: the camera takes 2.1e-05 to 60 s"),
+        ({"gain_db": 30.0}, "gain_db is 30 dB: the camera takes 0 to 26 dB"),
+        ({"pixel_format": "Mono8"}, "no pixel format 'Mono8': choose Mono12"),
+    ],
+)
+def test_the_camera_in_this_process_refuses_what_the_other_refuses(bench, settings, message):
+    with bench.in_process_camera() as camera, pytest.raises(CameraSettingError, match=message):
+        camera.configure(**settings)
+
+
+def moved(configuration, rois):
+    """The configuration with the first patches at other places, and no others."""
+    patches = [
+        patch.model_copy(update={"roi": roi}) for patch, roi in zip(configuration.target.patches, rois, strict=False)
+    ]
+    target = configuration.target.model_copy(update={"patches": tuple(patches)})
+    return configuration.model_copy(update={"target": target, "contrasts": ()})
+
+
+def test_an_unknown_patch_is_refused(bench):
+    with pytest.raises(ConfigurationError, match="no patch 'P99': choose one of P01"):
+        bench.point_meter("P99")
+
+
+def test_aravis_own_tools_see_and_stream_it(aravis_tools):
+    """At its full size, through Debian's arv-tool and arv-camera-test with their default options."""
+    configuration = SessionConfiguration.from_toml(example_configuration(), "example")
+    bench = SimulatedBench(configuration, BenchDevices.standard())
+    with bench.gige_camera():
+        seen = subprocess.run(["arv-tool-0.8"], check=True, capture_output=True, text=True).stdout
+        assert "Allied Vision Technologies-Manta_G-505B-SIM-503363706 (127.0.0.1)" in seen
+        values = subprocess.run(
+            ["arv-tool-0.8", "control", "DeviceTemperature", "ExposureTimeAbs=2000", "Width", "PixelFormat"],
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        assert "DeviceTemperature = 35 C" in values
+        assert "ExposureTimeAbs = 2000 us min:21 max:6e+07" in values
+        assert "Width = 2452" in values
+        assert "PixelFormat = Mono12" in values
+        with subprocess.Popen(
+            ["stdbuf", "--output=L", "arv-camera-test-0.8"], stdout=subprocess.PIPE, text=True
+        ) as streaming:
+            streamed, seen = "", 0
+            while seen < 25:
+                line = streaming.stdout.readline()
+                assert line, streamed
+                streamed += line
+                seen += sum(map(int, re.findall(r"^ *(\d+) frames?/s", line)))
+            streaming.send_signal(signal.SIGINT)
+            streamed += streaming.stdout.read()
+    assert "image width            = 2452" in streamed
+    counters = {name: int(n) for name, n in re.findall(r"(n_\w+) *= (\d+)", streamed)}
+    assert counters["n_completed_buffers"] >= 25
+
+
+def test_no_frame_of_full_size_is_lost(aravis):
+    """2452 x 2056, Mono12. Each is triggered once the one before has come, so no computer is too slow for them."""
+    configuration = SessionConfiguration.from_toml(example_configuration(), "example")
+    bench = SimulatedBench(configuration, BenchDevices.standard())
+    with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
+        camera.configure(exposure_s=0.002, pixel_format="Mono12", trigger=SOFTWARE_TRIGGER)
+        frames = [(frame.frame_id, frame.dn.shape) for frame in camera.grab(60)]
+        counted = camera.statistics
+    assert {shape for _, shape in frames} == {(2056, 2452)}
+    # GigE Vision frame ids are 16 bit and leave out 0.
+    assert all(after == before % 0xFFFF + 1 for (before, _), (after, _) in pairwise(frames))
+    assert (counted.completed, counted.failed, counted.underruns, counted.missing) == (60, 0, 0, 0)
+
+
+@pytest.mark.long
+def test_no_frame_of_300_is_lost(aravis):
+    """15 frames/s, 2452 x 2056, Mono12, on a computer that does little else."""
+    configuration = SessionConfiguration.from_toml(example_configuration(), "example")
+    bench = SimulatedBench(configuration, BenchDevices.standard())
+    with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
+        camera.configure(exposure_s=0.002, pixel_format="Mono12")
+        ids = [frame.frame_id for frame in camera.grab(300)]
+    # GigE Vision frame ids are 16 bit and leave out 0.
+    assert all(after == before % 0xFFFF + 1 for before, after in pairwise(ids))
+
+
+def test_any_serial_program_gets_protocol_answers(bench):
+    bench.point_meter("upper left")
+    with (
+        bench.pty_meter(0) as meter,
+        serial.Serial(meter.port, 4800, bytesize=7, parity="E", stopbits=2, timeout=300) as port,
+    ):
+        port.write(b"MES\r\n")
+        assert re.fullmatch(rb"OK00,Cc[PLKT ][MH]358\.\d \r\n|OK00,Cc[PLKT ][MH] 3\d\d\.\d\r\n", port.readline())
+
+
+# --- Patches one by one -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def one_by_one(small_configuration):
+    """Three patches at the same place."""
+    same = moved(small_configuration, [(100.0, 100.0, 60.0, 60.0)] * 3)
+    target = same.target.model_copy(update={"presentation": "one by one"})
+    return same.model_copy(update={"target": target})
+
+
+def test_camera_and_meter_see_the_shown_patch(one_by_one):
+    bench = SimulatedBench(one_by_one, BenchDevices.standard(), SHAPE, SimulatedClock())
+    region = one_by_one.target.patches[0].region()
+    seen = []
+    with bench.in_process_camera() as camera, bench.in_process_meter() as meter:
+        for patch in one_by_one.target.patches:
+            bench.show_patch(patch.name)
+            true_cd_m2 = bench.luminance_cd_m2[patch.name]
+            assert meter.measure().luminance_cd_m2 == pytest.approx(1.006 * true_cd_m2, rel=0.006, abs=0.006)
+            seen.append((region.select(camera.snap().dn).mean() - 64) / true_cd_m2)
+    # One responsivity for all; 3600 pixels with 6 DN of dark noise at 0.5 cd/m^2, the darkest patch.
+    dark_sigma = 6 / 60 / min(bench.luminance_cd_m2.values())
+    np.testing.assert_allclose(seen, seen[-1], rtol=0.01, atol=5 * dark_sigma)

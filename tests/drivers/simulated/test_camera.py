@@ -1,0 +1,300 @@
+"""The simulated GigE Vision camera as Aravis and its tools see it, and its faults on the wire."""
+
+import contextlib
+import subprocess
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labcdp.drivers.aravis.gvcp import GVCP_PORT
+from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+from labcdp.drivers.simulated.gige.second_controller import SecondController
+
+from ..conftest import SMALL, Ramp
+
+
+class FrameStream:
+    """A stream through Aravis itself, without our driver."""
+
+    def __init__(self, aravis, camera):
+        self._camera = camera
+        self._stream = camera.create_stream(None, None)
+        for _ in range(6):
+            self._stream.push_buffer(aravis.Buffer.new_allocate(camera.get_payload()))
+        camera.start_acquisition()
+
+    def next(self, timeout_s=2.0):
+        """Status, id, bytes and size of the next frame; None for none."""
+        buffer = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
+        if buffer is None:
+            return None
+        status = buffer.get_status().value_nick
+        if status == "success":
+            size = buffer.get_image_width(), buffer.get_image_height()
+            seen = status, buffer.get_frame_id(), np.frombuffer(buffer.get_data(), np.uint8), size
+        else:
+            seen = status, buffer.get_frame_id(), None, None
+        self._stream.push_buffer(buffer)
+        return seen
+
+    def until(self, wanted, timeout_s=8.0):
+        """The first frame, or the first None, that is wanted."""
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            seen = self.next(0.3)
+            if wanted(seen):
+                return seen
+        raise AssertionError("no such frame")
+
+
+@pytest.fixture(scope="module")
+def served(aravis):
+    """One camera for all tests: Aravis takes seconds to take leave of one that has gone."""
+    with SimulatedGigECamera(SMALL, Ramp()) as camera:
+        yield camera
+
+
+@pytest.fixture
+def camera_on_loopback(served):
+    """The camera just switched on."""
+    served.set_faults(CameraTrouble(gone=True))
+    served.set_faults(NO_TROUBLE)
+    yield served
+    served.set_faults(NO_TROUBLE)
+
+
+@pytest.fixture
+def no_other_camera(served):
+    served.stop()
+    yield
+    served.start()
+
+
+@pytest.fixture
+def aravis_camera(aravis, camera_on_loopback):
+    return aravis.Camera.new("127.0.0.1")
+
+
+@pytest.fixture
+def receiving(aravis):
+    @contextlib.contextmanager
+    def receive(camera):
+        reception = FrameStream(aravis, camera)
+        try:
+            yield reception
+        finally:
+            with contextlib.suppress(Exception):  # lost by intent
+                camera.stop_acquisition()
+            # A stream that is given up after its camera waits for an answer.
+            vars(reception).clear()
+
+    return receive
+
+
+def control(*words):
+    done = subprocess.run(["arv-tool-0.8", *words], check=True, capture_output=True, text=True, timeout=300)
+    return done.stdout
+
+
+# --- Description --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("naming", "present", "absent"),
+    [
+        (
+            "prosilica",
+            ["'ExposureTimeAbs' = 10000 us", "'AcquisitionFrameRateAbs' = 50 Hz", "'StreamBytesPerSecond' = 124000000"],
+            ["'ExposureTime' ", "'DeviceLinkThroughputLimit"],
+        ),
+        (
+            "sfnc",
+            [
+                "'ExposureTime' = 10000 us",
+                "'AcquisitionFrameRate' = 50 Hz",
+                "'DeviceLinkThroughputLimit' = 124000000",
+                "'DeviceLinkThroughputLimitMode' = 'Off'",
+            ],
+            ["'ExposureTimeAbs'", "'StreamBytesPerSecond'"],
+        ),
+    ],
+)
+def test_aravis_tool_reads_every_feature(aravis_tools, no_other_camera, naming, present, absent):
+    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()):
+        values = control("values")
+    for text in (
+        *present,
+        "'BinningHorizontal' = 1",
+        "'BinningVerticalMode' = 'Average'",
+        "'WidthMax' = 64",
+        "'BlackLevel' = 7 DN",
+        "'Gamma' = 1",
+        "'ExposureAuto' = 'Off'",
+        "'GainAuto' = 'Off'",
+        "'TriggerActivation' = 'RisingEdge'",
+        "'AcquisitionMode' = 'Continuous'",
+        "'GevSCPSPacketSize' = 9000",
+        "'GevSCPD' = 0",
+        "'GevTimestampTickFrequency' = 1000000000",
+        "'PayloadSize' = 6144",
+        "'DeviceTemperature' = 31.5 C",
+    ):
+        assert text in values
+    for text in absent:
+        assert text not in values
+
+
+def test_binning_region_and_black_level_reach_the_pixels(aravis_camera, receiving):
+    aravis_camera.set_exposure_time(3000)
+    aravis_camera.set_binning(2, 4)
+    aravis_camera.set_region(3, 1, 16, 8)
+    aravis_camera.set_float("BlackLevel", 27)
+    with receiving(aravis_camera) as reception:
+        _, _, data, size = reception.next()
+    assert size == (16, 8)
+    # Columns 6 and 7 of the ramp average to 6.5, rounded up; black level raised from 7 to 27.
+    expected = np.arange(3, 19) * 2 + 1 + 20
+    np.testing.assert_array_equal(data.view("<u2").reshape(8, 16), np.tile(expected, (8, 1)))
+
+
+def test_the_camera_answers_during_an_exposure(aravis_camera, receiving):
+    aravis_camera.set_exposure_time(60_000_000)
+    with receiving(aravis_camera) as reception:
+        assert aravis_camera.get_exposure_time() == 60_000_000
+        assert reception.next(0.2) is None
+
+
+def test_a_frame_is_not_sooner_than_its_exposure(aravis_camera, receiving):
+    aravis_camera.set_exposure_time(300_000)
+    start_s = time.monotonic()
+    with receiving(aravis_camera) as reception:
+        ids = [reception.next(30)[1] for _ in range(2)]
+    # Half a period of the 50 frames/s each.
+    assert time.monotonic() - start_s >= 2 * 0.29
+    assert np.diff(ids).tolist() == [1]
+
+
+def test_a_triggered_frame_takes_its_exposure_and_the_camera_answers_meanwhile(aravis, aravis_camera, receiving):
+    aravis_camera.set_exposure_time(300_000)
+    aravis_camera.set_trigger("Software")
+    with receiving(aravis_camera) as reception:
+        assert reception.next(0.2) is None
+        for _ in range(2):
+            triggered_s = time.monotonic()
+            aravis_camera.software_trigger()
+            assert aravis_camera.get_exposure_time() == 300_000
+            assert reception.next(30)[0] == "success"
+            assert time.monotonic() - triggered_s >= 0.29
+        assert reception.next(0.2) is None
+
+
+# --- Readout ------------------------------------------------------------------------------------------------------
+
+
+# --- Faults -------------------------------------------------------------------------------------------------------
+
+
+def test_a_stalled_camera_answers_and_sends_nothing(camera_on_loopback, aravis_camera, receiving):
+    with receiving(aravis_camera) as reception:
+        assert reception.next()[0] == "success"
+        camera_on_loopback.set_faults(CameraTrouble(stalled=True))
+        reception.until(lambda seen: seen is None)
+        assert aravis_camera.get_exposure_time() > 0
+        camera_on_loopback.set_faults(NO_TROUBLE)
+        assert reception.until(lambda seen: seen is not None)[0] == "success"
+
+
+@pytest.mark.parametrize("grabbing", [False, True])
+def test_a_frozen_camera_is_silent_and_continues(aravis, camera_on_loopback, receiving, grabbing):
+    camera = aravis.Camera.new("127.0.0.1")
+    with receiving(camera) if grabbing else contextlib.nullcontext() as reception:
+        camera_on_loopback.set_faults(CameraTrouble(frozen=True))
+        if grabbing:
+            reception.until(lambda seen: seen is None)
+        aravis.update_device_list()
+        assert aravis.get_n_devices() == 0
+        camera_on_loopback.set_faults(NO_TROUBLE)
+        aravis.update_device_list()
+        assert aravis.get_n_devices() == 1
+        if grabbing:
+            assert reception.until(lambda seen: seen is not None)[0] == "success"
+        assert camera.get_exposure_time() > 0
+
+
+def test_lost_packets_make_incomplete_frames(camera_on_loopback, aravis_camera, receiving):
+    aravis_camera.gv_set_packet_size(1000)
+    with receiving(aravis_camera) as reception:
+        camera_on_loopback.set_faults(CameraTrouble(loss=0.5))
+        assert reception.until(lambda seen: seen is not None and seen[0] != "success")[0] in (
+            "missing-packets",
+            "timeout",
+        )
+        camera_on_loopback.set_faults(NO_TROUBLE)
+        assert reception.until(lambda seen: seen is not None and seen[0] == "success")
+
+
+def test_wrong_ids_go_back(camera_on_loopback, aravis_camera, receiving):
+    with receiving(aravis_camera) as reception:
+        first = reception.next()[1]
+        camera_on_loopback.set_faults(CameraTrouble(wrong_ids=True))
+        assert reception.until(lambda seen: seen is not None and (seen[1] - first) % 65536 > 32768)
+        camera_on_loopback.set_faults(NO_TROUBLE)
+        # The right ids go on as if they had been sent all the time.
+        later = [reception.until(lambda seen: seen is not None)[1] for _ in range(8)][-2:]
+        assert (later[1] - later[0]) % 65535 == 1
+        assert (later[1] - first) % 65535 < 1000
+
+
+def test_a_wrong_size_is_sent_and_recovers(camera_on_loopback, aravis_camera, receiving):
+    with receiving(aravis_camera) as reception:
+        assert reception.next()[3] == (64, 48)
+        camera_on_loopback.set_faults(CameraTrouble(wrong_size=True))
+        assert reception.until(lambda seen: seen is not None and seen[3] != (64, 48))[3] == (64, 24)
+        camera_on_loopback.set_faults(NO_TROUBLE)
+        assert reception.until(lambda seen: seen is not None and seen[3] == (64, 48))
+
+
+def test_a_camera_that_vanished_comes_back_as_after_switching_on(aravis, camera_on_loopback):
+    camera = aravis.Camera.new("127.0.0.1")
+    camera.set_exposure_time(1234)
+    camera_on_loopback.set_faults(CameraTrouble(gone=True))
+    aravis.update_device_list()
+    assert aravis.get_n_devices() == 0
+    camera_on_loopback.set_faults(NO_TROUBLE)
+    assert aravis.Camera.new("127.0.0.1").get_exposure_time() == 10_000
+
+
+def may_be_controlled():
+    client = SecondController(("127.0.0.1", GVCP_PORT))
+    try:
+        return client.take()
+    finally:
+        client.release()
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_a_second_controller_has_it_until_it_lets_go(aravis, camera_on_loopback, controlled):
+    first = aravis.Camera.new("127.0.0.1") if controlled else None
+    assert may_be_controlled() is not controlled
+    camera_on_loopback.set_faults(CameraTrouble(taken=True))
+    assert not may_be_controlled()
+    if controlled:
+        assert not aravis.Camera.new("127.0.0.1").get_device().is_controller()
+    camera_on_loopback.set_faults(NO_TROUBLE)
+    assert may_be_controlled()
+    del first
+
+
+def test_the_temperature_register_follows(aravis, no_other_camera):
+    temperature_c = [20.0]
+    with SimulatedGigECamera(SMALL, Ramp(), temperature=lambda: temperature_c[-1]) as served:
+        camera = aravis.Camera.new("127.0.0.1")
+        assert camera.get_float("DeviceTemperature") == 20.0
+        temperature_c.append(28.3)
+        served.follow_temperature()
+        assert camera.get_float("DeviceTemperature") == pytest.approx(28.3)
+        # While there is a camera to take leave of.
+        del camera

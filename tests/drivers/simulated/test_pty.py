@@ -1,0 +1,92 @@
+"""The simulated meter on a pseudo-terminal, with any serial program, and its faults."""
+
+import inspect
+import os
+import threading
+import time
+
+import pytest
+import serial
+
+from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
+
+SETTINGS = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "timeout": 2}
+
+
+def meter(luminance=83.02, **options):
+    return SimulatedLS(lambda: luminance, **options)
+
+
+@pytest.fixture
+def port():
+    with PtyMeter(meter(), response_time_s=0) as served:
+        yield served
+
+
+@pytest.mark.parametrize("rtscts", [False, True])
+def test_pyserial_programs_come_and_go(port, rtscts):
+    for _ in range(3):
+        with serial.Serial(port.port, rtscts=rtscts, **SETTINGS) as program:
+            program.write(b"MES\r\n")
+            assert program.read_until(b"\r\n") == b"OK00,CcPH 83.02\r\n"
+
+
+def test_a_command_may_come_in_pieces(port):
+    with serial.Serial(port.port, **SETTINGS) as program:
+        for byte in b"MES\r\n":
+            program.write(bytes([byte]))
+            program.flush()
+        assert program.read_until(b"\r\n") == b"OK00,CcPH 83.02\r\n"
+
+
+def test_a_command_that_breaks_off_is_answered_with_er00():
+    with (
+        PtyMeter(meter(), response_time_s=0, character_timeout_s=0.05) as port,
+        serial.Serial(port.port, **SETTINGS) as program,
+    ):
+        program.write(b"ME")
+        assert program.read_until(b"\r\n") == b"ER00\r\n"
+        program.write(b"MES\r\n")
+        assert program.read_until(b"\r\n") == b"OK00,CcPH 83.02\r\n"
+
+
+def test_measuring_takes_its_time_and_setting_a_mode_does_not():
+    with PtyMeter(meter(), response_time_s=0.2) as port, serial.Serial(port.port, **SETTINGS) as program:
+        start = time.monotonic()
+        program.write(b"MES\r\n")
+        program.read_until(b"\r\n")
+        assert time.monotonic() - start >= 0.2
+    assert inspect.signature(PtyMeter).parameters["response_time_s"].default == 0.8
+
+
+@pytest.mark.parametrize(
+    ("fault", "received"),
+    [
+        (Fault(), b"OK00,CcPH 83.02\r\n"),
+        (Fault(reply=b""), b""),
+        (Fault(reply=b"ER30\r\n"), b"ER30\r\n"),
+        (Fault(reply=b"\x00\x7f?!\r\n"), b"\x00\x7f?!\r\n"),
+        (Fault(n_bytes=7), b"OK00,Cc"),
+        (Fault(n_bytes=0), b""),
+        (Fault(delay_s=0.1), b"OK00,CcPH 83.02\r\n"),
+        (Fault(delay_s=0.1, n_bytes=7), b"OK00,Cc"),
+    ],
+)
+def test_a_fault_befalls_one_reply(port, fault, received):
+    port.inject(fault)
+    with serial.Serial(port.port, **SETTINGS | {"timeout": 0.4}) as program:
+        program.write(b"MES\r\n")
+        assert program.read_until(b"\r\n") == received
+        program.write(b"MES\r\n")
+        assert program.read_until(b"\r\n") == b"OK00,CcPH 83.02\r\n"
+
+
+def test_closing_leaves_no_thread_and_no_descriptor():
+    threads, descriptors = threading.active_count(), len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        with PtyMeter(meter()) as served:
+            path = served.port
+            assert os.path.exists(path)
+    assert threading.active_count() <= threads
+    assert len(os.listdir("/proc/self/fd")) <= descriptors
+    assert not os.path.exists(path)

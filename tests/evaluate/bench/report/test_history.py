@@ -1,0 +1,71 @@
+"""The history of cameras: planes of one camera together, changes with their U."""
+
+from dataclasses import replace
+
+import pytest
+from jsonschema import Draft202012Validator
+from openpyxl import load_workbook
+
+from labcdp.calibration.verify.history import HistoryPoint, histories
+from labcdp.core.errors import InputError
+from labcdp.core.frame import PLANES
+from labcdp.evaluate.bench.history.page import write_history
+from labcdp.evaluate.bench.history.result import by_camera, history_result, history_title
+from labcdp.report.envelope import envelope, schema
+
+
+@pytest.fixture(scope="module")
+def mono(evaluation):
+    return histories({"c.json": evaluation.calibration}, {})
+
+
+@pytest.fixture(scope="module")
+def planes(mono):
+    """Two measurements of four planes; blue lost a tenth, and the second one found nothing of red."""
+    (one,) = mono
+    first = one.points[0]
+    made = []
+    for plane, weight in zip(PLANES, (0.2, 0.45, 0.45, -0.1), strict=True):
+        second: HistoryPoint = replace(
+            first,
+            source="v.json",
+            measured=first.measured.replace(year=first.measured.year + 1),
+            verdict="undecided",
+            weight=None,
+            k_dn_per_e=None,
+            responsivity=(first.responsivity[0] * (0.9 if plane == "B" else 1.0), *first.responsivity[1:]),
+        )
+        if plane == "R":
+            second = replace(second, responsivity=None)
+        made.append(replace(one, plane=plane, points=(replace(first, weight=weight), second)))
+    return made
+
+
+def test_planes_of_a_camera_are_one_camera(planes, mono):
+    (camera,) = by_camera(planes)
+    assert [one.plane for one in camera] == list(PLANES)
+    assert "plane" not in history_title(camera)
+    # A monochrome camera of the same name is another one.
+    assert len(by_camera([*planes, *mono])) == 2
+
+
+def test_points_by_time_with_weights_and_verdicts(planes):
+    result = history_result(planes)
+    Draft202012Validator(schema()).validate(envelope(result))
+    rows = list(result.table("history").rows())
+    assert [row["plane"] for row in rows] == [*PLANES, *PLANES]
+    assert [row["weight"] for row in rows[:4]] == [0.2, 0.45, 0.45, -0.1]
+    assert {row["by"] for row in rows[4:]} == {"verification: undecided"}
+    assert rows[4]["responsivity"] is rows[4]["expanded_r"] is None
+
+
+def test_page_picture_and_sheet(planes, mono, tmp_path):
+    for name in ("h.html", "h.png", "h.xlsx"):
+        write_history(planes, history_result(planes), tmp_path / name)
+    page = (tmp_path / "h.html").read_text()
+    assert page.count("data:image/png;base64,") == 1
+    assert page.index("changed</span>") < page.index("data:image/png")
+    assert load_workbook(tmp_path / "h.xlsx").sheetnames == ["cameras", "history", "about"]
+    both = [*planes, *mono]
+    with pytest.raises(InputError, match="a picture shows one camera and setting, these are 2"):
+        write_history(both, history_result(both), tmp_path / "two.png")

@@ -1,0 +1,174 @@
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
+from scipy.special import ndtr
+
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.evaluate.picture.edges.edges import EdgeKind
+from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
+
+
+def _map(luminance, common=(), invalid=None, **more):
+    nothing = np.zeros(luminance.shape, dtype=np.uint8)
+    return LuminanceMap(
+        luminance, np.full(luminance.shape, 0.01), common, nothing if invalid is None else invalid, **more
+    )
+
+
+def _halves(dark=100.0, bright=150.0, noise=8.0, shape=(400, 480), seed=0):
+    image = np.full(shape, dark)
+    image[:, shape[1] // 2 + 9 :] = bright
+    return image + noise * np.random.default_rng(seed).normal(size=shape)
+
+
+def _across(found, x=249):
+    """Edges between the two halves, but those that are too short."""
+    edges = found.edges
+    left, right = (found.regions.centre_px[side, 0] < x for side in (edges.bright, edges.dark))
+    return np.flatnonzero((left != right) & (edges.kind != EdgeKind.SMALL))
+
+
+def _pixels(found, image, region):
+    """Measured pixels of a region, found in another way: no other region within 2 pixels, and odd row plus column."""
+    own = found.regions.labels == region
+    inside = own & (minimum_filter(own, 5, mode="nearest") & maximum_filter(own, 5, mode="nearest"))
+    rows, columns = np.nonzero(inside)
+    odd = (rows + columns) % 2 == 1
+    return image[rows[odd], columns[odd]]
+
+
+def _share(bright, dark, noise, low, high):
+    """Share of the pairs of two normal patches with a contrast of `low` to `high`."""
+
+    def up_to(contrast):
+        ratio = 1 + contrast
+        return ndtr((ratio * dark - bright) / (noise * sqrt(ratio**2 + 1)))
+
+    return up_to(high) - up_to(low)
+
+
+@pytest.mark.parametrize("epsilon", [0.5, 0.2, DetectionInterval.at_least(0.3)])
+def test_contrast_and_cdp_of_an_edge_are_those_of_its_pixels(epsilon):
+    image = _halves()
+    found = contrast_map(_map(image), ContrastMapSettings(epsilon=epsilon))
+    edges = found.edges
+    assert _across(found).size >= 8
+    for edge in _across(found):
+        bright, dark = (_pixels(found, image, side[edge]) for side in (edges.bright, edges.dark))
+        assert edges.contrast[edge] == pytest.approx(bright.mean() / dark.mean() - 1, rel=1e-9)
+        (expected,) = cdp_range(bright, dark, (float(edges.contrast[edge]),), epsilon)
+        assert edges.cdp[edge] == expected.cdp
+        inflation = found.noise.inflation
+        assert edges.cdp_standard_error[edge] == pytest.approx(expected.standard_error * sqrt(inflation), rel=1e-9)
+        of_means = (
+            bright.var(ddof=1) / bright.size / bright.mean() ** 2 + dark.var(ddof=1) / dark.size / dark.mean() ** 2
+        )
+        assert edges.contrast_standard_uncertainty[edge] == pytest.approx(
+            (1 + edges.contrast[edge]) * sqrt(inflation * of_means), rel=1e-9
+        )
+
+
+def test_cdp_and_its_interval_agree_with_the_closed_form_for_normal_noise():
+    inside, seen, deviations = 0, 0, []
+    for seed in range(3):
+        found = contrast_map(_map(_halves(noise=14.0, seed=seed)))
+        for edge in _across(found):
+            contrast = found.edges.contrast[edge]
+            truth = _share(150.0, 100.0, 14.0, 0.5 * contrast, 1.5 * contrast)
+            deviations.append(found.edges.cdp[edge] - truth)
+            inside += found.edges.cdp_low[edge] <= truth <= found.edges.cdp_high[edge]
+            seen += 1
+    # At least 16 independent pairs of regions, since an edge shares its regions with others.
+    assert abs(np.mean(deviations)) < 4 * np.std(deviations) / 4
+    assert np.std(deviations) < 0.02
+    assert inside / seen > 0.85
+
+
+@pytest.mark.parametrize("size", [16, 30])
+@pytest.mark.parametrize("blur_px", [0.0, 0.7])
+def test_an_image_of_noise_has_no_edges(size, blur_px):
+    # The chance of an edge is 1 % an image, so that 1 in 4 images fails in 4 % of all seeds.
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(size=(320, 400))
+        noise = gaussian_filter(noise, blur_px) if blur_px else noise
+        found = contrast_map(_map(100 + 15 * noise / noise.std()), ContrastMapSettings(size))
+        assert found.count(EdgeKind.NOISE, EdgeKind.SMALL) == found.edges.kind.size
+        assert np.isnan(found.edges.cdp).all()
+        assert np.isnan(found.detected_share)
+        assert (found.noise.inflation > 3) == (blur_px > 0)
+        assert ("correlated-noise" in {one.code for one in found.findings}) == (blur_px > 0)
+
+
+def test_an_exact_power_of_two_in_the_unit_changes_nothing():
+    image = _halves(noise=10.0).astype(np.float32)
+    one, other = (contrast_map(_map(image * np.float32(factor))) for factor in (1, 1024))
+    assert np.array_equal(one.regions.labels, other.regions.labels)
+    for name in ("kind", "contrast", "cdp", "cdp_low", "cdp_high"):
+        assert np.array_equal(getattr(one.edges, name), getattr(other.edges, name), equal_nan=True)
+
+
+def test_each_edge_is_of_one_kind():
+    rng = np.random.default_rng(0)
+    image = np.full((480, 640), 100.0)
+    image[:, 160:320] = 103.0  # faint
+    image[:, 320:480] = 3000.0  # saturated
+    image[:, 480:] = -0.5  # black
+    image += rng.normal(0, 2, image.shape)
+    invalid = np.where(image > 2900, Invalid.SATURATED, 0).astype(np.uint8)
+    found = contrast_map(_map(image, invalid=invalid))
+    assert sum(found.count(kind) for kind in EdgeKind) == found.edges.kind.size
+    x = np.where(found.of_kind(EdgeKind.SMALL), np.nan, found.edges.middle_px[:, 0])
+    for kind, place in ((EdgeKind.FAINT, 160), (EdgeKind.SATURATED, 320), (EdgeKind.SATURATED, 480)):
+        assert set(found.edges.kind[np.abs(x - place) < 1]) == {kind}
+    black = found.edges.kind[x > 540]
+    # Contrasts of nothing to nothing are not defined.
+    assert set(black) == {EdgeKind.BLACK}
+    assert np.isnan(found.edges.contrast[x > 540]).all()
+    assert np.isnan(found.edges.cdp[np.abs(x - 320) < 1]).all()
+    assert found.regions.saturated_share.max() == 1.0
+    assert np.isnan(found.detected_share)
+
+
+def test_errors_alike_for_neighbours_cancel_and_others_count():
+    image = _halves(noise=14.0)
+    plain = contrast_map(_map(image))
+    alike = contrast_map(_map(image, (CommonError("meter", 0.05), CommonError("fit", np.full(image.shape, 0.05)))))
+    pattern = np.where(np.arange(480) >= 249, 0.04, 0.01) * np.ones((400, 1))
+    errors = (CommonError("fit", pattern), CommonError("dark", -pattern / 3))
+    differing = contrast_map(_map(image, errors))
+    edges, across = plain.edges, _across(plain)
+    for name in ("contrast_standard_uncertainty", "cdp_standard_error"):
+        assert getattr(alike.edges, name)[across] == pytest.approx(getattr(edges, name)[across], rel=1e-9)
+    added = 0.03 * sqrt(1 + 1 / 9) * (1 + edges.contrast[across])
+    # A few pixels of the regions are on the other side of the step.
+    expected = np.hypot(edges.contrast_standard_uncertainty[across], added)
+    assert differing.edges.contrast_standard_uncertainty[across] == pytest.approx(expected, rel=0.02)
+    edge = across[3]
+    bright, dark = (_pixels(plain, image, side[edge]) for side in (edges.bright, edges.dark))
+    one = cdp_with_common_errors(
+        bright, dark, float(edges.contrast[edge]), errors=[(0.04, 0.01), (-0.04 / 3, -0.01 / 3)]
+    )
+    by_calibration = sqrt(differing.edges.cdp_standard_error[edge] ** 2 - edges.cdp_standard_error[edge] ** 2)
+    assert by_calibration == pytest.approx(one.calibration_standard_uncertainty, rel=0.1)
+
+
+def test_pixels_that_are_not_finite_are_left_out():
+    image = _halves(noise=3.0)
+    spoilt = image.copy()
+    spoilt[::7, ::11] = np.nan
+    found = contrast_map(_map(spoilt))
+    assert found.count(EdgeKind.SEEN) >= 8
+    assert np.isfinite(found.regions.mean).all()
+
+
+def test_where_noise_hides_the_least_contrast_is_told():
+    image = _halves(bright=400.0, noise=60.0)
+    found = contrast_map(_map(image))
+    blind = found.edges.significant_contrast > 0.1
+    assert found.blind_share == pytest.approx(blind[~found.of_kind(EdgeKind.SMALL)].mean())
+    assert found.findings[-1].code == "mostly-noise"
+    assert replace(found, settings=ContrastMapSettings(minimum_contrast=1.0)).blind_share == 0

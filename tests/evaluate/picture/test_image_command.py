@@ -1,0 +1,191 @@
+"""Command image, as it is run from a terminal."""
+
+import json
+import re
+import resource
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import openpyxl
+import pytest
+from jsonschema import Draft202012Validator
+
+from labcdp.metrics import cdp
+from labcdp.output import write_files
+from labcdp.regions import RectangleShape, save_regions
+from labcdp.report.envelope import schema
+
+_LABCDP = Path(sys.executable).with_name("labcdp")
+_LEFT, _RIGHT = (slice(20, 60), slice(10, 50)), (slice(20, 60), slice(70, 110))
+
+
+@pytest.fixture
+def image(labcdp):
+    """Run `labcdp image` in an empty folder; returns the finished process."""
+    return partial(labcdp, "image")
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Two pictures of one scene, a smaller one of the first one's name, a broken one, and files of regions."""
+    for number, (name, shape) in enumerate(
+        [("one.png", (80, 120)), ("two.png", (80, 120)), ("small/one.png", (30, 40))]
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / name), _pixels(number, shape))
+    (tmp_path / "broken.png").write_bytes((tmp_path / "one.png").read_bytes()[:2000])
+    bright, dark = RectangleShape("bright", 70, 20, 40, 40), RectangleShape("dark, left", 10, 20, 40, 40)
+    save_regions(tmp_path / "rois.json", (bright, dark))
+    save_regions(tmp_path / "three.json", (bright, dark, RectangleShape("corner", 0, 0, 9, 9)))
+    return tmp_path
+
+
+def _pixels(seed, shape=(80, 120)):
+    pixels = np.random.default_rng(seed).normal(20.0, 2.0, shape)
+    pixels[:, shape[1] // 2 :] += 180
+    return np.rint(np.clip(pixels, 0, 255)).astype(np.uint8)
+
+
+def _lines(done):
+    return [line for line in done.stderr.splitlines() if not line.startswith(("Pictures ", "info: ", "warning: "))]
+
+
+def test_a_picture_with_its_numbers_pages_and_sheets(image, scene):
+    done = image("one.png", "--roi", "rois.json", "--contrast", "1000%", "--encoding", "linear", "--json")
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    Draft202012Validator(schema()).validate(values)
+    (found,) = values["tables"]["cdp"]["rows"]
+    assert found["cdp"] == cdp(_pixels(0)[_RIGHT], _pixels(0)[_LEFT], 10.0).cdp
+    assert values["tables"]["pictures"]["rows"][0]["unit"] == "relative"
+    assert {one["role"] for one in values["inputs"]} == {"picture", "regions"}
+    written = {
+        str(path.relative_to(scene / "one-image")) for path in (scene / "one-image").rglob("*") if path.is_file()
+    }
+    assert {"report.html", "results.xlsx", "results.json", "figures/picture.png", "labcdp-files.json"} < written
+    assert "surface.html" not in written
+    assert (scene / "one-image/results.json").read_text() == done.stdout
+    assert "warning" not in done.stderr
+
+
+def test_without_contrast_the_tables_show_the_measured_one(image, scene):
+    done = image("one.png", "--roi", "three.json", "--pair", "bright:dark, left", "--epsilon", "20%", "--surface")
+    assert done.returncode == 0, done.stderr
+    assert "bright / dark, left" in done.stdout
+    assert "measured" in done.stdout
+    assert "corner" in done.stdout
+    assert "info: no contrast was given: the CDP is that of the measured contrast" in done.stderr
+    assert done.stderr.splitlines()[-1] == "Report: one-image/report.html; also results.xlsx and results.json"
+    assert (scene / "one-image/surface.html").exists()
+    (row,) = json.loads((scene / "one-image/results.json").read_text())["tables"]["cdp"]["rows"]
+    assert row["contrast"] == row["measured_contrast"] == pytest.approx(9.0, rel=0.02)
+    assert row["cdp"] > 0.5
+
+
+def test_the_rest_of_a_batch_continues_and_failures_are_reported_at_the_end(image, scene):
+    paths = ("one.png", "broken.png", "small/one.png", "two.png", "./one.png", "missing.png")
+    done = image(*paths, "--roi", "rois.json", "--contrast", "800%:1000%:3", "--encoding", "linear", "--output", "out")
+    assert done.returncode == 1
+    lines = _lines(done)
+    assert lines[0] == "Note: one.png is the same file as one.png and is evaluated once" or "Note" not in done.stderr
+    assert lines[-4] == "labcdp: 3 of 5 pictures failed:"
+    assert "broken.png" in lines[-3]
+    assert lines[-2] == (
+        "  small/one.png: rois.json: region 'bright' spans x 70 to 110, y 20 to 60, but the image is 40 x 30 pixels: "
+        "move it inside"
+    )
+    assert "missing.png cannot be read (No such file or directory)" in lines[-1]
+    book = openpyxl.load_workbook(scene / "out/results.xlsx")
+    rows = [[cell.value for cell in row] for row in book["cdp bright dark, left"].iter_rows()]
+    names = ["one.png", "broken.png", "small/one.png", "two.png", "missing.png"]
+    assert rows[0][1:] == [f"{number} {name}" for number, name in enumerate(names, start=1)]
+    assert [value is None for value in rows[3]] == [False, False, True, True, False, True]
+    assert rows[3][4] == pytest.approx(cdp(_pixels(1)[_RIGHT], _pixels(1)[_LEFT], 10.0).cdp)
+    failures = [row[-1].value for row in book["pictures"].iter_rows(min_row=2)]
+    assert [text is None for text in failures] == [True, False, False, True, False]
+    assert {path.name for path in (scene / "out").iterdir()} == {
+        *("report.html", "results.json", "results.xlsx", "picture-1-one", "picture-4-two", "labcdp-files.json")
+    }
+    assert not (scene / "out/picture-1-one/surface.html").exists()
+
+
+def test_pictures_of_one_name_are_kept_apart_and_one_given_twice_counts_once(image, scene):
+    (scene / "two.png").unlink()
+    (scene / "link.png").symlink_to(scene / "one.png")
+    done = image(".", "small", "link.png", "--neighbours", "--output", "out", "--json")
+    values = json.loads(done.stdout)
+    assert done.returncode == 1
+    pictures = values["tables"]["pictures"]["rows"]
+    assert [(one["picture"], one["failure"] is None) for one in pictures] == [
+        ("broken.png", False), ("link.png", True), ("small/one.png", True),
+    ]  # fmt: skip
+    assert [one["subject"] for one in values["findings"] if one["severity"] == "error"] == ["broken.png"]
+    assert "Note: one.png is the same file as link.png and is evaluated once" in done.stderr
+    assert (scene / "out/picture-2-link/report.html").exists()
+    assert (scene / "out/picture-3-one/report.html").exists()
+
+
+def test_the_documentation_names_options_that_exist_and_code_that_runs(image, scene, monkeypatch, capsys):
+    text = (Path(__file__).parents[3] / "docs" / "images.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"--[a-z][a-z-]+", text)) <= set(re.findall(r"--[a-z][a-z-]+", image("--help").stdout))
+    code = text.partition("```python")[2].partition("```")[0]
+    (scene / "one.png").rename(scene / "night.png")
+    monkeypatch.chdir(scene)
+    exec(code, {})
+    of_given, of_measured = capsys.readouterr().out.splitlines()
+    assert 0.9 < float(of_given.split()[0].strip("[]")) <= 1
+    assert 0.9 < float(of_measured.strip("[]")) <= 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "no regions given: give a file with --roi (see labcdp rois), or --neighbours"),
+        (("--roi", "no.json"), "no.json cannot be read (No such file or directory)"),
+        (("--neighbours", "--pair", "a:b"), "--pair names regions: give their file with --roi"),
+        (("--roi", "rois.json", "--pair", "bright:sky"), "there is no 'sky': choose from bright, dark, left"),
+        (("--roi", "rois.json", "--epsilon", "0%"), "--epsilon is '0%': give a percentage above 0%, up to 100%"),
+        (("--rectangle", "1,2,3"), "--rectangle is '1,2,3': give two corner pixels x0,y0,x1,y1 as whole numbers"),
+        (("--neighbours", "--encoding", "gamma"), "--encoding is 'gamma': give linear or srgb"),
+        (
+            ("--neighbours", "--output", "one.png"),
+            "one.png is not a folder: give another --output",
+        ),
+        (("--neighbours", "--camera-spec", "one.png"), "one.png"),
+    ],
+)
+def test_bad_input_is_one_line(image, scene, arguments, message):
+    before = sorted(scene.rglob("*"))
+    done = image("one.png", *arguments)
+    assert done.returncode == 1
+    lines = _lines(done)
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("labcdp: ")
+    assert message in lines[0]
+    assert sorted(scene.rglob("*")) == before
+
+
+def _limited(scene, *arguments):
+    """Run the command where no file may be larger than 100 kB, as on a full disk."""
+    return subprocess.run(
+        [_LABCDP, "image", *arguments],
+        cwd=scene,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )
+
+
+def test_a_disk_without_room_is_one_line_and_leaves_the_results_before(scene):
+    write_files(scene / "out", "image", {"results.json": b"before"})
+    before = {path.name: path.read_bytes() for path in (scene / "out").iterdir()}
+    done = _limited(scene, "two.png", "--neighbours", "--output", "out", "--force")
+    assert done.returncode == 1
+    assert len(_lines(done)) == 1, done.stderr
+    assert "cannot be written (File too large): give a folder you can write to, on a disk with" in _lines(done)[0]
+    assert {path.name: path.read_bytes() for path in (scene / "out").iterdir()} == before

@@ -1,0 +1,409 @@
+"""Pictures to luminance: by a calibration, by guessed parameters against the simulated chain, and relative."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from math import pi
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from labcdp.calibration import (
+    Calibration,
+    CameraState,
+    DarkModel,
+    LensIdentity,
+    MeterScale,
+    PatchResidual,
+    Provenance,
+    ResponsivityFit,
+    TemporalNoise,
+    save,
+)
+from labcdp.calibration.defects import DefectMap
+from labcdp.calibration.fit_error import FitError
+from labcdp.chain import Chain, Optics, Sensor, Windscreen
+from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.finding import info, warning
+from labcdp.core.frame import CameraIdentity
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.core.reading import MeterIdentity
+from labcdp.core.response import Response
+from labcdp.core.vignetting import Cos4Vignetting
+from labcdp.evaluate.picture.light.camera_specification import CameraSpecification
+from labcdp.evaluate.picture.light.dn_tables import specified_light
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.files import PictureOptions, frame_of_pixels, read_picture
+from labcdp.files.luminance_file import save_luminance
+
+CAMERA = CameraIdentity("Allied Vision", "Manta G-505B", "1")
+SHAPE = (48, 64)
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
+CHAIN = """
+name = "truth"
+description = "a windscreen, a lens with fall-off and a warm sensor"
+spectrum = "LED-B3"
+[scene]
+type = "checkerboard"
+luminance_cd_m2 = 40.0
+contrast = 4.0
+square_px = 40
+[windscreen]
+transmittance = 0.8
+glare_fraction = 0.25
+[optics]
+f_number = 2.0
+transmittance = 0.85
+focal_length_m = 2e-3
+[exposure]
+exposure_s = 0.004
+gain_db = 6.0
+temperature_c = 45.0
+[sensor]
+type = "emva1288"
+pixel_pitch_m = 5e-6
+width = 200
+height = 160
+quantum_efficiency = [[400, 0.3], [550, 0.6], [750, 0.2]]
+full_well_e = 30000.0
+k_dn_per_e = 0.12
+read_noise_e = 6.0
+dark_current_e_s = 10000.0
+bits = 12
+black_level_dn = 100.0
+reference_temperature_c = 25.0
+doubling_temperature_c = 8.0
+"""
+CAMERA_TOML = """
+name = "the same camera"
+adc_bits = 12
+quantum_efficiency = [[400, 0.3], [550, 0.6], [750, 0.2]]
+pixel_pitch_m = 5e-6
+f_number = 2.0
+k_dn_per_e = 0.12
+lens_transmittance = 0.85
+windscreen_transmittance = 0.8
+glare_fraction = 0.25
+spectrum = "LED-B3"
+focal_length_m = 2e-3
+black_dn = 100.0
+read_noise_e = 6.0
+dark_current_e_s = 10000.0
+temperature_c = 45.0
+exposure_s = 0.004
+gain_db = 6.0
+"""
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """DN of the simulated chain, and the luminance it saw."""
+    run = Chain.from_toml(CHAIN, "truth").run(seed=3)
+    return run["sensor"].values.astype(np.uint16), run["scene"].values
+
+
+@pytest.fixture
+def specified(tmp_path):
+    """Make the conversion of a camera specification with some lines replaced."""
+
+    def make(encoding=None, **changes):
+        lines = dict(line.split(" = ", 1) for line in CAMERA_TOML.strip().splitlines())
+        lines |= {key: str(value) for key, value in changes.items()}
+        text = "\n".join(f"{key} = {value}" for key, value in lines.items() if value != "None")
+        path = tmp_path / "camera.toml"
+        path.write_text(text, encoding="utf-8")
+        return picture_conversion(None, path, encoding)
+
+    return make
+
+
+@pytest.fixture
+def relative():
+    return picture_conversion(None, None, None)
+
+
+@pytest.fixture
+def calibrated(tmp_path):
+    """Make the conversion of a saved calibration."""
+
+    def make(**changes):
+        values = {
+            "state": CameraState(CAMERA, "Mono12", 12, SHAPE, 0.0, 4095.0, 64.0),
+            "lens": LensIdentity("Kowa LM6NCL", "", 0.006, 2.6),
+            "source_spectrum": "LED-B4",
+            "meter_scale": MeterScale(MeterIdentity("LS-110", "1"), 0.02),
+            "responsivity": ResponsivityFit(1200.0, 0.003, 10.0, 11, 0.0, 0.0, None, None),
+            "response": Response(),
+            "fit_errors": (FitError("fit", (1.0, 4095.0), (0.003, 0.003)),),
+            "dark": DarkModel(64.0, 40.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 1.5, 0.0, (0.001, 0.064)),
+            "noise": TemporalNoise(0.25, 1.5),
+            "gains": (),
+            "vignetting": Cos4Vignetting(5e-4, 1e-5),
+            "defects": DefectMap(np.array([12, 40]), np.array([9, 60]), np.array([1, 1]), SHAPE),
+            "dark_library": None,
+            "range_cd_m2": (0.5, 2000.0),
+            "range_net_dn": (5.0, 4000.0),
+            "exposures_s": (0.001, 0.008),
+            "residuals": (PatchResidual("P1", 100.0, 0.1, 4, 100.0, 0.0, 0.0, (0.008,), (32.0, 24.0), None),),
+            "held_out": (),
+            "left_out": (),
+            "ladder": (),
+            "tests": (),
+            "findings": (),
+            "provenance": Provenance(NOW, "0" * 64, {"labcdp": "0"}),
+        }
+        save(Calibration(**values | changes), tmp_path / "calibration.json", force=True)
+        return picture_conversion(tmp_path / "calibration.json", None, None)
+
+    return make
+
+
+@pytest.fixture
+def dn():
+    return np.random.default_rng(1).integers(0, 4096, SHAPE, dtype=np.uint16)
+
+
+def written(path, dn):
+    cv2.imwrite(str(path), dn)
+    return path
+
+
+# By guessed parameters
+
+
+def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specified):
+    dn, scene = truth
+    conversion = specified()
+    seen = conversion.luminance(read_picture(written(tmp_path / "a.png", dn), conversion.options))
+    deviation = seen.luminance_cd_m2 / scene - 1
+    for level in np.unique(scene):
+        here = deviation[scene == level]
+        # Noise of the mean, and glare and black level that are known to a rounding of the mean only.
+        assert abs(here.mean()) < 5 * here.std() / np.sqrt(here.size) + 1e-4
+    # Each pixel deviates as the noise says it may.
+    assert np.std(deviation * scene / (seen.random_rel * seen.luminance_cd_m2)) == pytest.approx(1, abs=0.02)
+    assert seen.valid.all()
+
+
+@settings(max_examples=40)
+@given(
+    transmittance=st.floats(0.3, 1.0),
+    glare=st.floats(0.0, 3.0),
+    f_number=st.floats(1.0, 16.0),
+    lens=st.floats(0.3, 1.0),
+    focal_mm=st.one_of(st.none(), st.floats(0.5, 50.0)),
+    magnification=st.floats(0.0, 0.5),
+    pitch_um=st.floats(1.0, 20.0),
+    efficiency=st.floats(0.05, 1.0),
+    gain_db=st.floats(-6.0, 24.0),
+    temperature_c=st.floats(-20.0, 90.0),
+    black_dn=st.integers(0, 3000),
+)
+def test_any_camera_is_undone_but_for_rounding(
+    transmittance,
+    glare,
+    f_number,
+    lens,
+    focal_mm,
+    magnification,
+    pitch_um,
+    efficiency,
+    gain_db,
+    temperature_c,
+    black_dn,
+):
+    """The mean DN of the chain's own stages, rounded, and back."""
+    focal_length_m = None if focal_mm is None else focal_mm * 1e-3
+    optics = Optics(f_number, lens, focal_length_m, magnification)
+    sensor = Sensor(
+        pixel_pitch_m=pitch_um * 1e-6, width=12, height=10, quantum_efficiency=efficiency, full_well_e=1e7,
+        k_dn_per_e=1.0, read_noise_e=0.0, dark_current_e_s=50.0, bits=16, black_level_dn=float(black_dn),
+    )  # fmt: skip
+    scene = np.random.default_rng(1).uniform(1, 10, sensor.shape)
+    lux = optics.apply(Windscreen(transmittance, glare).apply(scene), sensor.pixel_pitch_m)
+    rate = sensor.electron_rate(lux, "D65")
+    dark = sensor.dark_current_at(temperature_c)
+    # So long that the brightest pixel comes near the end of the converter.
+    k = sensor.system_gain_dn_per_e(gain_db)
+    exposure_s = (60000 - black_dn) / (k * (rate.max() + dark))
+    dn = np.rint(black_dn + k * (rate + dark) * exposure_s).astype(np.uint16)
+    specification = CameraSpecification(
+        name="any", adc_bits=16, quantum_efficiency=efficiency, pixel_pitch_m=sensor.pixel_pitch_m, f_number=f_number,
+        k_dn_per_e=1.0, lens_transmittance=lens, windscreen_transmittance=transmittance, glare_fraction=glare,
+        spectrum="D65", focal_length_m=focal_length_m, magnification=magnification, black_dn=float(black_dn),
+        dark_current_e_s=50.0, temperature_c=temperature_c,
+    )  # fmt: skip
+    options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
+    frame = frame_of_pixels(dn, options, NOW)
+    seen = specified_light(specification, frame, "linear", None).map_of(frame)
+    per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
+    np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())
+
+
+def test_what_a_file_says_counts_more_than_the_specification(tmp_path, specified):
+    grey = np.full((16, 16), 100, np.uint8)
+    block = Image.Exif()
+    block.get_ifd(0x8769).update({0x829A: 0.008, 0x829D: 4.0, 0x8827: 200})
+    Image.fromarray(grey).save(tmp_path / "stated.jpg", exif=block, quality=100)
+    Image.fromarray(grey).save(tmp_path / "silent.jpg", quality=100)
+    conversion = specified(dark_current_e_s=0, focal_length_m=None)
+    pictures = [read_picture(tmp_path / name, conversion.options) for name in ("stated.jpg", "silent.jpg")]
+    stated, silent = (conversion.luminance(picture).luminance_cd_m2[0, 0] for picture in pictures)
+    # Twice the exposure, f/4 for f/2, and the same gain: ISO 200 is 6 dB.
+    assert stated / silent == pytest.approx(4 / 2, rel=0.003)
+    assert warning("f-number-differs", stated=4.0, specified=2.0) in conversion.findings(pictures[0])
+    assert info("exposure-assumed", exposure_s=0.004) in conversion.findings(pictures[1])
+
+
+@pytest.mark.parametrize("colours", [False, True])
+def test_srgb_is_undone(tmp_path, truth, specified, colours):
+    dn, scene = truth
+    linear = dn / 4095
+    encoded = np.rint(255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055))
+    encoded = encoded.astype(np.uint8)
+    conversion = specified(encoding=None if colours else "srgb")
+    path = written(tmp_path / "a.png", np.dstack([encoded] * 3) if colours else encoded)
+    picture = read_picture(path, conversion.options)
+    assert not picture.coloured
+    assert conversion.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
+    assert warning("srgb-assumed") in conversion.findings(picture)
+
+
+def test_saturated_and_black_pixels_are_flagged(tmp_path, specified):
+    dn = np.array([[0, 50, 2000, 3999, 4000, 4095]], dtype=np.uint16)
+    conversion = specified(saturation_dn=4000.0, glare_fraction=0, dark_current_e_s=0)
+    flags = conversion.luminance(read_picture(written(tmp_path / "a.png", dn), conversion.options)).invalid
+    black, saturated = Invalid.BELOW_BLACK, Invalid.SATURATED
+    assert flags.tolist() == [[black, black, 0, 0, saturated, saturated]]
+
+
+# Relative
+
+
+def test_contrasts_hold_without_any_parameter(tmp_path, relative):
+    dn = np.array([[1000, 2000, 500]], dtype=np.uint16)
+    picture = read_picture(written(tmp_path / "a.png", dn), PictureOptions(bit_depth=12))
+    seen = relative.luminance(picture)
+    assert (seen.luminance_cd_m2 == dn / 4096).all()
+    np.testing.assert_allclose(seen.random_rel, 1 / np.sqrt(12) / dn, rtol=1e-5)
+    assert relative.unit_of(picture) == "relative"
+    assert seen.common == ()
+    assert relative.findings(picture) == (info("relative-luminance"),)
+
+
+def test_green_pixels_stand_for_a_bayer_pattern(tmp_path, relative):
+    tifffile.imwrite(tmp_path / "a.tif", np.arange(30, dtype=np.uint16).reshape(5, 6), photometric="minisblack")
+    for pattern, green in {"RG": (1, 6), "BG": (1, 6), "GR": (0, 7), "GB": (0, 7)}.items():
+        picture = read_picture(tmp_path / "a.tif", PictureOptions(pixel_format=f"Bayer{pattern}12"))
+        seen = relative.luminance(picture)
+        assert seen.step == 2
+        assert seen.shape == (2, 3)
+        assert seen.luminance_cd_m2[0, 0] == sum(green) / 2 / 4096
+        assert seen.luminance_cd_m2[1, 2] == (sum(green) / 2 + 16) / 4096
+        # Two pixels have less noise than one.
+        assert seen.random_rel[1, 2] * seen.luminance_cd_m2[1, 2] * 4096 == pytest.approx(np.sqrt(1 / 24), rel=1e-4)
+        assert info("green-pixels-only") in relative.findings(picture)
+
+
+# Floats
+
+
+def test_floats_are_relative_unless_the_file_says_more(tmp_path, relative, specified):
+    values = np.array([[1.0, 2.5, np.nan, np.inf]], dtype=np.float32)
+    np.save(tmp_path / "a.npy", values)
+    picture = read_picture(tmp_path / "a.npy")
+    seen = relative.luminance(picture)
+    assert np.array_equal(seen.luminance_cd_m2, values, equal_nan=True)
+    assert seen.invalid.tolist() == [[0, 0, Invalid.DEFECT, Invalid.DEFECT]]
+    with pytest.raises(InputError, match=r"a\.npy holds floats, and does not say that they are cd/m\^2"):
+        specified().luminance(picture)
+
+
+def test_luminance_that_was_saved_needs_no_conversion(tmp_path, relative, specified):
+    values = np.full((4, 5), 7.0, np.float32)
+    saved = LuminanceMap(values, values / 100, (CommonError("fit", 0.02),), np.ones((4, 5), np.uint8))
+    save_luminance(saved, tmp_path / "a.npz", {})
+    picture = read_picture(tmp_path / "a.npz")
+    for conversion, codes in ((relative, ["luminance-file"]), (specified(), ["luminance-file", "conversion-ignored"])):
+        seen = conversion.luminance(picture)
+        assert np.array_equal(seen.luminance_cd_m2, values)
+        assert (seen.common[0].relative, seen.invalid.all()) == (0.02, True)
+        assert conversion.unit_of(picture) == "cd/m^2"
+        assert [one.code for one in conversion.findings(picture)] == codes
+
+
+# By a calibration
+
+
+def test_a_calibrated_camera_measures_in_any_grey_file(tmp_path, calibrated, dn):
+    conversion = calibrated()
+    written(tmp_path / "a.png", dn)
+    tifffile.imwrite(tmp_path / "a.tif", dn, photometric="minisblack")
+    (tmp_path / "a.raw").write_bytes(dn.astype("<u2").tobytes())
+    options = replace(conversion.options, exposure_s=0.008, size=SHAPE[::-1])
+    # h(DN - d) / (R t V) with V = cos^4, by hand.
+    v = Cos4Vignetting(5e-4, 1e-5).relative_illuminance(SHAPE)
+    expected = (dn - (64 + 40 * 0.008)) / (1200 * 0.008 * v)
+    for name in ("a.png", "a.tif", "a.raw"):
+        picture = read_picture(tmp_path / name, options)
+        np.testing.assert_allclose(conversion.luminance(picture).luminance_cd_m2, expected, rtol=1e-5, atol=1e-4)
+        assert conversion.findings(picture) == (
+            warning("camera-assumed", camera="Allied Vision Manta G-505B (1)"),
+            info("exposure-assumed", exposure_s=0.008),
+        )
+
+
+@pytest.mark.parametrize(
+    ("values", "match"),
+    [
+        (
+            np.zeros((40, 60), np.uint16),
+            r"a\.png: image size of the calibration is 64 x 48 pixels, but frame 0 has 60 x",
+        ),
+        (np.zeros(SHAPE, np.uint8), r"a\.png: pixel format of the calibration is Mono12, but frame 0 has Mono8"),
+        (np.zeros((*SHAPE, 3), np.uint8) + np.uint8([1, 2, 3]), r"a\.png: it is coloured, and the calibration is for"),
+    ],
+)
+def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, calibrated, values, match):
+    conversion = calibrated(exposures_s=(0.008,))
+    with pytest.raises(CalibrationError, match=match):
+        conversion.luminance(read_picture(written(tmp_path / "a.png", values), conversion.options))
+
+
+# Frames and windows
+
+
+def test_frames_follow_the_encoding_that_was_chosen():
+    frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
+    linear, srgb = (picture_conversion(None, None, encoding).convert(frame) for encoding in ("linear", "srgb"))
+    assert linear.luminance_cd_m2[0, 0] == 128 / 256
+    assert srgb.luminance_cd_m2[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
+
+
+# What is asked for
+
+
+def test_luminance_by_hand(tmp_path, specified):
+    # Of the thesis' camera without windscreen and darkness: L = 4 N^2 n / (pi t QE p^2 T photons per cd/m^2).
+    conversion = specified(
+        windscreen_transmittance=1, glare_fraction=0, dark_current_e_s=0, focal_length_m=None, black_dn=0, gain_db=0,
+        k_dn_per_e=1.0, quantum_efficiency=0.4, pixel_pitch_m=3.45e-6, f_number=2.6, exposure_s=0.005,
+        lens_transmittance=1.0, spectrum='"monochromatic 555 nm"',
+    )  # fmt: skip
+    seen = conversion.luminance(read_picture(written(tmp_path / "a.png", np.full((2, 2), 1000, np.uint16)),
+                                             conversion.options))  # fmt: skip
+    photons = 555e-9 / (6.62607015e-34 * 299792458 * 683)
+    expected = 4 * 2.6**2 * 1000 / (pi * 0.4 * 3.45e-6**2 * 0.005 * photons)
+    np.testing.assert_allclose(seen.luminance_cd_m2, expected, rtol=1e-3)
+
+
+def test_glare_of_a_picture_with_saturated_pixels_is_warned_of(tmp_path, specified):
+    conversion = specified()
+    picture = read_picture(written(tmp_path / "a.png", np.full((4, 4), 4095, np.uint16)), conversion.options)
+    assert warning("glare-underestimated") in conversion.findings(picture)

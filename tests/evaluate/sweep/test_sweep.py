@@ -1,0 +1,158 @@
+import numpy as np
+import pytest
+
+from labcdp.chain import Chain
+from labcdp.chain.predict.chain import predict_chain
+from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.evaluate.sweep.axis import Axis
+from labcdp.evaluate.sweep.dataset import VARIABLES
+from labcdp.evaluate.sweep.plan import Sweep
+from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
+from labcdp.evaluate.sweep.run import run_sweep
+from labcdp.evaluate.sweep.simulation.run import evaluate_pair
+
+CHAIN = """
+name = "small"
+spectrum = "monochromatic 555 nm"
+[scene]
+type = "checkerboard"
+width = 60
+height = 40
+luminance_cd_m2 = 20.0
+contrast = 0.5
+square_px = 10
+[windscreen]
+transmittance = 0.9
+glare_fraction = 0.5
+[optics]
+f_number = 2.0
+transmittance = 0.9
+[exposure]
+exposure_s = [0.01, 0.001]
+temperature_c = 40.0
+[sensor]
+pixel_pitch_m = 4e-6
+quantum_efficiency = 0.6
+full_well_e = 10000
+k_dn_per_e = 0.3
+read_noise_e = 4.0
+dark_current_e_s = 50.0
+bits = 12
+black_level_dn = 32.0
+prnu_rel = 0.01
+dsnu_e = 2.0
+[hdr]
+method = "weighted"
+[isp]
+isp_bits = 16
+bits = 10
+"""
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return Chain.from_toml(CHAIN, "small")
+
+
+LUMINANCE = Axis("scene.luminance_cd_m2", (2.0, 20.0, 200.0))
+CONTRAST = Axis("scene.contrast", (0.2, 1.0))
+TEMPERATURE = Axis("exposure.temperature_c", (20.0, 60.0))
+
+
+def test_simulated_cell_is_the_run_of_its_chain(chain):
+    sweep = Sweep(chain, (LUMINANCE, TEMPERATURE), exact=False, stage="hdr", seed=5)
+    result = run_sweep(sweep)
+    assert result["cdp"].dims == ("scene.luminance_cd_m2", "exposure.temperature_c")
+    seed = int(np.random.SeedSequence(5, spawn_key=(3,)).generate_state(1)[0])
+    run = chain.with_(**{"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0}).run(seed)
+    pair, dark, bright = evaluate_pair(run, "hdr")
+    cell = result.sel({"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0})
+    assert float(cell["cdp"]) == pair.cdp.cdp
+    assert float(cell["standard_error"]) == pair.cdp.standard_error
+    assert float(cell["mean_contrast"]) == pair.mean_contrast
+    assert float(cell["snr_dark"]) == dark.luminance_snr.value
+    assert float(cell["saturated_share"]) == bright.saturated_share
+
+
+@pytest.mark.parametrize("stage", ["sensor 10 ms", "sensor 1 ms", "hdr", "isp"])
+def test_exact_and_simulated_agree(chain, stage):
+    axes = (LUMINANCE, CONTRAST, TEMPERATURE)
+    exact = run_sweep(Sweep(chain, axes, exact=True, stage=stage))
+    simulated = run_sweep(Sweep(chain, axes, exact=False, stage=stage, seed=1))
+    distance = abs(exact["cdp"] - simulated["cdp"])
+    # One fixed pattern for all cells, so they are not independent; 5 standard errors for 12 cells.
+    assert (distance <= 5 * simulated["standard_error"] + 1e-3).all()
+
+
+def test_exact_cells_do_not_depend_on_what_they_are_calculated_with(chain):
+    result = run_sweep(Sweep(chain, (TEMPERATURE, CONTRAST, LUMINANCE), exact=True))
+    one = predict_chain(
+        chain.with_(**{"exposure.temperature_c": 60.0, "scene.contrast": 0.2, "scene.luminance_cd_m2": 200.0})
+    )
+    cell = result.isel({"exposure.temperature_c": 1, "scene.contrast": 0, "scene.luminance_cd_m2": 2})
+    assert float(cell["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
+    assert np.isnan(result["standard_error"]).all()
+
+
+def test_scene_axis_before_another_axis(chain):
+    first = run_sweep(Sweep(chain, (LUMINANCE, TEMPERATURE), exact=True))
+    second = run_sweep(Sweep(chain, (TEMPERATURE, LUMINANCE), exact=True))
+    np.testing.assert_allclose(first["cdp"].values, second["cdp"].values.T, atol=1e-6)
+
+
+def test_result_says_what_it_is(chain):
+    result = run_sweep(Sweep(chain, (LUMINANCE, CONTRAST), exact=True))
+    assert set(result.data_vars) == set(VARIABLES)
+    assert result["scene.luminance_cd_m2"].attrs == {"unit": "cd/m^2", "long_name": "scene luminance"}
+    assert result.attrs["method"] == "exact"
+    assert result.attrs["stage"] == "isp"
+    assert np.isnan(result.attrs["contrast"])
+    assert Chain.from_toml(result.attrs["chain"], "again").scene == chain.scene
+
+
+def test_contrast_asked_for(chain):
+    own = run_sweep(Sweep(chain, (LUMINANCE,), exact=True))
+    asked = run_sweep(Sweep(chain, (LUMINANCE,), exact=True, contrast=2.0))
+    assert (asked["cdp"] < own["cdp"]).all()
+
+
+class Killed(BaseException):
+    """Stands for a signal that ends the process between two cells."""
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_interrupted_sweep_is_resumed(chain, tmp_path, exact):
+    sweep = Sweep(chain, (TEMPERATURE, LUMINANCE), exact=exact, seed=3)
+    whole = run_sweep(sweep)
+
+    def kill(done, total):
+        raise Killed
+
+    with pytest.raises(Killed):
+        run_sweep(sweep, tmp_path, kill)
+    kept = (tmp_path / FILE_NAME).read_text().count("\n") - 1
+    assert kept >= 1
+    calculated = []
+    again = run_sweep(sweep, tmp_path, lambda done, total: calculated.append(done))
+    # What was kept was not calculated again.
+    assert calculated[0] > 1
+    assert again.identical(whole)
+
+
+def test_another_image_is_another_sweep(tmp_path):
+    image = 'type = "image"\npath = "scene.npy"\nregions_xywh = { a = [0, 0, 4, 4], b = [4, 0, 4, 4] }\n'
+    start, end = CHAIN.index("type ="), CHAIN.index("[windscreen]")
+    text = CHAIN[:start] + image + CHAIN[end:]
+    sweeps = []
+    for bright in (20.0, 40.0):
+        np.save(tmp_path / "scene.npy", np.repeat([[10.0, bright]], 4, axis=1).repeat(4, axis=0))
+        sweeps.append(Sweep(Chain.from_toml(text, "image", tmp_path), (TEMPERATURE,), exact=False))
+        if len(sweeps) == 1:
+            run_sweep(sweeps[0], tmp_path / "out")
+    with pytest.raises(InputError, match=r"holds the results of another sweep \(another image\)"):
+        run_sweep(sweeps[1], tmp_path / "out")
+
+
+def test_every_value_is_checked_before_the_first_cell(chain):
+    with pytest.raises(ConfigurationError, match=r"sensor\.bits is 20: give a number from 1 to 16 bits"):
+        Sweep(chain, (Axis("sensor.bits", (10, 20)),), exact=True)

@@ -1,0 +1,58 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labcdp.core.errors import InputError
+from labcdp.evaluate.sweep.axis import parse_axis
+
+
+def test_percent_is_a_fraction():
+    assert parse_axis("scene.contrast=10%,50%").values == (0.1, 0.5)
+
+
+def test_logarithmic_values_have_a_constant_ratio():
+    values = parse_axis("scene.luminance_cd_m2=0.01:1000:6:log").values
+    assert values == pytest.approx((0.01, 0.1, 1, 10, 100, 1000), rel=1e-12)
+
+
+@given(
+    start=st.floats(1e-6, 1e6),
+    ratio=st.floats(1.01, 1e6),
+    count=st.integers(2, 50),
+    logarithmic=st.booleans(),
+)
+def test_spaced_axes_have_their_count_and_ends(start, ratio, count, logarithmic):
+    text = f"a.b={start!r}:{start * ratio!r}:{count}" + (":log" if logarithmic else "")
+    values = parse_axis(text).values
+    assert len(values) == count
+    assert math.isclose(values[0], start, rel_tol=1e-12)
+    assert math.isclose(values[-1], start * ratio, rel_tol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["", "a.b", "a.b=", "=1,2", "a.b=1:2", "a.b=1:2:3:4", "a.b=1:x:3", "a.b=1:2:3:lin"])
+def test_what_is_not_an_axis_is_refused(text):
+    with pytest.raises(InputError, match=r"is no axis: give NAME=a,b,c or NAME=start:stop:count"):
+        parse_axis(text)
+
+
+@pytest.mark.parametrize("text", ["a.b=1:1:5", "a.b=1:2:1", "a.b=1:2:2.5", "a.b=1:inf:5", "a.b=nan:2:5", "a.b=1:2:1e9"])
+def test_ends_and_count_are_checked(text):
+    with pytest.raises(InputError, match=r"give two different finite ends and a whole count of 2 to 100000"):
+        parse_axis(text)
+
+
+def test_equal_values_are_refused():
+    with pytest.raises(InputError, match=r"a\.b has a value twice: give each value once"):
+        parse_axis("a.b=1,2,1")
+
+
+def test_logarithm_needs_positive_ends():
+    with pytest.raises(InputError, match=r"a\.b=0:10:5:log: a logarithmic axis needs ends above 0"):
+        parse_axis("a.b=0:10:5:log")
+
+
+def test_numbers_and_text_do_not_mix():
+    with pytest.raises(InputError, match=r"a\.b mixes numbers and text"):
+        parse_axis("a.b=1,two")

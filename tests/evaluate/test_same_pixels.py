@@ -1,0 +1,100 @@
+"""The same pixels have the same numbers and uncertainties as a picture, as a video and in a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.ndimage import gaussian_filter
+
+import labcdp
+from labcdp.calibration import save
+from labcdp.core.roi import Roi
+from labcdp.evaluate.bench.calibrate import calibrate_session
+from labcdp.evaluate.bench.observe import observe_session
+from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.files.picture.read import read_picture
+from labcdp.metrics.regions.pair import PairResult, evaluate_pair
+from labcdp.session import Session
+
+EXAMPLE = Path(labcdp.__file__).parent / "data" / "example-session"
+BRIGHT, DARK = Roi.rectangle("bright", 20, 20, 24, 30), Roi.rectangle("dark", 60, 20, 24, 30)
+CONTRASTS = (0.5, 1.0, 1.5, 3.0)
+
+
+def scene(smoothing_px: float, noise_dn: float) -> np.ndarray:
+    noise = gaussian_filter(np.random.default_rng(3).normal(size=(80, 120)), smoothing_px)
+    mean = np.full((80, 120), 60.2)
+    mean[:, :50] = 149.7
+    return np.clip(np.rint(mean + noise_dn * noise / noise.std()), 0, 255).astype(np.uint8)
+
+
+def picture_of(path: Path, rois: tuple[Roi, Roi], calibration: Path | None, encoding: Any) -> PairResult:
+    conversion = picture_conversion(calibration, None, encoding)
+    light = conversion.luminance(read_picture(path, conversion.options))
+    return evaluate_pair(light, *rois, CONTRASTS)
+
+
+def video_of(path: Path, rois: tuple[Roi, Roi], **settings: Any) -> xr.Dataset:
+    return evaluate_video(path, VideoSettings(CONTRASTS, rois, "fixed", **settings)).isel(frame=0)
+
+
+def assert_same(video: xr.Dataset, picture: PairResult) -> None:
+    expected: dict[str, Any] = {
+        "cdp": [one.result.cdp for one in picture.results],
+        "cdp_standard_uncertainty": [one.standard_uncertainty for one in picture.results],
+        "cdp_low": [one.confidence_interval[0] for one in picture.results],
+        "cdp_high": [one.confidence_interval[1] for one in picture.results],
+        "below": [one.result.below for one in picture.results],
+        "above": [one.result.above for one in picture.results],
+        "measured_contrast": picture.contrast.value,
+        "measured_contrast_standard_uncertainty": picture.contrast.standard_error,
+        "csnr": picture.csnr.value,
+        "csnr_standard_uncertainty": picture.csnr.standard_error,
+        "mean": [picture.a.mean, picture.b.mean],
+        "mean_standard_uncertainty": [picture.a.standard_uncertainty, picture.b.standard_uncertainty],
+        "snr": [picture.a.snr.value, picture.b.snr.value],
+        "snr_standard_uncertainty": [picture.a.snr.standard_error, picture.b.snr.standard_error],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(video[name], values, rtol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("encoding", [None, "srgb"])
+@pytest.mark.parametrize(("smoothing_px", "noise_dn"), [(0, 12), (1.2, 12), (0, 0.2), (0, 0)])
+def test_a_picture_is_a_video_of_one_frame(tmp_path: Path, smoothing_px: float, noise_dn: float, encoding: Any) -> None:
+    """Of independent noise, of correlated noise, and where the noise does not dither the rounding."""
+    cv2.imwrite(str(tmp_path / "0.png"), scene(smoothing_px, noise_dn if noise_dn else 1e-9))
+    picture = picture_of(tmp_path / "0.png", (BRIGHT, DARK), None, encoding)
+    assert (max(one.result.correlation_inflation for one in picture.results) > 2) == (smoothing_px > 0)
+    assert_same(video_of(tmp_path, (BRIGHT, DARK), encoding=encoding), picture)
+
+
+def test_a_session_a_picture_and_a_video_with_one_calibration_agree(tmp_path: Path) -> None:
+    with Session.open(EXAMPLE) as session:
+        observed = observe_session(session)
+        calibration = calibrate_session(observed)
+        evaluation = evaluate_session(session, observed, calibration)
+        files = {record.number: EXAMPLE / record.file.name for record in session.frames()}
+    save(calibration, tmp_path / "calibration.json")
+    regions = {row.region.name: row.region for row in evaluation.patches}
+    for row in evaluation.contrasts:
+        rois = regions[row.bright], regions[row.dark]
+        conversion = picture_conversion(tmp_path / "calibration.json", None, None)
+        light = conversion.luminance(read_picture(files[row.frame_number], conversion.options))
+        (asked,) = evaluate_pair(light, *rois, (row.cdp.contrast,), row.cdp.epsilon).results
+        assert asked.result.cdp == row.cdp.cdp
+        assert asked.standard_uncertainty == pytest.approx(row.calibrated_cdp.standard_uncertainty, rel=1e-6)
+        assert asked.confidence_interval == pytest.approx(row.cdp.confidence_interval, rel=1e-6)
+        picture = picture_of(files[row.frame_number], rois, tmp_path / "calibration.json", None)
+        folder = tmp_path / f"{row.bright}-{row.dark}"
+        folder.mkdir()
+        (folder / "frame.tif").hardlink_to(files[row.frame_number])
+        assert_same(video_of(folder, rois, calibration=tmp_path / "calibration.json"), picture)

@@ -1,0 +1,188 @@
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import xarray as xr
+
+from labcdp.cli.pictures.video import evaluate_values
+from labcdp.core.errors import InputError
+from labcdp.core.roi import Roi
+from labcdp.evaluate.video.archive import cluster as archive_cluster
+from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, archive_tasks, evaluate_archive
+from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.settings import VideoSettings
+
+ROIS = (Roi.rectangle("bright", 22, 22, 16, 16), Roi.rectangle("dark", 42, 22, 16, 16))
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two videos of a target that moves, and a file that is none."""
+    folder = tmp_path_factory.mktemp("videos")
+    for seed, name in enumerate(("first.avi", "second.avi")):
+        rng = np.random.default_rng(seed)
+        writer = cv2.VideoWriter(str(folder / name), cv2.VideoWriter.fourcc(*"MJPG"), 25, (96, 64))
+        for place in range(12):
+            frame = np.full((64, 96), 90.0)
+            frame[20:40, 20 + place : 40 + place] = 200
+            frame[20:40, 40 + place : 60 + place] = 30
+            noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255).astype(np.uint8)
+            writer.write(cv2.cvtColor(noisy, cv2.COLOR_GRAY2BGR))
+        writer.release()
+    (folder / "third.avi").touch()
+    return sorted(folder.iterdir())
+
+
+def evaluate_videos(videos: list[Path], settings: VideoSettings, folder: Path, **options: Any) -> ArchiveResult:
+    """Evaluate as the command does."""
+    work = partial(evaluate_values, settings, False, False)
+    return evaluate_archive(archive_tasks(videos, folder), work, {"contrasts": settings.contrasts}, **options)
+
+
+def assert_as_one_by_one(result: ArchiveResult, videos: list[Path], settings: VideoSettings) -> None:
+    assert [outcome.task.video for outcome in result.outcomes] == videos
+    for outcome in result.outcomes[:2]:
+        assert outcome.error == ""
+        with xr.open_dataset(outcome.task.folder / "results.nc") as found:
+            xr.testing.assert_identical(found.load(), evaluate_video(outcome.task.video, settings))
+    (failure,) = result.failures
+    assert failure.task.video.name == "third.avi"
+    assert "third.avi" in failure.error
+
+
+def test_processes_of_this_computer_do_as_one_by_one(videos: list[Path], tmp_path: Path) -> None:
+    settings = VideoSettings((0.5, 3.0), ROIS, method="follow", reference="first")
+    told: list[tuple[int, int, str]] = []
+
+    def progress(done: int, total: int, outcome: VideoOutcome | None) -> None:
+        told.append((done, total, "" if outcome is None else outcome.task.video.name))
+
+    result = evaluate_videos(videos, settings, tmp_path, n_workers=2, progress=progress)
+    assert_as_one_by_one(result, videos, settings)
+    assert sorted(name for _, _, name in told) == ["", "first.avi", "second.avi", "third.avi"]
+    assert [(done, total) for done, total, _ in told] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    written = (tmp_path / "first" / "results.nc").stat().st_mtime_ns
+    # Nothing is left to do, so that no process is started.
+    again = evaluate_videos(videos[:2], settings, tmp_path)
+    assert [outcome.resumed for outcome in again.outcomes] == [True, True]
+    assert again.outcomes[0].values == result.outcomes[0].values
+    assert (tmp_path / "first" / "results.nc").stat().st_mtime_ns == written
+
+
+def test_workers_that_die_are_named_and_their_videos_tried_once_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = """
+        import os
+
+        def work(video, results):
+            kind = video.read_text()
+            if kind == "always" or (kind == "once" and not video.with_suffix(".tried").exists()):
+                video.with_suffix(".tried").touch()
+                os._exit(9)
+            if kind == "error":
+                raise ValueError("surprise")
+            return {"kind": kind}
+        """
+    (tmp_path / "archive_work.py").write_text(textwrap.dedent(module))
+    monkeypatch.syspath_prepend(tmp_path)
+    from archive_work import work
+
+    for kind in ("always", "error", "good", "once"):
+        (tmp_path / f"{kind}.avi").write_text(kind)
+    tasks = archive_tasks(sorted(tmp_path.glob("*.avi")), tmp_path / "results")
+    result = evaluate_archive(tasks, work, {}, n_workers=1)
+    always, error, good, once = result.outcomes
+    assert always.error.endswith("or evaluate this video alone")
+    assert "died, as did one before" in always.error
+    assert error.error == "ValueError: surprise"
+    assert (good.values, once.values) == ({"kind": "good"}, {"kind": "once"})
+    died = [Path(str(one.values["video"])).name for one in result.findings if one.code == "worker-died"]
+    assert sorted(died) == ["always.avi", "always.avi", "once.avi"]
+
+
+@pytest.fixture
+def programs() -> Iterator[ExitStack]:
+    """Programs that end with the test."""
+    with ExitStack() as stack:
+        yield stack
+
+
+def start(programs: ExitStack, *command: str) -> int:
+    """Start a program and return its number."""
+    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    programs.callback(program.wait)
+    programs.callback(program.kill)
+    return program.pid
+
+
+def free_port() -> int:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return int(listening.getsockname()[1])
+
+
+def start_cluster(programs: ExitStack, blind: Path | None) -> tuple[str, int]:
+    """Start a scheduler and a worker, and one that does not see a folder, as on a computer without it.
+
+    Return the scheduler's address and the number of its process.
+    """
+    port = free_port()
+    address = f"tcp://127.0.0.1:{port}"
+    dask = (sys.executable, "-m", "dask")
+    quiet = ("--no-dashboard", "--host", "127.0.0.1")
+    number = start(programs, *dask, "scheduler", "--port", str(port), *quiet)
+    worker = (*dask, "worker", address, "--nthreads", "1", "--no-nanny", *quiet)
+    start(programs, *worker)
+    if blind is not None:
+        script = 'mount -t tmpfs none "$0" && exec "$@"'
+        start(programs, "unshare", "--mount", "sh", "-c", script, str(blind), *worker)
+    until = time.monotonic() + 300
+    while time.monotonic() < until:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+            return address, number
+        time.sleep(0.1)
+    raise AssertionError("the scheduler does not listen")
+
+
+def may_mount(folder: Path) -> bool:
+    command = ["unshare", "--mount", "mount", "-t", "tmpfs", "none", str(folder)]
+    return os.geteuid() == 0 and shutil.which("unshare") is not None and subprocess.run(command).returncode == 0
+
+
+def test_cluster_given_by_address_does_as_one_by_one(
+    videos: list[Path], tmp_path: Path, programs: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # However late the worker that can be used comes.
+    monkeypatch.setattr(archive_cluster, "_USABLE_S", 60)
+    folder = tmp_path / "results"
+    folder.mkdir()
+    address, _ = start_cluster(programs, folder if may_mount(folder) else None)
+    settings = VideoSettings((0.2, 1.0))
+    result = evaluate_videos(videos, settings, folder, address=address)
+    assert_as_one_by_one(result, videos, settings)
+    assert not list(folder.glob(".*"))
+    for one in result.findings:
+        assert (one.code, one.subject.partition(":")[0]) == ("worker-refused", "tcp")
+        assert f"it does not see the folder {folder}: give a folder that all workers see" in str(one.values["reason"])
+
+
+def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive_cluster, "_ANSWER_S", 0.5)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(InputError, match=rf"no Dask scheduler answers at {address}: start one with dask scheduler"):
+        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, address=address)
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at nonsense://x"):
+        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, address="nonsense://x")

@@ -1,0 +1,394 @@
+"""CDP of videos, against brute force on the frames that were written."""
+
+from __future__ import annotations
+
+import json
+import os
+from math import isnan, nan
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labcdp.core.errors import InputError
+from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.neighbours import evaluate_neighbours
+from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.frame.neighbours import NeighbourTables
+from labcdp.evaluate.video.frame.pair import evaluate_frame_pair
+from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.files.picture.read import PictureOptions, frame_of_pixels, read_picture
+from labcdp.files.video.selection import Position, Selection
+from labcdp.metrics import DetectionInterval, cdp_neighbours_range
+from labcdp.metrics.regions.pair import evaluate_pair
+
+BRIGHT, DARK = Roi.rectangle("bright", 20, 20, 24, 20), Roi.rectangle("dark", 60, 20, 24, 20)
+CONTRASTS = (0.5, 1.0, 2.0)
+
+
+@pytest.fixture(autouse=True)
+def _quiet() -> None:
+    os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+def scenes(n: int = 8) -> list[np.ndarray]:
+    """Two patches whose contrast falls from frame to frame."""
+    rng = np.random.default_rng(3)
+    made = []
+    for number in range(n):
+        image = rng.normal(40, 3, (80, 120))
+        image[20:40, 20:44] = rng.normal(150 - 8 * number, 12, (20, 24))
+        image[20:40, 60:84] = rng.normal(60, 8, (20, 24))
+        made.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    return made
+
+
+def write(path: Path, frames: list[np.ndarray], codec: str = "FFV1") -> Path:
+    height, width = frames[0].shape
+    flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 25, (width, height), flags)
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    return path
+
+
+def brute_force(a: np.ndarray, b: np.ndarray, contrast: float, epsilon: float = 0.5) -> tuple[float, float, float]:
+    """Below, inside and above, pair by pair."""
+    if a.mean() < b.mean():
+        a, b = b, a
+    low, high = contrast * (1 - epsilon), contrast * (1 + epsilon)
+    counts = [0, 0, 0]
+    for x in a.ravel().astype(float):
+        measured = x / b.ravel() - 1
+        counts[0] += int((measured < low - 1e-9).sum())
+        counts[2] += int((measured > high + 1e-9).sum())
+    counts[1] = a.size * b.size - counts[0] - counts[2]
+    below, inside, above = (count / (a.size * b.size) for count in counts)
+    return below, inside, above
+
+
+def found(result: xr.Dataset, code: str, subject: str = "") -> dict[str, Any]:
+    """Return the values of the finding about a video that has a code."""
+    (values,) = [
+        one["values"]
+        for one in json.loads(result.attrs["findings"])
+        if (one["code"], one["subject"]) == (code, subject)
+    ]
+    return dict(values)
+
+
+def fixed(**changes: Any) -> VideoSettings:
+    return VideoSettings(**{"contrasts": CONTRASTS, "rois": (BRIGHT, DARK), "method": "fixed"} | changes)
+
+
+def test_each_frame_is_that_of_brute_force(tmp_path: Path) -> None:
+    frames = scenes()
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed())
+    assert result["cdp"].shape == (8, 3)
+    assert list(result["region"].values) == ["bright", "dark"]
+    for number, image in enumerate(frames):
+        a, b = image[20:40, 20:44], image[20:40, 60:84]
+        for place, contrast in enumerate(CONTRASTS):
+            below, inside, above = brute_force(a, b, contrast)
+            assert result["cdp"].values[number, place] == pytest.approx(inside, abs=1e-12)
+            assert result["below"].values[number, place] == pytest.approx(below, abs=1e-12)
+            assert result["above"].values[number, place] == pytest.approx(above, abs=1e-12)
+        assert result["measured_contrast"].values[number] == pytest.approx(a.mean() / b.mean() - 1)
+        assert result["mean"].values[number] * 256 == pytest.approx([a.mean(), b.mean()], rel=1e-6)
+        assert result["snr"].values[number] == pytest.approx([x.mean() / x.std(ddof=1) for x in (a, b)])
+    np.testing.assert_array_equal(result["frame"], range(8))
+    np.testing.assert_allclose(result["time_s"], np.arange(8) / 25)
+    assert (result["note"] == "").all()
+    assert not result["lost"].any()
+    np.testing.assert_array_equal(result["centre_x"], np.broadcast_to([32, 72], (8, 2)))
+    np.testing.assert_array_equal(result["corner_y"].values[0, 0], [20, 20, 40, 40])
+
+
+def test_without_a_contrast_that_of_the_first_measured_frame_is_to_be_detected(tmp_path: Path) -> None:
+    frames = scenes(4)
+    frames[0][:] = 0
+    path = write(tmp_path / "a.mkv", frames)
+    result = evaluate_video(path, fixed(contrasts=None), tmp_path / "out")
+    measured = result["measured_contrast"].values[1]
+    assert result["contrast"].values.tolist() == [measured]
+    assert np.isnan(result["cdp"].values[0]).all()
+    asked = evaluate_video(path, fixed(contrasts=(measured,)))
+    xr.testing.assert_identical(result["cdp"], asked["cdp"])
+    assert found(result, "contrast-measured") == {"frame": 1, "contrast": measured}
+    # A resumed evaluation keeps it.
+    journal = tmp_path / "out" / "video.jsonl"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+    xr.testing.assert_identical(evaluate_video(path, fixed(contrasts=None), tmp_path / "out"), result)
+
+
+def test_pixel_to_pixel_is_that_of_the_metric(tmp_path: Path) -> None:
+    frames = scenes(3)
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), VideoSettings(CONTRASTS))
+    for number, image in enumerate(frames):
+        expected = cdp_neighbours_range(image, CONTRASTS)
+        assert result["cdp"].values[number] == pytest.approx([one.cdp for one in expected], abs=1e-15)
+        assert result["cdp_standard_uncertainty"].values[number] == pytest.approx(
+            [one.standard_error for one in expected], rel=1e-9
+        )
+        assert result["cdp_high"].values[number] == pytest.approx([one.confidence_interval[1] for one in expected])
+    assert "region" not in result.dims
+    assert "measured_contrast" not in result
+    assert result.attrs["mode"] == "neighbours"
+
+
+_EPSILONS = st.one_of(
+    st.floats(0.05, 1.0),
+    st.just(DetectionInterval.at_least(0.3)),
+    st.just(DetectionInterval.at_most(0.3)),
+    st.just(DetectionInterval(0.1, 0.9)),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(1, 20), st.integers(1, 20), st.integers(0, 2**32 - 1), st.integers(0, 250), st.integers(1, 255),
+    st.lists(st.floats(0.01, 20), min_size=1, max_size=4, unique=True), _EPSILONS, st.integers(0, 60),
+)  # fmt: skip
+def test_tables_give_what_the_metric_gives(
+    height: int, width: int, seed: int, least: int, spread: int, contrasts: list[float], epsilon: Any, black: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    dn = rng.integers(least, min(least + spread, 255) + 1, (height, width)).astype(np.uint8)
+    light = ((np.arange(256) - black) / 256).astype(np.float32)
+    if dn.size < 2 or light[dn].max() <= 0:
+        return
+    found = NeighbourTables(light, contrasts, epsilon).evaluate(dn)
+    for one, other in zip(found, cdp_neighbours_range(light[dn].astype(float), contrasts, epsilon), strict=True):
+        names = ("cdp", "below", "above", "undefined", "pairs", "interval")
+        assert [getattr(one, name) for name in names] == [getattr(other, name) for name in names]
+        assert [one.standard_error, *one.confidence_interval] == pytest.approx(
+            [other.standard_error, *other.confidence_interval], rel=1e-7, abs=1e-7, nan_ok=True
+        )
+
+
+def test_broken_frames_are_nan_and_cost_only_themselves(tmp_path: Path) -> None:
+    frames = scenes()
+    for number, image in enumerate(frames):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
+    whole = evaluate_video(tmp_path, fixed())
+    data = (tmp_path / "3.png").read_bytes()
+    (tmp_path / "3.png").write_bytes(data[:500])
+    cv2.imwrite(str(tmp_path / "5.png"), frames[5][:, :100])
+    result = evaluate_video(tmp_path, fixed())
+    assert result["note"].values[3].startswith("broken: ")
+    assert result["note"].values[5] == "has 100 x 80 pixels, the video has 120 x 80"
+    assert np.isnan(result["cdp"].values[[3, 5]]).all()
+    assert np.isnan(result["centre_x"].values[3]).all()
+    kept = [0, 1, 2, 4, 6, 7]
+    xr.testing.assert_identical(
+        result[["cdp", "mean"]].isel(frame=kept).drop_attrs(), whole[["cdp", "mean"]].isel(frame=kept).drop_attrs()
+    )
+    assert found(result, "frames-broken") == {"count": 2, "n_frames": 8, "first": 3}
+
+
+def test_a_region_that_leaves_the_image_is_lost_and_not_measured(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    ground = cv2.GaussianBlur(rng.normal(90, 60, (120, 160)), (0, 0), 2)
+    frames = []
+    for number in range(24):
+        image = ground.copy()
+        left = 20 + 8 * number
+        image[40:70, left : left + 30] = 200
+        image[50:60, left + 8 : left + 20] = 150
+        image[80:110, 20:50] = 60
+        image[90:100, 30:40] = 30
+        frames.append(np.clip(image, 0, 255).astype(np.uint8))
+    rois = (Roi.rectangle("moving", 20, 40, 30, 30), Roi.rectangle("still", 20, 80, 30, 30))
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), VideoSettings((1.0,), rois))
+    assert not result["lost"].values[:10].any()
+    assert result["centre_x"].sel(region="moving").values[10] == pytest.approx(35 + 80, abs=2)
+    gone = result["lost"].sel(region="moving").values
+    assert gone[-3:].all()
+    assert np.isnan(result["cdp"].values[gone]).all()
+    assert np.isfinite(result["cdp"].values[~gone]).all()
+    assert all(note.startswith("moving: ") for note in result["note"].values[gone])
+    assert found(result, "frames-lost")["count"] == gone.sum()
+
+
+def test_frames_that_are_not_chosen_are_followed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    ground = cv2.GaussianBlur(rng.normal(90, 60, (120, 160)), (0, 0), 2)
+    frames = []
+    for number in range(21):
+        image = ground.copy()
+        image[40:70, 20 + 4 * number : 50 + 4 * number] = 200
+        image[50:60, 28 + 4 * number : 40 + 4 * number] = 150
+        frames.append(np.clip(image, 0, 255).astype(np.uint8))
+    path = write(tmp_path / "a.mkv", frames)
+    rois = (Roi.rectangle("moving", 20, 40, 30, 30), Roi.rectangle("still", 20, 80, 30, 30))
+    every = evaluate_video(path, VideoSettings((1.0,), rois))
+    few = evaluate_video(path, VideoSettings((1.0,), rois, selection=Selection(every=Position(frames=10))))
+    np.testing.assert_array_equal(few["frame"], [0, 10, 20])
+    np.testing.assert_array_equal(few["centre_x"], every["centre_x"].values[::10])
+    np.testing.assert_array_equal(few["cdp"], every["cdp"].values[::10])
+
+
+def test_the_first_measured_frame_is_the_reference(tmp_path: Path) -> None:
+    frames = scenes(4)
+    frames[0][:] = 0
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed(reference="first"))
+    contrast = result["measured_contrast"].values[1]
+    assert result["note"].values[0].startswith("neither region holds a value above 0")
+    assert isnan(result["reference_contrast"].values[0])
+    assert (result["reference_contrast"].values[1:] == contrast).all()
+    for number in (1, 2, 3):
+        a, b = frames[number][20:40, 20:44], frames[number][20:40, 60:84]
+        assert result["reference_cdp"].values[number] == pytest.approx(brute_force(a, b, contrast)[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("by", ["number", "time"])
+def test_the_reference_of_another_camera(tmp_path: Path, by: Any) -> None:
+    calibrated = evaluate_video(write(tmp_path / "a.mkv", scenes(6)), fixed())
+    calibrated["measured_contrast"].values[4] = nan
+    calibrated.isel(frame=slice(0, 5)).to_netcdf(tmp_path / "reference.nc")
+    other = write(tmp_path / "b.mkv", [image // 2 for image in scenes(6)])
+    result = evaluate_video(other, fixed(reference=tmp_path / "reference.nc", reference_by=by))
+    np.testing.assert_array_equal(result["reference_contrast"][:4], calibrated["measured_contrast"][:4])
+    assert np.isfinite(result["reference_cdp"].values[:4]).all()
+    assert np.isfinite(result["cdp"].values).all()
+    assert result["note"].values[4] == "the reference has no contrast here"
+    assert result["note"].values[5].startswith("the reference has no frame ")
+
+
+def test_an_observer_sees_each_frame_with_its_results(tmp_path: Path) -> None:
+    frames = scenes(5)
+    seen: list[tuple[int, np.ndarray, int, dict[str, Any]]] = []
+    told: list[tuple[int, int | None]] = []
+    result = evaluate_video(
+        write(tmp_path / "a.mkv", frames),
+        fixed(),
+        progress=lambda done, total: told.append((done, total)),
+        observer=lambda number, grey, regions, row: seen.append((number, grey.copy(), len(regions), dict(row))),
+    )
+    assert [number for number, _, _, _ in seen] == list(range(5))
+    for (_, grey, n, row), image, cdp in zip(seen, frames, result["cdp"].values, strict=True):
+        np.testing.assert_array_equal(grey, image)
+        assert n == 2
+        assert row["cdp"] == cdp.tolist()
+        assert set(row) <= set(result.variables)
+    assert told == [(n, 5) for n in range(1, 6)]
+
+
+def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path) -> None:
+    frames = scenes(9)
+    for number in (1, 2, 3, 6):
+        frames[number][20:40, 20:44] = 255
+    # Five of 480 pixels are just above 1 %, four are below.
+    frames[7][20, 20:25] = 255
+    frames[8][20, 20:24] = 255
+    result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed())
+    share = [0, 1, 1, 1, 0, 0, 1, 5 / 480, 4 / 480]
+    np.testing.assert_allclose(result["saturated"].sel(region="bright"), share)
+    assert (result["saturated"].sel(region="dark") == 0).all()
+    assert result["note"].values[1] == "region 'bright' is 100 % saturated"
+    assert result["note"].values[7] == "region 'bright' is 1.04 % saturated"
+    assert list(result["note"].values[[0, 4, 5, 8]]) == [""] * 4
+    assert np.isfinite(result["cdp"].values).all()
+    values = found(result, "frames-region-saturated", "bright")
+    assert values == {"limit": 0.01, "count": 5, "n_frames": 9, "frames": ["1 to 3", "6 to 7"]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"contrasts": ()}, "no contrast is given"),
+        ({"contrasts": (1.0, 1.0)}, "a contrast is given twice"),
+        ({"contrasts": (-1.0,)}, "contrast is -1.0"),
+        ({"rois": (BRIGHT,)}, "1 regions are given: give two"),
+        ({"method": "magic"}, "unknown tracking method 'magic'"),
+        ({"rois": (), "reference": 1.0}, "a reference contrast needs regions"),
+        ({"epsilon": 2.0}, "epsilon is 2.0"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        fixed(**changes)
+
+
+def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
+    dn = np.zeros((40, 60), np.uint8)
+    dn[::2, ::2], dn[1::2, 1::2] = 250, 3
+    green = np.random.default_rng(0).integers(50, 200, (40, 60)).astype(np.uint8)
+    dn[::2, 1::2], dn[1::2, ::2] = green[::2, 1::2], green[1::2, ::2]
+    options = PictureOptions(pixel_format="BayerRG8")
+    from datetime import UTC, datetime
+
+    frame = frame_of_pixels(dn, options, datetime(2026, 1, 1, tzinfo=UTC))
+    assert frame.colour_filter == "RG"
+    conversion = picture_conversion(None, None, None)
+    a, b = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
+    found = evaluate_frame_pair(frame, conversion, (a, b), (0.5,), 0.5)
+    whole = conversion.convert(frame)
+    assert found == evaluate_pair(whole, a, b, (0.5,))
+
+
+def test_a_video_without_any_result_is_refused_and_leaves_its_folder_free(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", [np.zeros((80, 120), np.uint8)] * 3)
+    text = "no frame could be evaluated; frame 0: neither region holds a value above 0"
+    with pytest.raises(InputError, match=text):
+        evaluate_video(path, fixed(), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    contrasts = tuple(0.01 * n for n in range(1, 122))
+    with pytest.raises(InputError, match="121 contrasts are given: give up to 120"):
+        evaluate_video(write(tmp_path / "b.mkv", scenes(2)), VideoSettings(contrasts), tmp_path / "out")
+    # Nothing was evaluated: other settings may have the folder.
+    assert evaluate_video(tmp_path / "b.mkv", fixed(), tmp_path / "out").sizes["frame"] == 2
+
+
+def test_nearest_neighbours_without_a_contrast(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", scenes(3))
+    result = evaluate_video(path, VideoSettings(None), tmp_path / "out")
+    conversion = picture_conversion(None, None, None)
+    cv2.imwrite(str(tmp_path / "0.png"), scenes(3)[0])
+    picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
+    assert result["contrast"].values == pytest.approx([picture.contrast])
+    assert result["cdp"].values[0] == pytest.approx([one.result.cdp for one in picture.results])
+    assert found(result, "neighbour-contrast-measured")["frame"] == 0
+    journal = tmp_path / "out" / "video.jsonl"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+    xr.testing.assert_identical(evaluate_video(path, VideoSettings(None), tmp_path / "out"), result)
+
+
+def test_pixels_that_are_saturated_are_warned_about(tmp_path: Path) -> None:
+    frames = scenes(4)
+    frames[2][22:24, 20:44] = 255
+    values = found(evaluate_video(write(tmp_path / "a.mkv", frames), fixed()), "frames-region-invalid", "bright")
+    assert values == {"reason": "saturated", "count": 1, "n_frames": 4, "largest_share": pytest.approx(0.1)}
+
+
+def test_repeated_pictures_are_noted_and_kept(tmp_path: Path) -> None:
+    frames = scenes(6)
+    frames[2], frames[3] = frames[1], frames[1]
+    path = write(tmp_path / "a.mkv", frames)
+    for asked in (fixed(), VideoSettings(CONTRASTS)):
+        result = evaluate_video(path, asked, tmp_path / asked.mode)
+        notes = ["", "", "the same picture as frame 1", "the same picture as frame 2", "", ""]
+        assert list(result["note"].values) == notes
+        assert np.isfinite(result["cdp"].values).all()
+        assert found(result, "frames-repeated") == {"count": 2, "n_frames": 6, "first": 2}
+        # Going on before one of them gives the same.
+        journal = tmp_path / asked.mode / "video.jsonl"
+        journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+        xr.testing.assert_identical(evaluate_video(path, asked, tmp_path / asked.mode), result)
+
+
+def test_a_file_that_announces_more_frames_than_it_has(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.avi", scenes(12))
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    result = evaluate_video(path, fixed())
+    n = result.sizes["frame"]
+    assert found(result, "video-cut-off") == {"announced": 12, "found": n}

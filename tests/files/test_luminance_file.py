@@ -1,0 +1,96 @@
+import json
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from PIL import Image
+
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.files.luminance_file import load_luminance, save_luminance
+
+ABOUT = {"calibration": {"camera": "Manta µ"}, "exposures_s": [0.008]}
+
+
+@pytest.fixture
+def luminance():
+    rng = np.random.default_rng(1)
+    invalid = np.zeros((30, 40), np.uint8)
+    invalid[2, 3] = Invalid.SATURATED | Invalid.DEFECT
+    return LuminanceMap(
+        rng.uniform(0.1, 1000, (30, 40)).astype(np.float32),
+        rng.uniform(0.01, 0.1, (30, 40)).astype(np.float32),
+        (
+            CommonError("meter scale", 0.01, rectangular=True),
+            CommonError("fit", rng.normal(0, 0.01, (30, 40)).astype(np.float32)),
+        ),
+        invalid,
+        slow_rel=0.01,
+        fixed_rel=0.002,
+        fixed_cd_m2=0.03,
+        step=2,
+    )
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.tif", "a.tiff", "a.exr", "a.EXR"])
+def test_round_trip(luminance, tmp_path, name):
+    save_luminance(luminance, tmp_path / name, ABOUT)
+    loaded, about = load_luminance(tmp_path / name)
+    for values in ("luminance_cd_m2", "random_rel", "invalid"):
+        assert (getattr(loaded, values) == getattr(luminance, values)).all()
+        assert getattr(loaded, values).dtype == getattr(luminance, values).dtype
+    np.testing.assert_allclose(loaded.common_rel, luminance.common_rel, rtol=1e-6)
+    assert (loaded.slow_rel, loaded.fixed_rel, loaded.fixed_cd_m2, loaded.step) == (0.01, 0.002, 0.03, 2)
+    assert about["calibration"] == ABOUT["calibration"]
+    assert about["unit"] == "cd/m^2"
+    assert about["invalid_share"] == {"SATURATED": 1 / 1200, "DEFECT": 1 / 1200}
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_numpy_archive_keeps_common_errors_apart(luminance, tmp_path):
+    save_luminance(luminance, tmp_path / "a.npz", ABOUT)
+    loaded, _ = load_luminance(tmp_path / "a.npz")
+    assert [(e.source, e.rectangular) for e in loaded.common] == [("meter scale", True), ("fit", False)]
+    assert loaded.common[0].relative == 0.01
+    assert (loaded.common[1].relative == luminance.common[1].relative).all()
+
+
+def test_tiff_opens_elsewhere(luminance, tmp_path):
+    path = tmp_path / "a.tif"
+    save_luminance(luminance, path, ABOUT)
+    with Image.open(path) as image:
+        assert image.mode == "F"
+        assert (np.asarray(image) == luminance.luminance_cd_m2).all()
+    assert (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) == luminance.luminance_cd_m2).all()
+    with tifffile.TiffFile(path) as tiff:
+        assert json.loads(tiff.pages.first.description)["unit"] == "cd/m^2"
+        assert [page.dtype for page in tiff.pages] == [np.float32] * 3 + [np.uint8]
+
+
+def test_exr_opens_elsewhere(luminance, tmp_path):
+    path = tmp_path / "a.exr"
+    save_luminance(luminance, path, ABOUT)
+    with OpenEXR.File(str(path)) as file:
+        channels, header = file.channels(), file.header()
+        assert (channels["Y"].pixels == luminance.luminance_cd_m2).all()
+        assert (channels["invalid"].pixels == luminance.invalid).all()
+        assert header["whiteLuminance"] == 1.0
+        assert json.loads(header["labcdp"])["exposures_s"] == [0.008]
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.tif", "a.exr"])
+@pytest.mark.parametrize("cut", [0, 40, -30])
+def test_other_and_damaged_files_are_refused(luminance, tmp_path, name, cut):
+    path = tmp_path / name
+    save_luminance(luminance, path, ABOUT)
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(InputError, match=r"is no luminance map that labcdp saved|cannot be read as OpenEXR"):
+        load_luminance(path)
+
+
+def test_an_image_of_somebody_else_is_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 8, 9), np.float32), photometric="minisblack", description="{}")
+    with pytest.raises(InputError, match="is no luminance map that labcdp saved"):
+        load_luminance(tmp_path / "a.tif")

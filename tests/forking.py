@@ -1,0 +1,81 @@
+"""A process that has imported what the commands need, and forks for each of them: starting Python costs a second each.
+
+It reads a request a line on standard input, and answers each with the exit status. The commands run as they do from a
+terminal: in a process of their own, with their own folder, standard input, output and error.
+"""
+
+import importlib
+import json
+import os
+import pkgutil
+import select
+import signal
+import sys
+import traceback
+
+#: What commands import, beside labcdp's own modules; nothing of them runs before the fork.
+_HEAVY = (
+    *("colour", "cv2", "dask.array", "distributed", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.figure"),
+    *("netCDF4", "numpy", "openpyxl", "PIL.Image", "plotly.graph_objects", "pydantic", "rich.markdown"),
+    *("rich.progress", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.stats"),
+    *("tifffile", "xarray", "xlsxwriter"),
+)
+#: Packages whose modules are imported, too; not those that start threads or compile.
+_OWN = ("acquire", "chain", "cli", "evaluate", "files", "output", "regions", "report", "session")
+
+
+def _serve() -> None:
+    import labcdp
+
+    own = [
+        module.name
+        for package in _OWN
+        for module in pkgutil.walk_packages([f"{labcdp.__path__[0]}/{package}"], f"labcdp.{package}.")
+    ]
+    for name in (*_HEAVY, *own):
+        importlib.import_module(name)
+    from labcdp.cli import main
+
+    for line in sys.stdin:
+        request = json.loads(line)
+        child = os.fork()
+        if child == 0:
+            _become(request, main)
+        print(json.dumps(_wait(child, request["timeout_s"])), flush=True)
+
+
+def _become(request, main) -> None:
+    status = 70
+    try:
+        os.chdir(request["cwd"])
+        os.environ.update(request["environment"])
+        for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+            flags = os.O_RDONLY if descriptor == 0 else os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            os.dup2(os.open(request[name], flags), descriptor)
+        sys.argv = request["arguments"]
+        status = 0
+        main()
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        status = 1
+        traceback.print_exc()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(status)
+
+
+def _wait(child: int, timeout_s: float) -> int | None:
+    """Exit status, negative for the number of a signal; None if it took too long and was ended."""
+    watched = os.pidfd_open(child)
+    in_time = bool(select.select([watched], [], [], timeout_s)[0])
+    if not in_time:
+        os.kill(child, signal.SIGKILL)
+    os.close(watched)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    return status if in_time else None
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,0 +1,40 @@
+"""The definition of CDP, every pair visited in exact rational arithmetic."""
+
+from fractions import Fraction
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def all_contrasts():
+    """Contrast of each pair of the brighter and the darker of two lists of integers: Fraction, inf or nan."""
+
+    def contrasts(a, b):
+        bright, dark = (a, b) if Fraction(sum(a), len(a)) >= Fraction(sum(b), len(b)) else (b, a)
+        return [[_contrast(x, d) for x in bright] for d in dark]
+
+    return contrasts
+
+
+@pytest.fixture(scope="session")
+def assert_array_equals_numbers():
+    """Check that the result for an array of contrasts is that of each contrast alone."""
+
+    def check(array, numbers):
+        assert array.cdp.shape == array.contrast.shape == (len(numbers),)
+        for name in ("cdp", "u", "below", "above", "undefined", "contrast"):
+            np.testing.assert_array_equal(getattr(array, name), [getattr(one, name) for one in numbers])
+        for name in ("interval", "detected"):
+            for end in ("low", "high"):
+                found = getattr(getattr(array, name), end)
+                np.testing.assert_array_equal(found, [getattr(getattr(one, name), end) for one in numbers])
+
+    return check
+
+
+def _contrast(bright, dark):
+    if dark > 0:
+        return Fraction(bright, dark) - 1
+    return inf if bright > 0 else nan

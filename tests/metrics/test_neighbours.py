@@ -1,0 +1,143 @@
+from fractions import Fraction
+from math import inf, nan, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from labcdp.core.errors import InputError
+from labcdp.metrics import DetectionInterval, cdp_neighbours, cdp_neighbours_range, cdp_rectangle
+
+levels = st.one_of(st.integers(-2, 6), st.integers(90, 130))
+images = hnp.arrays(np.int32, st.tuples(st.integers(1, 7), st.integers(2, 7)), elements=levels).filter(
+    lambda image: image.max() > 0
+)
+contrasts = st.decimals("0.01", "0.99", places=2).map(float)
+epsilons = st.one_of(
+    st.decimals("0.01", "1", places=2).map(float),
+    st.builds(DetectionInterval, st.sampled_from([0.0, 0.2, 1.0, None]), st.sampled_from([0.1, 2.0])),
+    st.builds(DetectionInterval.at_least, st.sampled_from([0.0, 0.5, 1.0])),
+)
+
+
+def neighbour_contrasts(image):
+    """Weber contrast of each pixel with its right and its lower neighbour: Fraction, inf or nan."""
+    found = []
+    height, width = image.shape
+    for y in range(height):
+        for x in range(width):
+            for other in ((y, x + 1), (y + 1, x)):
+                if other[0] < height and other[1] < width:
+                    small, large = sorted((int(image[y, x]), int(image[other])))
+                    found.append(Fraction(large, small) - 1 if small > 0 else inf if large > 0 else nan)
+    return found
+
+
+def interval(contrast, epsilon):
+    asked = Fraction(str(contrast))
+    below, above = (epsilon.below, epsilon.above) if isinstance(epsilon, DetectionInterval) else (epsilon, epsilon)
+    low = -inf if below is None else asked * (1 - Fraction(str(below)))
+    return low, inf if above is None else asked * (1 + Fraction(str(above)))
+
+
+@given(images, contrasts, epsilons)
+def test_every_pair_of_neighbours_is_compared_in_exact_arithmetic(image, contrast, epsilon):
+    low, high = interval(contrast, epsilon)
+    found = neighbour_contrasts(image)
+    result = cdp_neighbours(image, contrast, epsilon)
+    assert result.pairs == len(found)
+    assert result.cdp == sum(low <= value <= high for value in found) / len(found)
+    assert result.above == sum(value > high for value in found) / len(found)
+    assert result.undefined == sum(value != value for value in found) / len(found)
+    assert result.below + result.cdp + result.above == pytest.approx(1, abs=1e-15)
+
+
+@given(images, st.lists(contrasts, max_size=3))
+def test_a_range_equals_single_contrasts(assert_array_equals_numbers, image, asked):
+    array = cdp_neighbours(image, np.array(asked), definition="michelson")
+    assert_array_equals_numbers(array, [cdp_neighbours(image, one, definition="michelson") for one in asked])
+    for index, record in enumerate(cdp_neighbours_range(image, asked, definition="michelson")):
+        assert (array.cdp[index], array.below[index], array.pairs) == (record.cdp, record.below, record.pairs)
+
+
+def test_a_perfect_checkerboard_of_the_thesis_is_all_detected():
+    board = 100 + 20 * (np.indices((301, 420)).sum(axis=0) % 2)
+    result = cdp_neighbours(board, 0.2)
+    assert (result.cdp, result.u, result.pairs) == (1, 0, 252_119)
+    # As many trials as a quarter of the pairs.
+    assert result.interval == pytest.approx((1 / (1 + 1.96**2 / (252_119 / 4)), 1), abs=1e-7)
+
+
+def checkerboard(rng, shape, std, pattern_std):
+    image = 100 + 20 * (np.indices(shape).sum(axis=0) % 2) + rng.normal(0, std, shape)
+    return image + rng.normal(0, pattern_std, (shape[0], 1)) + rng.normal(0, pattern_std, (1, shape[1]))
+
+
+@pytest.mark.parametrize(("std", "pattern_std"), [(5, 0), (5, 4), (2, 6)])
+def test_the_confidence_interval_covers_the_truth(std, pattern_std):
+    rng = np.random.default_rng(6)
+    shape, repeats = (60, 60), 400
+    # A long mean is the truth; its own error is a twentieth of that of one image.
+    results = [cdp_neighbours(checkerboard(rng, shape, std, pattern_std), 0.2) for _ in range(repeats)]
+    truth = np.mean([result.cdp for result in results])
+    covered = np.mean([low <= truth <= high for low, high in (result.interval for result in results)])
+    assert 0.93 - 3 * sqrt(0.93 * 0.07 / repeats) < covered < 0.98 + 3 * sqrt(0.98 * 0.02 / repeats)
+
+
+def test_a_pattern_of_rows_and_columns_raises_the_standard_error():
+    rng = np.random.default_rng(7)
+    shape, repeats = (40, 50), 300
+    results = [cdp_neighbours(checkerboard(rng, shape, 5, 5), 0.2) for _ in range(repeats)]
+    scatter = np.var([result.cdp for result in results], ddof=1)
+    variances = np.array([result.u**2 for result in results])
+    tolerance = 4 * np.hypot(scatter * sqrt(2 / repeats), variances.std() / sqrt(repeats))
+    assert abs(variances.mean() - scatter) < tolerance
+    # Pairs taken for independent would give a fraction of it.
+    assert scatter > 5 * results[0].cdp * (1 - results[0].cdp) / results[0].pairs
+
+
+@pytest.mark.parametrize("shape", [(7, 50), (50, 7), (1, 2)])
+def test_few_rows_or_columns_have_no_standard_error(shape):
+    result = cdp_neighbours(np.full(shape, 100), 0.2)
+    assert np.isnan([result.u, *result.interval]).all()
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        ([1, 2], r"the image has 1 dimensions: give one of shape \(height, width\)"),
+        ([[5]], "the image holds 1 pixels: give at least two, or there is no neighbour"),
+        (np.ones((0, 3)), "the image holds 0 pixels"),
+        ([[1, np.nan], [np.inf, 2]], "the image holds 2 values that are not finite: correct them or crop the image"),
+        ([[True, False]], "image has type bool: give integers or floats"),
+        (np.ma.masked_equal([[1, 2]], 2), "image is a masked array"),
+        ([[0, -1], [0, 0]], "the image holds no value above 0, so no contrast is defined: check exposure"),
+        ([[1, 2**53 + 1]], r"image spans 1 to 9007199254740993: give integers up to 2\^53"),
+    ],
+)
+def test_unusable_images_are_refused(image, message):
+    with pytest.raises(InputError, match=message):
+        cdp_neighbours(image, 0.2)
+
+
+@given(st.data())
+def test_a_rectangle_holds_both_corners_in_any_order_and_is_clipped(data):
+    image = np.random.default_rng(9).integers(90, 131, (6, 8))
+    corners = [(data.draw(st.integers(-3, 11)), data.draw(st.integers(-3, 9))) for _ in range(2)]
+    inside = [
+        (y, x)
+        for y in range(6)
+        for x in range(8)
+        if min(c[0] for c in corners) <= x <= max(c[0] for c in corners)
+        and min(c[1] for c in corners) <= y <= max(c[1] for c in corners)
+    ]
+    if len(inside) < 2:
+        with pytest.raises(
+            InputError, match=r"lies outside the image of 8 x 6 pixels: move it|the image holds 1 pixels"
+        ):
+            cdp_rectangle(image, *corners, 0.2)
+        return
+    rows, columns = (sorted({pixel[axis] for pixel in inside}) for axis in (0, 1))
+    assert repr(cdp_rectangle(image, *corners, 0.2)) == repr(cdp_neighbours(image[np.ix_(rows, columns)], 0.2))

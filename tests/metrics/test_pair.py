@@ -1,0 +1,255 @@
+from math import inf, isnan, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import uniform_filter
+from scipy.special import ndtr
+
+from labcdp.core.errors import InputError
+from labcdp.core.finding import warning
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.core.roi import Roi
+from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
+from labcdp.metrics.regions.pair import evaluate_pair, evaluate_region, paired_errors
+from labcdp.metrics.regions.region import RegionPixels
+
+SHAPE = (60, 90)
+LEFT, RIGHT = Roi.rectangle("left", 5, 5, 30, 40), Roi.rectangle("right", 50, 10, 30, 40)
+
+
+def _map(luminance, common=(), invalid=None, **more):
+    nothing = np.zeros(luminance.shape, dtype=np.uint8)
+    return LuminanceMap(
+        luminance, np.full(luminance.shape, 0.01), common, nothing if invalid is None else invalid, **more
+    )
+
+
+def _scene(seed=0, bright=120.0, noise=5.0, shape=SHAPE):
+    rng = np.random.default_rng(seed)
+    luminance = rng.normal(100.0, noise, shape)
+    luminance[:, shape[1] // 2 :] += bright - 100.0
+    return luminance
+
+
+def _share(bright, dark, noise, contrast):
+    """CDP of two normal patches in closed form."""
+
+    def up_to(ratio):
+        return ndtr((ratio * dark - bright) / (noise * sqrt(ratio**2 + 1)))
+
+    return up_to(1 + 1.5 * contrast) - up_to(1 + 0.5 * contrast)
+
+
+def _within(interval, truth):
+    return interval[0] <= truth <= interval[1]
+
+
+@given(seed=st.integers(0, 1000), contrast=st.floats(0.02, 3.0), epsilon=st.floats(0.05, 1.0))
+def test_the_cdp_is_that_of_the_pixels_of_the_regions(seed, contrast, epsilon):
+    rng = np.random.default_rng(seed)
+    luminance = np.rint(rng.normal(100, 20, SHAPE))
+    a = Roi("a", tuple(map(tuple, np.array([(2, 3), (38, 8), (20, 50)]) + rng.uniform(-2, 2, (3, 2)))))
+    b = Roi("b", tuple(map(tuple, np.array([(50, 8), (80, 5), (85, 50), (48, 45)]) + rng.uniform(-2, 2, (4, 2)))))
+    found = evaluate_pair(_map(luminance), a, b, (contrast,), epsilon).results[0].result
+    (expected,) = cdp_range(a.select(luminance), b.select(luminance), (contrast,), epsilon)
+    shares = ("cdp", "below", "above", "undefined", "interval", "bright", "bright_size", "dark_size")
+    assert [getattr(found, name) for name in shares] == [getattr(expected, name) for name in shares]
+
+
+def test_without_errors_of_a_calibration_a_pair_is_that_of_cdp_correlated():
+    smooth = 100 + 5 * uniform_filter(np.random.default_rng(1).normal(0, 3, SHAPE), 3)
+    smooth[:, 45:] *= 1.2
+    for luminance in (_scene(3), smooth):
+        masks = []
+        for roi in (LEFT, RIGHT):
+            mask = np.zeros(SHAPE, dtype=bool)
+            mask[roi.window(SHAPE)] = roi.mask(SHAPE)
+            masks.append(mask)
+        for contrast in (0.2, 0.3):
+            found = evaluate_pair(_map(luminance), LEFT, RIGHT, (contrast,)).results[0]
+            assert found.result == cdp_correlated(luminance, *masks, contrast)
+            assert found.confidence_interval == found.result.confidence_interval
+    assert found.result.correlation_inflation > 1.5
+
+
+def test_errors_of_the_calibration_count_as_in_sessions():
+    luminance = _scene(5, noise=4.0) - 85
+    image = _map(
+        luminance,
+        (CommonError("scale", 0.02), CommonError("darkness", 0.3 / luminance), CommonError("fit", 0.1 * luminance)),
+        slow_rel=0.01,
+        slow_cd_m2=0.2,
+    )
+    found = evaluate_pair(image, LEFT, RIGHT, (1.5, 2.5)).results
+    errors = paired_errors(RegionPixels.of(image, LEFT), RegionPixels.of(image, RIGHT))
+    for one, contrast in zip(found, (1.5, 2.5), strict=True):
+        expected = cdp_with_common_errors(LEFT.select(luminance), RIGHT.select(luminance), contrast, 0.5, errors)
+        assert one.calibration_standard_uncertainty == pytest.approx(expected.calibration_standard_uncertainty)
+        assert one.calibration_standard_uncertainty > 0
+
+
+def test_an_error_both_regions_share_cancels_in_contrast_cdp_and_ratios_but_not_in_the_luminance():
+    luminance = _scene(2)
+    plain = evaluate_pair(_map(luminance), LEFT, RIGHT, (0.3,))
+    for shared in (0.05, np.full(SHAPE, 0.05)):
+        found = evaluate_pair(_map(luminance, (CommonError("scale", shared),)), LEFT, RIGHT, (0.3,))
+        assert found.contrast.standard_error == pytest.approx(plain.contrast.standard_error)
+        assert found.csnr.standard_error == pytest.approx(plain.csnr.standard_error)
+        assert found.a.snr.standard_error == pytest.approx(plain.a.snr.standard_error)
+        assert found.results[0].standard_uncertainty == pytest.approx(plain.results[0].standard_uncertainty)
+        assert found.a.standard_uncertainty == pytest.approx(
+            sqrt(plain.a.standard_uncertainty**2 + (5.0) ** 2), rel=0.01
+        )
+
+
+def test_a_unknown_scale_leaves_the_luminance_without_an_uncertainty_but_not_the_contrast():
+    plain = evaluate_pair(_map(_scene()), LEFT, RIGHT, (0.3,))
+    image = _map(_scene(), (CommonError("guess", inf),))
+    found = evaluate_pair(image, LEFT, RIGHT, (0.3,))
+    assert isnan(found.a.standard_uncertainty)
+    assert isnan(evaluate_region(image, LEFT).standard_uncertainty)
+    assert found.contrast == plain.contrast
+    assert found.results == plain.results
+
+
+def test_a_slow_change_across_a_region_is_no_noise():
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    slow = 1 + 0.2 * (x / 90) + 0.1 * (y / 60) ** 2
+    plain, sloped = (evaluate_pair(_map(_scene(8) * factor), LEFT, RIGHT, (0.2,)) for factor in (1, slow))
+    assert sloped.a.standard_uncertainty < 1.5 * plain.a.standard_uncertainty
+    assert sloped.results[0].result.correlation_inflation == 1
+    # Where all pairs agree too, and where there is no noise at all.
+    for luminance in (_scene(8) * slow, np.where(x < 45, 100.0, 120.0) * slow):
+        assert evaluate_pair(_map(luminance), LEFT, RIGHT, (5.0,)).results[0].confidence_interval[1] < 0.01
+
+
+def test_correlated_noise_is_not_taken_for_a_slow_change():
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(60):
+        luminance = 100 + 5 * uniform_filter(rng.normal(0, 3, SHAPE), 3)
+        found.append(evaluate_region(_map(luminance), LEFT).standard_uncertainty)
+    # Mean over 1200 pixels of means of 3 x 3; the estimate of its deviation scatters by about 15 % each.
+    assert np.mean(found) == pytest.approx(15 / sqrt(1200), rel=0.1)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_intervals_cover_the_truth(smooth):
+    """Noise and errors of the calibration drawn anew for 300 images; 3 sigma of 95 % are 3.8 points."""
+    rng = np.random.default_rng(20 + smooth)
+    contrast, repeats, scale, slow, offset = 0.3, 300, 0.05, 0.004, 0.3
+    truth = _share(120.0, 100.0, 5.0, contrast)
+    covered = np.zeros(4)
+    for _ in range(repeats):
+        noise = rng.normal(0, 5.0, SHAPE)
+        if smooth:
+            # Mean of 2 x 2, with the noise as large as before.
+            noise = (noise + np.roll(noise, 1, 0) + np.roll(noise, 1, 1) + np.roll(noise, (1, 1), (0, 1))) / 2
+        luminance = 100.0 + noise
+        luminance[:, 45:] += 20.0
+        luminance[:, 45:] *= 1 + rng.normal(0, slow)
+        luminance[:, :45] *= 1 + rng.normal(0, slow)
+        luminance = luminance * (1 + rng.normal(0, scale)) + rng.normal(0, offset)
+        image = _map(luminance, (CommonError("scale", scale), CommonError("offset", offset / luminance)), slow_rel=slow)
+        found = evaluate_pair(image, LEFT, RIGHT, (contrast,))
+        for k, (value, uncertainty, expected) in enumerate(
+            (
+                (found.contrast.value, found.contrast.standard_error, 0.2),
+                (found.b.mean, found.b.standard_uncertainty, 120.0),
+                (found.csnr.value, found.csnr.standard_error, _CSNR),
+            )
+        ):
+            covered[k] += abs(value - expected) <= 1.96 * uncertainty
+        covered[3] += _within(found.results[0].confidence_interval, truth)
+    tolerance = 3 * sqrt(0.95 * 0.05 / repeats)
+    assert covered[[0, 1, 3]] / repeats == pytest.approx(0.95, abs=tolerance)
+    # Its inflation is the most there can be.
+    assert covered[2] / repeats >= 0.95 - tolerance
+
+
+def _csnr_of_normal(bright, dark, noise):
+    rng = np.random.default_rng(0)
+    return csnr(rng.normal(bright, noise, 10**6), rng.normal(dark, noise, 10**6)).value
+
+
+_CSNR = _csnr_of_normal(120.0, 100.0, 5.0)
+
+
+def test_the_uncertainty_of_the_snr_has_the_dark_signal_in_it():
+    luminance = _scene(6, noise=2.0)
+    plain, offset = (
+        evaluate_region(_map(luminance, common), LEFT).snr for common in ((), (CommonError("d", 5 / luminance),))
+    )
+    # An offset of 5 changes the mean by 5 and the noise not at all.
+    expected = sqrt(plain.standard_error**2 + (5 / LEFT.select(luminance).std(ddof=1)) ** 2)
+    assert offset.standard_error == pytest.approx(expected)
+
+
+def test_only_the_windows_of_the_regions_are_used():
+    luminance = np.full(SHAPE, np.nan)
+    asked = []
+    for roi in (LEFT, RIGHT):
+        luminance[roi.window(SHAPE)] = _scene()[roi.window(SHAPE)]
+
+    def common(window):
+        asked.append(window)
+        return (CommonError("scale", 0.01),)
+
+    def whole():
+        raise AssertionError("random_rel is not needed")
+
+    evaluate_pair(LuminanceMap(luminance, whole, common, np.zeros(SHAPE, np.uint8)), LEFT, RIGHT, (0.2,))
+    for rows, columns in asked:
+        assert any(
+            roi.window(SHAPE)[0].start <= rows.start < rows.stop <= roi.window(SHAPE)[0].stop
+            and roi.window(SHAPE)[1].start <= columns.start < columns.stop <= roi.window(SHAPE)[1].stop
+            for roi in (LEFT, RIGHT)
+        )
+    assert asked
+
+
+def test_pixels_that_are_not_valid_count_and_are_warned_about():
+    invalid = np.zeros(SHAPE, dtype=np.uint8)
+    invalid[5:15, 5:35] = Invalid.SATURATED | Invalid.OUTSIDE_CALIBRATED
+    invalid[10, 50:62] = Invalid.BELOW_BLACK
+    invalid[11, 50:53] = Invalid.DEFECT
+    luminance = _scene()
+    found = evaluate_pair(_map(luminance, invalid=invalid), LEFT, RIGHT, (0.2,))
+    assert found.a.invalid_shares == {"saturated": 0.25, "outside_calibrated": 0.25}
+    assert found.b.invalid_shares == {"below_black": 0.01, "defect": 0.0025}
+    assert found.results[0].result.cdp == cdp(LEFT.select(luminance), RIGHT.select(luminance), 0.2).cdp
+    assert found.findings == (
+        warning("region-saturated", "left", share=0.25),
+        warning("region-outside-calibrated", "left", share=0.25),
+        warning("region-below-black", "right", share=0.01),
+        warning("region-defect", "right", share=0.0025),
+    )
+
+
+def test_regions_that_overlap_are_refused_by_their_pixels():
+    with pytest.raises(InputError, match=r"regions 'left' and 'x' have 24 pixels in common: give two regions that do"):
+        evaluate_pair(_map(_scene()), LEFT, Roi.rectangle("x", 29, 41, 10, 10), (0.2,))
+    upper = Roi("upper", ((0, 0), (40, 0), (0, 40)))
+    lower = Roi("lower", ((40, 0), (40, 40), (0, 40)))
+    found = evaluate_pair(_map(_scene()), upper, lower, (0.2,))
+    assert found.a.n_pixels + found.b.n_pixels == 1600
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_pixels_that_are_no_numbers_are_refused_with_the_region(bad):
+    luminance = _scene()
+    luminance[12, 55:58] = bad
+    with pytest.raises(InputError, match=r"region 'right' has 3 pixels that are not finite: correct the image"):
+        evaluate_pair(_map(luminance), LEFT, RIGHT, (0.2,))
+
+
+def test_a_dark_region_below_the_black_has_no_finite_contrast():
+    luminance = _scene() - 100.0
+    luminance[:, :45] -= 3
+    found = evaluate_pair(_map(luminance, (CommonError("d", 0.1 / luminance),)), LEFT, RIGHT, (1.0,))
+    assert found.contrast.value == inf
+    assert isnan(found.contrast.standard_error)
+    assert isnan(found.csnr.value)
+    assert found.results[0].result.above > 0.5

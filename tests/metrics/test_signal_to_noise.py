@@ -1,0 +1,92 @@
+from math import inf, log10, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import poisson
+
+from labcdp.metrics import Distribution, cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
+
+several = st.lists(st.integers(90, 130), min_size=2, max_size=8)
+METRICS = {
+    "snr": lambda a, b: snr(a),
+    "snr in dB": lambda a, b: snr_20log10_db(a),
+    "csnr": csnr,
+    "cnr": cnr,
+    "d'": d_prime,
+}
+
+
+@given(several)
+def test_snr_is_mean_over_deviation(pixels):
+    deviation = np.std(pixels, ddof=1)
+    if deviation == 0:
+        assert snr(pixels).value == inf
+        return
+    ratio = np.mean(pixels) / deviation
+    assert snr(pixels).value == pytest.approx(ratio)
+    assert snr_20log10_db(pixels).value == pytest.approx(20 * log10(ratio))
+    assert snr_10log10_db(pixels).value == pytest.approx(10 * log10(ratio))
+
+
+@given(several, several)
+def test_cnr_and_d_prime_are_their_formulas(a, b):
+    bright, dark = (a, b) if sum(a) * len(b) >= sum(b) * len(a) else (b, a)
+    difference = np.mean(bright) - np.mean(dark)
+    pooled = sqrt((np.var(a, ddof=1) + np.var(b, ddof=1)) / 2)
+    if np.std(dark) > 0:
+        assert cnr(a, b).value == pytest.approx(difference / np.std(dark, ddof=1))
+        assert d_prime(a, b).value == pytest.approx(difference / pooled, abs=1e-12)
+
+
+def test_d_prime_of_shot_noise_is_the_published_one():
+    quanta = np.arange(1000)
+    patches = [Distribution(quanta, poisson.pmf(quanta, mean)) for mean in (250, 300)]
+    assert d_prime(*patches).value == pytest.approx(3.015, abs=5e-4)
+    assert snr(patches[0]).value == pytest.approx(sqrt(250))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_the_standard_error_is_the_scatter_of_repeated_measurements(metric):
+    rng = np.random.default_rng(12)
+    repeats, n = 1500, 200
+    # Skewed noise, so that the third and fourth moments matter.
+    results = [
+        METRICS[metric](120 + 5 * rng.exponential(size=n), 100 + 5 * rng.exponential(size=n)) for _ in range(repeats)
+    ]
+    scatter = np.std([result.value for result in results])
+    stated = sqrt(np.mean([result.standard_error**2 for result in results]))
+    # 12 %: first order in 1 / n, with the moments of 200 pixels; the scatter itself is known to 3 %.
+    assert stated == pytest.approx(scatter, rel=0.12)
+
+
+def test_the_standard_error_of_snr_is_the_closed_form_of_normal_pixels():
+    n = 100_000
+    result = snr(np.random.default_rng(13).normal(100, 5, n))
+    assert result.standard_error == pytest.approx(sqrt((1 + 20**2 / 2) / n), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (snr([7, 7]).value, inf),
+        (snr([0, 0]).value, float("nan")),
+        (snr([7]).value, float("nan")),
+        (snr_20log10_db([7, 7]).value, inf),
+        (snr_10log10_db([-1, 1]).value, -inf),
+        (snr_10log10_db([-5, -4]).value, float("nan")),
+        (csnr([7, 7], [5]).value, inf),
+        (csnr([5, 5], [5]).value, float("nan")),
+        (csnr([7, 9], [5, 0]).value, float("nan")),
+        (cnr([7, 9], [5, 5]).value, inf),
+        (cnr([5, 5], [5, 5]).value, float("nan")),
+        (cnr([7, 9], [5]).value, float("nan")),
+        (d_prime([7, 7], [5, 5]).value, inf),
+        (d_prime([0, 0], [0, 0]).value, float("nan")),
+        (d_prime([7, 9], [5]).value, float("nan")),
+        (d_prime([7, 9], [7, 9]).value, 0),
+    ],
+)
+def test_without_scatter_or_light_the_values_say_so(value, expected):
+    assert value == pytest.approx(expected, nan_ok=True)

@@ -1,0 +1,135 @@
+"""One result object, rendered as text, page, spreadsheet, JSON and Dataset."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from io import BytesIO
+from math import inf, nan
+
+import numpy as np
+import openpyxl
+import pytest
+from jsonschema import Draft202012Validator
+
+from labcdp.core.errors import InputError
+from labcdp.core.finding import Finding, info, unique, warning
+from labcdp.core.result import InputFile, Result
+from labcdp.core.table import Column, Table, uncertain, uncertain_values
+from labcdp.report.cells import text_table
+from labcdp.report.envelope import envelope, envelope_json, schema
+from labcdp.report.figures import ReportFigure
+from labcdp.report.findings import templates
+from labcdp.report.html import render_page
+from labcdp.report.layout import Card, Facts, Page, Section
+from labcdp.report.sheets import result_workbook
+
+TIME = datetime(2026, 1, 2, tzinfo=UTC)
+COLUMNS = (
+    Column("patch", "patch"),
+    Column("luminance_cd_m2", "luminance", "cd/m²", "Mean of the patch.", expanded="expanded_cd_m2"),
+    Column("expanded_cd_m2", "U (95 %)", "cd/m²", "Expanded uncertainty.", shown=False),
+    Column("cdp", "CDP", "", "Contrast detection probability.", low="cdp_low", high="cdp_high"),
+    Column("cdp_low", "CDP, low", shown=False),
+    Column("cdp_high", "CDP, high", shown=False),
+    Column("contrast", "contrast", "%", "Weber contrast."),
+    Column("exposure_s", "exposure", "s", time=True),
+)
+ROW = {"patch": "=1+1", "luminance_cd_m2": 103.456, "expanded_cd_m2": 2.04, "cdp": 0.85912, "cdp_low": 0.851,
+       "cdp_high": 0.866, "contrast": 2.78, "exposure_s": 0.0123}  # fmt: skip
+OTHER = {"patch": "<b>", "luminance_cd_m2": np.float64(1e-4), "cdp": nan, "contrast": inf}
+
+
+@pytest.fixture
+def result() -> Result:
+    table = Table.of_rows("patches", "Patches", COLUMNS, [ROW, OTHER])
+    return Result("evaluate", "a & b", (table,), (info("test-note", "<i>", share=0.5),), seed=1)
+
+
+@pytest.fixture(autouse=True)
+def _texts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(templates(), "test-note", "patch {subject} is at {share:percent}")
+
+
+def test_numbers_carry_the_digits_that_their_uncertainty_supports(result: Result) -> None:
+    heads, rows = text_table(result.table("patches"))
+    assert heads == ["patch", "luminance ± U (cd/m²)", "CDP, 95 % interval", "contrast (%)", "exposure"]
+    assert rows[0] == ["=1+1", "103.5 ± 2.0", "0.8591 (0.8510 to 0.8660)", "278.0", "12.3 ms"]
+    assert rows[1] == ["<b>", "0.0001000", "-", "∞", "-"]
+
+
+def test_a_quantity_in_percent_is_a_fraction_in_data() -> None:
+    columns = (
+        Column("quantity", "quantity"),
+        *uncertain(Column("value", "value", unit_of="unit")),
+        Column("unit", "unit"),
+    )
+    rows = [
+        {"quantity": "PRNU", "unit": "%", **uncertain_values("value", 0.0123, 0.0005)},
+        {"quantity": "K", "unit": "DN/e⁻", **uncertain_values("value", 0.5, 0.01)},
+    ]
+    table = Table.of_rows("quantities", "Quantities", columns, rows)
+    assert text_table(table)[1] == [["PRNU", "1.230 ± 0.098", "%"], ["K", "0.500 ± 0.020", "DN/e⁻"]]
+    result = Result("characterise", "a", (table,))
+    written = envelope(result)["tables"]["quantities"]["rows"]
+    assert [(row["value"], row["u_value"], row["unit"]) for row in written] == [
+        (0.0123, 0.0005, "1"),
+        (0.5, 0.01, "DN/e⁻"),
+    ]
+    sheet = openpyxl.load_workbook(BytesIO(result_workbook(result, TIME)))["quantities"]
+    assert (sheet["B2"].value, sheet["B2"].number_format) == (0.0123, "0.000%")
+
+
+def test_json_follows_the_schema_and_keeps_fractions(result: Result) -> None:
+    values = envelope(result)
+    Draft202012Validator(schema()).validate(values)
+    first, second = values["tables"]["patches"]["rows"]
+    assert first == ROW
+    assert second["cdp"] is None
+    assert second["contrast"] is None
+    assert values["findings"][0]["text"] == "patch <i> is at 50 %"
+    assert "NaN" not in envelope_json(result)
+
+
+def test_a_sheet_holds_all_columns_as_numbers_and_text_stays_text(result: Result) -> None:
+    data = result_workbook(result, TIME)
+    assert data == result_workbook(result, TIME)
+    book = openpyxl.load_workbook(BytesIO(data))
+    assert book.sheetnames == ["patches", "findings", "about"]
+    sheet = book["patches"]
+    assert [cell.value for cell in sheet[1]][1:3] == ["luminance (cd/m²)", "U (95 %) (cd/m²)"]
+    assert [cell.value for cell in sheet[2]] == list(ROW.values())
+    assert sheet["A2"].data_type == "s"
+    assert (sheet["B2"].number_format, sheet["G2"].number_format) == ("0.0", "0.0%")
+    assert sheet["D3"].value is None
+
+
+def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result: Result) -> None:
+    page = Page(
+        "report", "<script>x</script>", cards=(Card("<b>pair</b>", "0.859", verdict="detected", state="good"),),
+        lead=(ReportFigure("a.png", b"png", "<u>caption</u>", "text"), result.table("patches")),
+        findings=(*result.findings, warning("test-note", "P1", share=0.25)),
+        sections=(Section("Details", ("<p>text", Facts((("<dt>", "<dd>"),))), collapsed=True),),
+    )  # fmt: skip
+    html = render_page(page)
+    for text in ("<script>x", "<b>pair", "<u>caption", "<p>text", "<dt><", "patch <i>"):
+        assert text not in html
+    assert html.index("Patch P1 is at 25") < html.index("0.859") < html.index("Details") < html.index("Notes (1)")
+
+
+def test_a_table_becomes_a_dataset_with_units(result: Result) -> None:
+    dataset = result.table("patches").to_dataset()
+    assert dataset["contrast"].attrs == {"long_name": "contrast", "units": "1", "description": "Weber contrast."}
+    np.testing.assert_array_equal(dataset["luminance_cd_m2"], [103.456, 1e-4])
+    assert list(dataset["patch"].values) == ["=1+1", "<b>"]
+
+
+def test_each_finding_stands_once_with_the_severe_ones_first() -> None:
+    first, second = info("a"), Finding("b", "error")
+    assert unique([first, second, first, warning("c")]) == (second, warning("c"), first)
+
+
+def test_inputs_are_recorded_with_their_hash(tmp_path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert InputFile.of("picture", tmp_path / "a").sha256.startswith("ba7816bf")
+    with pytest.raises(InputError, match="cannot be read"):
+        InputFile.of("picture", tmp_path / "b")

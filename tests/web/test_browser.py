@@ -1,0 +1,341 @@
+"""The page in a browser, with a real mouse."""
+
+import re
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.files.picture.read import read_picture
+from labcdp.metrics import cdp
+from labcdp.metrics.regions.pair import evaluate_pair
+from labcdp.regions import EllipseShape, PolygonShape, load_regions, rois_of
+from labcdp.web.regions.display import DisplayScale
+
+from .conftest import CHROMIUM, HEIGHT, WIDTH, Served, known_dn, wait_until
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+
+#: Where a place (x, y) of the image is on the screen.
+_ON_SCREEN = """([x, y]) => {
+  const figure = Bokeh.documents[0].get_model_by_name("picture")
+  const view = Bokeh.index.find_one(figure)
+  const box = view.canvas_view.events_el.getBoundingClientRect()
+  return [box.left + view.frame.x_scale.compute(x), box.top + view.frame.y_scale.compute(y)]
+}"""
+#: Extent of what is seen, and the picture's parts as they came from labcdp.
+_SEEN = """() => {
+  const figure = Bokeh.documents[0].get_model_by_name("picture")
+  return [figure.x_range.start, figure.y_range.end, figure.x_range.end, figure.y_range.start]
+}"""
+_DETAIL = """() => {
+  const figure = Bokeh.documents[0].get_model_by_name("picture")
+  const source = figure.renderers[1].data_source
+  const [image] = source.get_column("image")
+  const [x, y, dw, dh] = ["x", "y", "dw", "dh"].map(name => source.get_column(name)[0])
+  return {shape: Array.from(image.shape), place: [x, y, dw, dh], values: Array.from(image)}
+}"""
+#: Corners that can be dragged.
+_CORNERS = """() => {
+  const figure = Bokeh.documents[0].get_model_by_name("picture")
+  return figure.renderers[4].data_source.get_column("x").length
+}"""
+
+
+class Tab:
+    """The page in a tab, and a person at it."""
+
+    def __init__(self, page: Any, served: Served) -> None:
+        self.page, self.served = page, served
+        self.complaints: list[str] = []
+        self.asked: list[str] = []
+        page.on("request", lambda request: self.asked.append(request.url))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("console", lambda message: self._console(message))
+        self.open()
+
+    def _console(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.complaints.append(message.text)
+
+    def open(self) -> None:
+        self.page.goto(self.served.url)
+        self.page.get_by_text("Drag beside it moves the picture").wait_for()
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        sx, sy = self.page.evaluate(_ON_SCREEN, [x, y])
+        return sx, sy
+
+    def click(self, x: float, y: float, **how: Any) -> None:
+        self.page.mouse.click(*self.at(x, y), **how)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], hold_ms: int = 0) -> None:
+        self.page.mouse.move(*self.at(*start))
+        self.page.mouse.down()
+        # A hand may stay still for a moment, and moves in steps.
+        self.page.wait_for_timeout(hold_ms)
+        self.page.mouse.move(*self.at(*end), steps=4)
+        self.page.mouse.up()
+
+    def button(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def rows(self) -> list[list[str]]:
+        """Cells of the table of regions."""
+        cells = "rows => rows.map(row => Array.from(row.children, cell => cell.innerText.trim()))"
+        return list(self.page.locator("tr[data-region]").evaluate_all(cells))
+
+    def rows_when(self, condition: Callable[[list[list[str]]], bool], what: str) -> list[list[str]]:
+        """Cells of the table, once all is measured and it is as it should become."""
+        seen: list[list[str]] = []
+
+        def met() -> bool:
+            seen[:] = self.rows()
+            return not any("…" in row for row in seen) and condition(seen)
+
+        wait_until(met, f"{what}; {self.notice()}")
+        return seen
+
+    def wait_for_rows(self, n: int) -> list[list[str]]:
+        return self.rows_when(lambda rows: len(rows) == n, f"there are {n} regions")
+
+    def notice(self) -> str:
+        return " ".join(self.page.locator(".notice").all_inner_texts())
+
+    def wait_for_notice(self, pattern: str) -> None:
+        self.page.locator(".notice", has_text=re.compile(pattern)).wait_for(timeout=120_000)
+
+    def seen(self) -> list[float]:
+        return [float(edge) for edge in self.page.evaluate(_SEEN)]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_tab(browser: Any) -> Iterator[Callable[[Served], Tab]]:
+    contexts = []
+
+    def new(served: Served) -> Tab:
+        context = browser.new_context(viewport={"width": 1280, "height": 800})
+        context.set_default_timeout(120_000)
+        contexts.append(context)
+        return Tab(context.new_page(), served)
+
+    yield new
+    for context in contexts:
+        context.close()
+
+
+def test_regions_are_drawn_measured_saved_and_read_again(
+    picture: Path, tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
+) -> None:
+    output = tmp_path / "regions.json"
+    served = serve(picture, "--output", output, "--contrast", "900%")
+    tab = open_tab(served)
+
+    # A polygon, corner by corner, closed on the first one; and a box.
+    tab.page.get_by_role("button", name="Polygon").click()
+    for corner in ((40, 60), (200, 60), (200, 300), (40, 300), (40, 60)):
+        tab.click(*corner)
+    tab.wait_for_rows(1)
+    tab.page.get_by_role("button", name="Rectangle").click()
+    tab.drag((400, 60), (560, 300))
+    tab.wait_for_rows(2)
+
+    # The corner of the box that was just drawn, then back, then forth.
+    tab.drag((560, 300), (600, 340), hold_ms=400)
+    small, large = str(160 * 240), str(200 * 280)
+    tab.rows_when(lambda rows: rows[1][1] == large, "the box has grown")
+    tab.page.keyboard.press("Control+z")
+    tab.rows_when(lambda rows: rows[1][1] == small, "the box is small again")
+    tab.button("Redo")
+    tab.rows_when(lambda rows: rows[1][1] == large, "the box is large again")
+
+    # Another name, by its field.
+    name = tab.page.get_by_label("Name of the selected region")
+    name.fill("white patch")
+    name.press("Enter")
+    tab.rows_when(lambda rows: rows[1][0] == "white patch", "it has another name")
+
+    # What the table says is what labcdp says of the saved regions.
+    tab.page.keyboard.press("Escape")
+    tab.page.get_by_role("button", name="Save", exact=True).click()
+    tab.wait_for_notice("Saved: 2 regions in .*regions.json")
+    first, second = rois_of(load_regions(output, (WIDTH, HEIGHT)))
+    assert second.name == "white patch"
+    conversion = picture_conversion(None, None, None)
+    luminance = conversion.luminance(read_picture(picture, conversion.options))
+    result = evaluate_pair(luminance, first, second, [9.0])
+    rows = tab.wait_for_rows(2)
+    for row, roi in zip(rows, (first, second), strict=True):
+        values = roi.select(known_dn()).astype(float)
+        assert row[1:4] == [str(values.size), f"{values.mean():.5g}", f"{values.std(ddof=1):.3g}"]
+    shown = float(tab.page.locator("td.cdp").inner_text())
+    assert shown == pytest.approx(result.results[0].result.cdp, abs=1e-4)
+    assert shown == pytest.approx(cdp(first.select(known_dn()), second.select(known_dn()), 9.0).cdp, abs=1e-4)
+    low, high = result.results[0].confidence_interval
+    said = re.search(r"([\d.]+) to ([\d.]+)", tab.page.locator("td.cdp + td").inner_text())
+    assert said is not None
+    assert [float(said[1]), float(said[2])] == pytest.approx([low, high], abs=1e-4)
+
+    # Ctrl-C ends it cleanly.
+    assert tab.complaints == []
+    status, said_last = served.stop()
+    assert (status, said_last.splitlines()) == (0, [f"Saved: {output}"])
+
+    # What was saved is there again.
+    again = serve(picture, "--output", output)
+    other = open_tab(again)
+    assert [row[:4] for row in other.wait_for_rows(2)] == [row[:4] for row in rows]
+    status, said_last = again.stop()
+    assert (status, said_last.splitlines()) == (0, ["Nothing was changed"])
+
+
+def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(
+    picture: Path, tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
+) -> None:
+    output = tmp_path / "regions.json"
+    served = serve(picture, "--output", output)
+    tab = open_tab(served)
+
+    # DN under the pointer, at any zoom; far in, the picture is that of single pixels.
+    readout = tab.page.locator(".readout")
+    tab.page.mouse.move(*tab.at(50.5, 100.5))
+    readout.get_by_text(re.compile(r"x 50, y 100 · DN 12340 · light")).wait_for()
+    for _ in range(40):
+        tab.page.mouse.wheel(0, -200)
+    wait_until(lambda: tab.page.evaluate(_DETAIL)["place"][2] < 20, "single pixels are seen")
+    tab.page.mouse.move(*tab.at(51.5, 100.5))
+    readout.get_by_text(f"x 51, y 100 · DN {known_dn()[100, 51]} ").wait_for()
+    detail = tab.page.evaluate(_DETAIL)
+    x, y, width, height = map(int, detail["place"])
+    assert detail["shape"] == [height, width]
+    tones = DisplayScale.of(known_dn()).to_8_bit(known_dn()[y : y + height, x : x + width])
+    assert detail["values"] == tones.ravel().tolist()
+
+    # The picture is moved by dragging it, once all turns of the wheel have been obeyed, and shown whole again by a key.
+    seen: list[tuple[float, ...]] = []
+
+    def rests() -> bool:
+        tab.page.wait_for_timeout(250)
+        seen.append(tuple(tab.seen()))
+        return len(seen) > 3 and len(set(seen[-4:])) == 1
+
+    wait_until(rests, "the picture rests")
+    before = tab.seen()
+    # By a quarter of what is seen: how far the wheel has brought it near is the browser's affair.
+    middle, part = ((before[0] + before[2]) / 2, (before[1] + before[3]) / 2), (before[2] - before[0]) / 4
+    tab.drag(middle, (middle[0] + part, middle[1]), hold_ms=100)
+    wait_until(lambda: tab.seen()[0] < before[0] - part / 2, "the picture has moved")
+    tab.page.keyboard.press("f")
+    wait_until(lambda: tab.seen()[0] < 0 < WIDTH < tab.seen()[2], "the whole picture is seen")
+
+    # A polygon that crosses itself is refused and not lost: two corners are taken back, and it is closed otherwise.
+    tab.page.keyboard.press("p")
+    for corner in ((50, 50), (150, 150), (150, 50), (50, 150)):
+        tab.click(*corner)
+    tab.page.keyboard.press("Enter")
+    tab.wait_for_notice("crosses itself at x 100")
+    tab.page.keyboard.press("Control+z")
+    tab.page.keyboard.press("Backspace")
+    tab.click(50, 150)
+    tab.click(300, 300, button="right")
+    tab.wait_for_rows(1)
+
+    # A corner more on an edge, dragged out; a corner less; and the whole moved.
+    tab.page.mouse.dblclick(*tab.at(50, 100))
+    wait_until(lambda: tab.page.evaluate(_CORNERS) == 4, "the polygon has a corner more")
+    tab.drag((50, 100), (20, 100))
+    tab.rows_when(lambda rows: int(rows[0][1]) > 6000, "the corner was dragged out")
+    tab.page.keyboard.down("Alt")
+    tab.click(20, 100)
+    tab.page.keyboard.up("Alt")
+    tab.rows_when(lambda rows: int(rows[0][1]) < 5500, "it has a corner less")
+    tab.drag((70, 100), (170, 200))
+
+    # An ellipse, given up once, drawn once; it is deleted and comes back.
+    tab.page.keyboard.press("e")
+    tab.page.mouse.move(*tab.at(400, 50))
+    tab.page.mouse.down()
+    tab.page.mouse.move(*tab.at(500, 150))
+    tab.page.keyboard.press("Escape")
+    tab.page.mouse.up()
+    tab.drag((400, 50), (500, 150))
+    tab.wait_for_rows(2)
+    tab.page.keyboard.press("Delete")
+    tab.wait_for_rows(1)
+    tab.button("Undo")
+    tab.wait_for_rows(2)
+
+    # Two tabs show one drawing.
+    other = open_tab(served)
+    other.wait_for_rows(2)
+    other.click(450, 100)
+    other.page.get_by_label("Name of the selected region").fill("lamp")
+    other.page.keyboard.press("Enter")
+    tab.rows_when(lambda rows: rows[1][0] == "lamp", "the other tab has the new name")
+
+    # Nothing came from elsewhere, and a labcdp that is killed has lost nothing.
+    strangers = [url for url in tab.asked if not url.startswith((f"http://127.0.0.1:{served.port}/", "blob:", "data:"))]
+    assert strangers == []
+    assert [text for text in tab.complaints + other.complaints if "WebSocket" not in text] == []
+    served.stop(signal.SIGKILL)
+    tab.page.get_by_role("alert").get_by_text("labcdp cannot be reached").wait_for()
+    again = serve(picture, "--output", output)
+    assert any("Resuming with 2 regions drawn earlier and not saved" in line for line in again.lines)
+    tab = open_tab(again)
+    tab.wait_for_rows(2)
+    tab.page.keyboard.press("Control+s")
+    tab.wait_for_notice("Saved: 2 regions")
+    first, second = load_regions(output, (WIDTH, HEIGHT))
+    assert isinstance(first, PolygonShape)
+    corners = np.array(first.corners) - 100
+    assert np.abs(corners - [(50, 50), (150, 150), (50, 150)]).max() < 1.5
+    assert second == EllipseShape("lamp", 400, 50, 100, 100)
+    assert {path.name for path in tmp_path.iterdir()} == {"regions.json", ".regions.json.lock"}
+
+
+def test_proposals_count_once_a_person_accepts_them(
+    tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
+) -> None:
+    rng = np.random.default_rng(1)
+    squares = np.where(np.indices((4, 5)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
+    dn = np.clip(rng.normal(np.pad(squares, 30, constant_values=120), 4), 0, 255).astype(np.uint8)
+    picture = tmp_path / "board.png"
+    assert cv2.imwrite(str(picture), dn)
+    served = serve(picture, "--detect", "checkerboard")
+    tab = open_tab(served)
+    tab.wait_for_notice("20 regions proposed")
+    assert tab.rows() == []
+    # The upper left square, by mouse and key; then all others.
+    tab.click(50, 50)
+    wait_until(lambda: tab.page.get_by_role("button", name="Accept", exact=True).is_enabled(), "it is selected")
+    tab.page.keyboard.press("Enter")
+    assert tab.wait_for_rows(1)[0][0].startswith("r1c1")
+    tab.button("Accept all")
+    tab.wait_for_rows(20)
+    tab.button("Undo")
+    tab.wait_for_rows(1)
+    tab.button("Discard")
+    tab.page.get_by_label("Propose regions").select_option(label="Superpixels")
+    tab.page.get_by_label("Size in pixels").fill("20")
+    tab.page.get_by_label("Size in pixels").press("Enter")
+    tab.button("Propose")
+    tab.wait_for_notice("Superpixels: [0-9]+ regions proposed")
+    assert len(tab.rows()) == 1
+    assert tab.complaints == []
+    served.stop()

@@ -1,0 +1,193 @@
+"""The command, and who its page lets in."""
+
+import http.client
+import json
+import re
+import signal
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from labcdp.cli.app import app
+from labcdp.core.errors import InputError
+from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
+from labcdp.report.envelope import schema
+
+from .conftest import HEIGHT, WIDTH, Served
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[str, str]:
+    """Run the command in this process; returns what it printed and what it said."""
+    app(["rois", *map(str, arguments)], standalone_mode=False)
+    out, err = capsys.readouterr()
+    return out, err
+
+
+def refused(*arguments: str | Path) -> str:
+    with pytest.raises(InputError) as error:
+        app(["rois", *map(str, arguments)], standalone_mode=False)
+    return str(error.value)
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: http.client.HTTPMessage
+    text: str
+
+
+def get(port: int, path: str, **headers: str) -> Answer:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+    with closing(connection):
+        connection.request("GET", path, headers=headers)
+        response = connection.getresponse()
+        with closing(response):
+            # A websocket that is let in never ends.
+            text = "" if response.status == 101 else response.read().decode("utf-8", "replace")
+            return Answer(response.status, response.headers, text)
+
+
+def websocket_status(port: int, token: str, **headers: str) -> int:
+    """Status that the opening handshake of a websocket gets (RFC 6455): 101 if it is let in."""
+    opening = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Protocol": f"bokeh, {token}",
+    }
+    return get(port, "/ws", **{**opening, **headers}).status
+
+
+@pytest.fixture(scope="module")
+def served(picture: Path, tmp_path_factory: pytest.TempPathFactory, serve: Callable[..., Served]) -> Served:
+    output = tmp_path_factory.mktemp("served") / "regions.json"
+    save_regions(output, [RectangleShape("begin", 10, 10, 30, 30)], (WIDTH, HEIGHT))
+    return serve(picture, "--output", output)
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/ws", "/autoload.js", "/metadata", "/static/js/bokeh.min.js", "/?token=wrong", "/favicon.ico", "/x"]
+)
+def test_nothing_answers_without_the_token(served: Served, path: str) -> None:
+    response = get(served.port, path)
+    assert response.status == 403
+    assert "open the whole address that labcdp printed" in response.text
+
+
+def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served: Served) -> None:
+    parts = urlsplit(served.url)
+    entered = get(served.port, f"/?{parts.query}")
+    assert (entered.status, entered.headers["Location"]) == (303, "/")
+    given = entered.headers["Set-Cookie"]
+    assert "HttpOnly" in given
+    assert "SameSite=Lax" in given
+    cookie = given.split(";")[0]
+    page = get(served.port, "/", Cookie=cookie)
+    assert page.status == 200
+    session = re.search(r'"token":"([^"]+)"', page.text)
+    assert session is not None
+    here = f"http://127.0.0.1:{served.port}"
+    assert websocket_status(served.port, session[1], Cookie=cookie, Origin=here) == 101
+    assert websocket_status(served.port, session[1], Origin=here) == 403
+    assert websocket_status(served.port, session[1], Cookie=cookie, Origin="http://evil.example") == 403
+    assert websocket_status(served.port, session[1], Cookie=cookie, Origin="http://127.0.0.1:1") == 403
+    elsewhere = {"Host": "evil.example", "Origin": "http://evil.example"}
+    assert websocket_status(served.port, session[1], Cookie=cookie, **elsewhere) == 403
+    # Through a tunnel that ends at another port, the page is the origin of its own websocket.
+    tunnel = {"Host": "localhost:8080", "Origin": "http://localhost:8080"}
+    assert websocket_status(served.port, session[1], Cookie=cookie, **tunnel) == 101
+
+
+def test_a_port_that_is_taken_is_one_clear_line(served: Served, picture: Path, tmp_path: Path) -> None:
+    line = refused(picture, "-o", tmp_path / "r.json", "--port", str(served.port))
+    assert line == (
+        f"port {served.port} cannot be used (Address already in use): give another, or leave it out for a free one"
+    )
+
+
+def test_a_second_process_for_one_file_is_reported_of_the_first(
+    serve: Callable[..., Served], picture: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "r.json"
+    served = serve(picture, "-o", output)
+    line = refused(picture, "-o", output)
+    assert line == (
+        f"{output} is in use by another labcdp rois (process {served.process.pid}, http://127.0.0.1:{served.port}): "
+        "end that one first, or give another --output"
+    )
+    assert served.url.partition("token=")[2] not in (tmp_path / ".r.json.lock").read_text()
+    board(tmp_path / "board.png")
+    assert "is in use by another" in refused(
+        tmp_path / "board.png", "-o", output, "--detect", "checkerboard", "--no-page"
+    )
+    served.stop(signal.SIGKILL)
+    # The lock ends with the process, however that ends.
+    again = serve(picture, "-o", output)
+    again.stop()
+    assert [path.name for path in tmp_path.iterdir()] == ["board.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--no-page"], "--no-page writes what --detect finds"),
+        (["-o", "rois.txt"], "rois.txt has an unknown suffix"),
+        (["-o", "nowhere/rois.json"], "nowhere is not a folder"),
+        (["--contrast", "5"], "--contrast is '5'"),
+        (["--roi", "missing.json"], "missing.json cannot be read"),
+        (["--address", "192.0.2.7"], "address 192.0.2.7 cannot be used"),
+    ],
+)
+def test_bad_input_is_one_line(
+    picture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    output = [] if "-o" in arguments else ["-o", "r.json"]
+    assert message in refused(picture, *output, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_regions_of_another_image_are_refused(picture: Path, tmp_path: Path) -> None:
+    save_regions(tmp_path / "r.json", [RectangleShape("r", 1, 1, 5, 5)], (100, 100))
+    assert "the regions belong to an image of 100 x 100 pixels" in refused(picture, "--roi", tmp_path / "r.json")
+
+
+def board(path: Path) -> Path:
+    rng = np.random.default_rng(1)
+    squares = np.where(np.indices((6, 8)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
+    framed = np.pad(squares, 30, constant_values=120)
+    assert cv2.imwrite(str(path), np.clip(rng.normal(framed, 4), 0, 255).astype(np.uint8))
+    return path
+
+
+def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = board(tmp_path / "board.png")
+    out, _ = run(capsys, picture, "--detect", "checkerboard", "--no-page", "--json")
+    rois = rois_of(load_regions(tmp_path / "board.rois.json"))
+    assert len(rois) == 48
+    values = json.loads(out)
+    Draft202012Validator(schema()).validate(values)
+    assert [row["region"] for row in values["tables"]["regions"]["rows"]] == [roi.name for roi in rois]
+    assert values["tables"]["files"]["rows"] == [{"path": str(tmp_path / "board.rois.json"), "state": "written"}]
+    before = (tmp_path / "board.rois.json").read_bytes()
+    _, err = run(capsys, picture, "--detect", "checkerboard", "--no-page")
+    assert "Nothing written: 48 regions found, all already in" in err
+    assert (tmp_path / "board.rois.json").read_bytes() == before
+    shapes = load_regions(tmp_path / "board.rois.json")
+    save_regions(tmp_path / "board.rois.json", shapes[:-3], force=True)
+    out, _ = run(capsys, picture, "--detect", "checkerboard", "--no-page", "--json")
+    values = json.loads(out)
+    rows = values["tables"]["regions"]["rows"]
+    assert (len(rows), sum(row["new"] for row in rows)) == (48, 3)
+    assert {one["code"]: one["values"]["regions"] for one in values["findings"]} == {
+        "regions-not-confirmed": 3, "regions-known": 45,
+    }  # fmt: skip
+    assert not any("(2)" in row["region"] for row in rows)

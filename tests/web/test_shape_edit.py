@@ -1,0 +1,89 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labcdp.core.errors import InputError
+from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape
+from labcdp.web.regions.shape_edit import (
+    box_shape,
+    handles,
+    moved,
+    with_corner,
+    with_handle,
+    without_corner,
+)
+
+SIZE = (100, 80)
+TRIANGLE = PolygonShape("t", ((10, 10), (40, 10), (10, 40)))
+SHAPES: list[Shape] = [
+    TRIANGLE,
+    RectangleShape("r", 10, 20, 30, 40),
+    RectangleShape("turned", 30, 20, 30, 20, 30.0),
+    EllipseShape("e", 10, 20, 30, 40),
+    GridShape("g", 10, 20, 60, 40, 2, 3, 2),
+]
+
+
+def test_a_box_comes_from_any_two_opposite_corners_and_keeps_to_pixels() -> None:
+    wanted = RectangleShape("r", 10, 20, 30, 40)
+    assert box_shape("rectangle", "r", (10.2, 20.4), (40.3, 59.6), SIZE) == wanted
+    assert box_shape("rectangle", "r", (40.3, 20.4), (10.2, 59.6), SIZE) == wanted
+    assert box_shape("ellipse", "e", (-5, 100), (30, 20), SIZE) == EllipseShape("e", 0, 20, 30, 60)
+
+
+@pytest.mark.parametrize(
+    ("kind", "end", "message"),
+    [("rectangle", (10.3, 50), "holds no pixel"), ("star", (50, 50), "'star': give 'rectangle' or 'ellipse'")],
+)
+def test_a_box_without_pixels_or_of_another_kind_is_refused(kind: str, end: tuple[float, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        box_shape(kind, "r", (10, 20), end, SIZE)
+
+
+@pytest.mark.parametrize("at", range(4))
+@pytest.mark.parametrize("shape", SHAPES[1:], ids=lambda shape: shape.name)
+def test_the_opposite_corner_of_a_box_stays_and_the_dragged_one_follows(shape: Shape, at: int) -> None:
+    x, y = handles(shape)[at]
+    to = (x + 4, y + 3) if at in (1, 2) else (x - 4, y - 3)
+    changed = with_handle(shape, at, to, SIZE)
+    assert handles(changed)[(at + 2) % 4] == pytest.approx(handles(shape)[(at + 2) % 4], abs=0.02)
+    assert handles(changed)[at] == pytest.approx(to, abs=0.02)
+    assert getattr(changed, "angle_deg", None) == getattr(shape, "angle_deg", None)
+
+
+def test_a_box_dragged_past_its_opposite_corner_is_turned_over() -> None:
+    rectangle = RectangleShape("r", 10, 20, 30, 40)
+    assert with_handle(rectangle, 2, (4, 12), SIZE) == RectangleShape("r", 4, 12, 6, 8)
+    with pytest.raises(InputError, match="nothing would be left of region 'r'"):
+        with_handle(rectangle, 2, (10, 50), SIZE)
+
+
+@given(
+    shape=st.sampled_from(SHAPES),
+    dx=st.floats(-300, 300, allow_nan=False),
+    dy=st.floats(-300, 300, allow_nan=False),
+)
+def test_what_is_moved_keeps_its_form_and_stays_in_the_image(shape: Shape, dx: float, dy: float) -> None:
+    after = moved(shape, (dx, dy), SIZE)
+    for roi in after.rois():
+        roi.window((SIZE[1], SIZE[0]))
+    sides = [math.dist(a, b) for a, b in zip(handles(shape), handles(shape)[1:], strict=False)]
+    assert [math.dist(a, b) for a, b in zip(handles(after), handles(after)[1:], strict=False)] == pytest.approx(
+        sides, abs=0.05
+    )
+
+
+def test_polygons_get_and_lose_corners() -> None:
+    four = with_corner(TRIANGLE, 1, (40, 40), SIZE)
+    assert four == PolygonShape("t", ((10, 10), (40, 10), (40, 40), (10, 40)))
+    assert without_corner(four, 2) == TRIANGLE
+    with pytest.raises(InputError, match="'t' has 3 corners left"):
+        without_corner(TRIANGLE, 0)
+    with pytest.raises(InputError, match="'r' is no polygon"):
+        with_corner(RectangleShape("r", 1, 1, 5, 5), 0, (2, 2), SIZE)
+    with pytest.raises(InputError, match="'t' has no corner 3: it has 3"):
+        with_handle(TRIANGLE, 3, (1, 1), SIZE)
+    with pytest.raises(InputError, match="a coordinate is nan"):
+        with_handle(TRIANGLE, 1, (math.nan, 1), SIZE)

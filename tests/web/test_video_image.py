@@ -1,0 +1,94 @@
+"""Frames of videos to draw on, against what was written."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from labcdp.cli.app import app
+from labcdp.core.errors import InputError
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.files.video.selection import Position
+from labcdp.regions import load_regions
+from labcdp.session import Session, example_session
+from labcdp.web.regions.page_image import PageImage
+from labcdp.web.regions.video_image import video_image
+
+N, SHAPE = 5, (48, 64)
+
+
+def frame(number: int) -> np.ndarray:
+    """Two halves, the right one brighter with each frame."""
+    return np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 20, 60 + 30 * number) * np.ones(SHAPE, dtype=np.uint8)
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Ten frames a second, without loss."""
+    path = tmp_path / "drive.mkv"
+    codec = cv2.VideoWriter.fourcc(*"FFV1")
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, codec, 10.0, SHAPE[::-1], [cv2.VIDEOWRITER_PROP_IS_COLOR, 0])
+    assert writer.isOpened()
+    for number in range(N):
+        writer.write(frame(number).astype(np.uint8))
+    writer.release()
+    return path
+
+
+def opened(path: Path, at: str) -> PageImage:
+    conversion = picture_conversion(None, None, None)
+    return video_image(path, Position.parse(at, "--frame"), conversion, conversion.options)
+
+
+@pytest.mark.parametrize(("at", "number"), [("0", 0), ("3", 3), ("0.2s", 2), ("0.15s", 2)])
+def test_the_frame_that_was_asked_for(video: Path, at: str, number: int) -> None:
+    image = opened(video, at)
+    assert (image.values == frame(number)).all()
+    assert (image.luminance.luminance_cd_m2 == frame(number) / 256).all()
+    assert (image.name, image.unit, image.size) == (f"drive.mkv, frame {number}", "relative", SHAPE[::-1])
+    assert "relative-luminance" in {one.code for one in image.findings}
+
+
+def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:
+    with Session.open(example_session()) as session:
+        dn = session.load(session.frames("light")[1]).dn
+    assert (opened(example_session(), "1").values == dn).all()
+    for number in (8, 9, 10):
+        assert cv2.imwrite(str(tmp_path / f"f{number}.png"), frame(number - 8).astype(np.uint8))
+    assert (opened(tmp_path, "10").values == frame(2)).all()
+
+
+def refused(*arguments: str | Path) -> str:
+    with pytest.raises(InputError) as error:
+        app(["rois", *map(str, arguments)], standalone_mode=False)
+    return str(error.value)
+
+
+def test_what_does_not_fit_is_one_line(video: Path, picture: Path, tmp_path: Path) -> None:
+    assert "drive.mkv has 5 frames, 0 to 4, and none at 9: choose another with --frame" in refused(
+        video, "--frame", "9"
+    )
+    assert "--frame is 'x': give a number of frames" in refused(video, "--frame", "x")
+    assert "--frame chooses a frame of a video, and" in refused(picture, "-o", tmp_path / "r.json", "--frame", "1")
+    for option in (("--size", "64x48"), ("--pixel-format", "BayerRG8")):
+        assert "--size and --pixel-format are for raw dumps: leave them out" in refused(video, *option)
+    (tmp_path / "notes.mp4").write_text("no video")
+    assert "notes.mp4 is no video that FFmpeg reads" in refused(tmp_path / "notes.mp4")
+    (tmp_path / "empty").mkdir()
+    assert "empty" in refused(tmp_path / "empty")
+    camera = Path(__file__).parents[2] / "labcdp/data/cameras/thesis-2018.toml"
+    text = "".join(line for line in camera.read_text().splitlines(True) if not line.startswith("exposure_s"))
+    (tmp_path / "camera.toml").write_text(text)
+    assert "drive.mkv does not state its exposure time: give it with --exposure" in refused(
+        video, "--camera-spec", tmp_path / "camera.toml"
+    )
+
+
+def test_regions_found_in_a_frame_lie_next_to_the_video(
+    video: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app(["rois", str(video), "--frame", "2", "--detect", "superpixels", "--no-page"], standalone_mode=False)
+    regions = load_regions(video.with_name("drive.rois.json"), SHAPE[::-1])
+    assert [len(one.rois()) for one in regions] == [1, 1]
+    assert "2 regions, 2 of them new" in capsys.readouterr().err

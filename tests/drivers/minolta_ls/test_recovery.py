@@ -15,8 +15,6 @@ from labcdp.drivers.meter import (
 from labcdp.drivers.minolta_ls.meter import MeterMode, MinoltaLS110
 from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
 
-pytestmark = pytest.mark.timeout(30)
-
 #: Short for a test, long for two threads on one machine.
 TIMEOUT_S = 0.4
 SILENCE, GARBAGE, NO_END = Fault(reply=b""), Fault(reply=b"\x00?!\r\n"), Fault(reply=b"U" * 100)

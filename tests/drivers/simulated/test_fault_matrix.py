@@ -45,14 +45,19 @@ METER_FAULTS = {
     "unplugged": "meter unplug for 400 ms",
 }
 FAULTS = CAMERA_FAULTS | METER_FAULTS
-CASES = [(fault, state) for fault in CAMERA_FAULTS for state in ("idle", "grabbing", "changing a setting", "closing")]
-CASES += [(fault, state) for fault in METER_FAULTS for state in ("reading the meter", "closing")]
-#: In the other states a fault is the same as in one of these.
-STATES = ("idle", "grabbing", "changing a setting", "reading the meter", "closing")
-OTHERS = [case for case in product(FAULTS, STATES) if case not in CASES]
-
 #: Codes after which asking again is no use: the person has to know, as of another size of the frames.
 REPORTED = ("ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
+STATES = ("idle", "grabbing", "changing a setting", "reading the meter", "closing")
+#: Where a fault meets other code than in the other states, which are tried in the long tests.
+CASES = [
+    *(("frozen", state) for state in ("idle", "grabbing", "changing a setting", "closing")),
+    *(("vanished", state) for state in ("grabbing", "changing a setting", "closing")),
+    *((fault, "grabbing") for fault in CAMERA_FAULTS if fault not in ("frozen", "vanished")),
+    ("second controller", "changing a setting"),
+    *((fault, "reading the meter") for fault in METER_FAULTS if fault not in REPORTED[1:]),
+    ("unplugged", "closing"),
+]
+OTHERS = [case for case in product(FAULTS, STATES) if case not in CASES]
 
 
 @pytest.fixture(scope="module")

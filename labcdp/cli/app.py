@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Callable
@@ -67,9 +68,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _paragraphs(text: str | None) -> str:
+    """A docstring with each paragraph on one line, which the help breaks where the terminal ends."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text or "").split("\n\n"))
+
+
 for _group, _members in _COMMANDS.items():
     for _name, _command in _members.items():
-        app.command(_name, rich_help_panel=_group)(_command)
+        app.command(_name, help=_paragraphs(_command.__doc__), rich_help_panel=_group)(_command)
 
 
 class _Chosen:

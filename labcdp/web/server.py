@@ -1,4 +1,4 @@
-"""The server of the page: on loopback, protected by a token, until Ctrl-C."""
+"""The server of a page: on loopback, protected by a token, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ from typing import Any
 
 from ..core.errors import InputError
 from .gate import TOKEN, Gate, guard
-from .regions.files import DrawingFiles
-from .regions.measurements import Measurements
-from .regions.workspace import Start, Workspace
 
 _log = logging.getLogger(__name__)
 
@@ -82,17 +79,36 @@ def is_loopback(host: str) -> bool:
         return False
 
 
+@dataclass(frozen=True)
+class Site:
+    """What a server shows.
+
+    Parameters
+    ----------
+    title : str
+        Title of the page.
+    tab : function
+        Make a tab from its Bokeh document; returns its layout and the script that starts with it.
+    begin : function
+        Called when the server runs, in its thread.
+    warn : function
+        Receives errors of background work.
+    lifetime_s : float
+        How long a disconnected tab can reconnect.
+    """
+
+    title: str
+    tab: Callable[[Any], tuple[Any, Any]]
+    begin: Callable[[], None]
+    warn: Callable[[Exception], None]
+    lifetime_s: float = 600.0
+
+
 class Server:
     """A page that is served until it is stopped.
 
     Parameters
     ----------
-    measurements : Measurements
-        Measures regions of the image.
-    files : DrawingFiles
-        Files of the drawing.
-    start : Start
-        Initial state.
     host : str
         Address to bind.
     port : int
@@ -104,29 +120,23 @@ class Server:
         If the address cannot be bound.
     """
 
-    def __init__(
-        self,
-        measurements: Measurements,
-        files: DrawingFiles,
-        start: Start,
-        host: str = "127.0.0.1",
-        port: int = 0,
-    ) -> None:
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         self._socket = _bound(host, port)
         bound: int = self._socket.getsockname()[1]
         self._gate = Gate.new(is_loopback(host))
         self.address = Address(host, bound, self._gate.token)
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.workspace = Workspace(measurements, files, start, self._elsewhere)
+        self._site: Site | None = None
 
-    def run(self, ready: Callable[[Address], None]) -> None:
+    def run(self, site: Site, ready: Callable[[Address], None]) -> None:
         """Serve until SIGINT, SIGTERM or SIGHUP; `ready` is called once the page can be opened."""
         for name in ("bokeh", "panel", "tornado", "param"):
             # They log every request; errors are shown on the page.
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        asyncio.run(self._serve(ready))
+        self._site = site
+        asyncio.run(self._serve(site, ready))
 
-    async def _serve(self, ready: Callable[[Address], None]) -> None:
+    async def _serve(self, site: Site, ready: Callable[[Address], None]) -> None:
         from bokeh.server.server import BaseServer
         from bokeh.server.tornado import BokehTornado
         from panel.io.application import build_applications
@@ -141,14 +151,14 @@ class Server:
             if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
                 self._loop.add_signal_handler(number, stopped.set)
         application = BokehTornado(
-            build_applications({"/": self._tab}, title=f"{self.workspace.image.name} - labcdp regions", location=False),
+            build_applications({"/": self._tab}, title=site.title, location=False),
             # The gate checks the origin of every request, also behind a tunnel with another port.
             extra_websocket_origins=["*"],
             extra_patterns=get_static_routes({}),
             websocket_max_message_size_bytes=_MOST_BYTES,
             use_index=False,
-            # A disconnected tab can reconnect.
-            unused_session_lifetime_milliseconds=600_000,
+            unused_session_lifetime_milliseconds=round(1000 * site.lifetime_s),
+            check_unused_sessions_milliseconds=min(17_000, round(500 * site.lifetime_s)),
             include_headers=[],
             include_cookies=[],
         )
@@ -157,7 +167,7 @@ class Server:
         http.add_socket(self._socket)
         server = BaseServer(IOLoop.current(), application, http)
         server.start()
-        self.workspace.begin()
+        site.begin()
         ready(self.address)
         await stopped.wait()
         server.unlisten()
@@ -168,31 +178,32 @@ class Server:
     def _tab(self) -> Any:
         import panel as pn
 
-        from .regions.page import Page
-
+        assert self._site is not None, "the server runs"
         document = pn.state.curdoc
-        page = Page(self.workspace, document)
+        layout, script = self._site.tab(document)
         document.config.notify_connection_status = False  # shown by the page itself
-        document.js_on_event("document_ready", page.picture.script())
-        return page.layout()
+        document.js_on_event("document_ready", script)
+        return layout
 
-    def _elsewhere(self, steps: Iterator[Any], then: Callable[[Any], None], done: Callable[[], None]) -> None:
-        loop = self._loop
-        assert loop is not None, "the server runs"
+    def call(self, function: Callable[[], None]) -> None:
+        """Call a function in the server's thread; nothing happens once the server has stopped."""
+        assert self._loop is not None, "the server runs"
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(function)
 
-        def here(call: Callable[[], None]) -> None:
-            with suppress(RuntimeError):  # the server has stopped in the meantime
-                loop.call_soon_threadsafe(call)
+    def elsewhere(self, steps: Iterator[Any], then: Callable[[Any], None], done: Callable[[], None]) -> None:
+        """Run `steps` in another thread; pass each result to `then` and call `done` in the server's thread."""
 
         def run() -> None:
             try:
                 for found in steps:
-                    here(partial(then, found))
+                    self.call(partial(then, found))
             except Exception as error:
                 # An internal error must not leave the page waiting for results.
-                _log.exception("the regions cannot be measured")
-                here(partial(self.workspace.warn, error))
-            here(done)
+                _log.exception("background work failed")
+                if self._site is not None:
+                    self.call(partial(self._site.warn, error))
+            self.call(done)
 
         # A daemon thread, so that Ctrl-C does not wait for results.
         Thread(target=run, name="measure", daemon=True).start()

@@ -213,14 +213,18 @@ def _serve(
 ) -> None:
     from ...web.regions.drawing import Drawing, History
     from ...web.regions.measurements import Measurements
-    from ...web.regions.workspace import Start
-    from ...web.server import Server
+    from ...web.regions.page import Page
+    from ...web.regions.workspace import Start, Workspace
+    from ...web.server import Server, Site
 
     history = History(Drawing.of(files.size, start.read or start.saved))
     if start.kept:
         history = history.changed(Drawing.of(files.size, start.kept))
     begin = Start(history, start.saved, start.read, found, start.stored)
-    server = Server(Measurements(image, contrasts), files, begin, place.address, place.port)
+    server = Server(place.address, place.port)
+    workspace = Workspace(Measurements(image, contrasts), files, begin, server.elsewhere)
+    title = f"{image.name} - labcdp regions"
+    site = Site(title, lambda document: Page(workspace, document).tab(), workspace.begin, workspace.warn)
     shown: list[Address] = []
 
     def ready(where: Address) -> None:
@@ -228,8 +232,7 @@ def _serve(
         place.tell_others(where.place)
         _tell(image, files, start, where)
 
-    server.run(ready)
-    workspace = server.workspace
+    server.run(site, ready)
     if not as_json:
         for line in workspace.last_words():
             say(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from typing import Any, Literal
 
@@ -61,6 +62,15 @@ class DisplayScale:
 
     def to_8_bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return values as 0 (black) to 255 (white); non-finite values are black."""
+        if values.dtype in (np.uint8, np.uint16):
+            return self._tones_of_dn[values]
+        return self._tones(values)
+
+    @cached_property
+    def _tones_of_dn(self) -> NDArray[np.uint8]:
+        return self._tones(np.arange(2**16))
+
+    def _tones(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         with np.errstate(invalid="ignore", over="ignore"):
             share = (values.astype(np.float32) - self.black) / (self.white - self.black)
         share = np.clip(np.nan_to_num(share, nan=0.0), 0, 1)
@@ -71,6 +81,11 @@ class DisplayScale:
             share = np.log1p(share * (ratio - 1)) / np.log(ratio)
         tones: NDArray[np.uint8] = np.rint(share * 255).astype(np.uint8)
         return tones
+
+    @classmethod
+    def of_range(cls, highest: float, name: ScaleName = "gamma") -> DisplayScale:
+        """Return a scale from 0 to the highest value, as of a live image whose brightness means something."""
+        return cls(name, 0.0, highest)
 
     @property
     def _ratio(self) -> float:

@@ -45,6 +45,8 @@ class Link(DataModel):  # type: ignore[misc]
         Left, top, right and bottom of the visible part, in pixels of the image, and its size on the screen.
     pointer : list of int
         Pixel under the pointer; empty outside the image.
+    drawn : int
+        Number of images that the browser has drawn.
     """
 
     state = String(default="{}")
@@ -53,6 +55,7 @@ class Link(DataModel):  # type: ignore[misc]
     sent = String(default="")
     view = List(Float)
     pointer = List(Int)
+    drawn = Int(default=0)
 
 
 class Picture:
@@ -70,9 +73,12 @@ class Picture:
         self.scale = DisplayScale.of(image.display)
         self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
         self.hint = Div(text="", name="hint", sizing_mode="stretch_width")
+        self._n_sent = 0
         self._part: tuple[float, float, float, float] | None = None
         self._screen = (1, 1)
         self._overview, self._detail = _image_source(), _image_source()
+        drawn = CustomJS(args={"link": self.link}, code="requestAnimationFrame(() => { link.drawn += 1 })")
+        self._detail.js_on_change("data", drawn)
         self._sources = {
             "shapes": _source("xs", "ys", "colour", "dash", "width", "fill"),
             "draft": _source("x", "y"),
@@ -96,6 +102,14 @@ class Picture:
         state = json.dumps({"image": self.image.name} | _state(drawing, selected), separators=(",", ":"))
         if state != self.link.state:
             self.link.state = state
+
+    def renew(self, image: PageImage) -> None:
+        """Show another image of the same size, once the browser has drawn the one before."""
+        if image is self.image or self.link.drawn < self._n_sent or self._part is None:
+            return
+        self.image = image
+        self._n_sent += 1
+        self.show_part(self._part, self._screen)
 
     def show_scale(self, scale: DisplayScale) -> None:
         """Change the mapping of values to grey levels."""

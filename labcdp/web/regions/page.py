@@ -11,6 +11,7 @@ from itertools import count
 from typing import Any
 
 import panel as pn
+from bokeh.models import CustomJS
 
 from ...core.errors import LabcdpError
 from ...report.digits import printable
@@ -73,10 +74,19 @@ class Page:
         self._connect()
         self.update()
 
-    def layout(self) -> Any:
-        """Layout of the tab."""
+    def tab(self) -> tuple[Any, CustomJS]:
+        """Layout of the tab, and the script that starts with it."""
+        layout = pn.Row(self.picture_pane(), self.side(), sizing_mode="stretch_both", min_height=420, margin=0)
+        return layout, self.picture.script()
+
+    def picture_pane(self) -> Any:
+        """The picture."""
+        return pn.pane.Bokeh(self.picture.figure, sizing_mode="stretch_both", margin=0)
+
+    def side(self) -> Any:
+        """Tools, tables and files beside the picture."""
         button, text = self._buttons, self._text
-        side = pn.Column(
+        return pn.Column(
             self._head,
             self.picture.modes,
             self.picture.hint,
@@ -102,8 +112,6 @@ class Page:
             scroll="y",
             margin=0,
         )
-        picture = pn.pane.Bokeh(self.picture.figure, sizing_mode="stretch_both", margin=0)
-        return pn.Row(picture, side, sizing_mode="stretch_both", min_height=420, margin=0)
 
     def changed(self) -> None:
         """Schedule a refresh; may be called from anywhere in the server's loop."""
@@ -117,6 +125,7 @@ class Page:
         workspace = self.workspace
         image, drawing, means, evaluated = workspace.image, workspace.drawing, workspace.means, workspace.evaluated
         with self._quietly():
+            self.picture.renew(image)
             self.picture.show(drawing, workspace.selected)
             self._head.object = self._heading()
             self._regions.object = region_table(image, drawing, means, evaluated, workspace.selected)

@@ -16,6 +16,7 @@ from ...report.digits import significant
 from .shape_edit import ImageSize
 
 if TYPE_CHECKING:
+    from ...core.frame import Frame
     from ...evaluate.picture.light.picture import PictureConversion
     from ...files.picture.picture import Picture
 
@@ -74,6 +75,11 @@ class PageImage:
             unit=conversion.unit_of(picture),
             findings=unique(conversion.findings(picture)),
         )
+
+    @classmethod
+    def of_frame(cls, name: str, frame: Frame, conversion: PictureConversion) -> PageImage:
+        """Convert a frame; raises CalibrationError if it is not of the calibrated camera, setting or size."""
+        return cls(name, frame.dn, True, frame.colour_filter, conversion.convert(frame), conversion.unit)
 
     @property
     def size(self) -> ImageSize:

@@ -15,6 +15,7 @@ from .files import DrawingFiles
 from .lane import Lane, RunElsewhere
 from .measurements import Evaluated, Means, Measurements
 from .messages import change
+from .page_image import PageImage
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Workspace:
         start: Start,
         run_elsewhere: RunElsewhere,
     ) -> None:
-        self.image = measurements.image
+        self._measurements = measurements
         self.files = files
         self.history = start.history
         self.selected: str | None = None
@@ -95,11 +96,22 @@ class Workspace:
         self._stored = {files.output: start.stored}
         self._saved, self._read, self._proposals = start.saved, start.read, start.proposals
         self._lanes = (
-            Lane(run_elsewhere, measurements.means, self._take_means),
-            Lane(run_elsewhere, measurements.evaluations, self._take_evaluated),
+            Lane(run_elsewhere, lambda drawing: self._measurements.means(drawing), self._take_means),
+            Lane(run_elsewhere, lambda drawing: self._measurements.evaluations(drawing), self._take_evaluated),
         )
         self._listeners: list[Callable[[], None]] = []
         self._kept = ""
+
+    @property
+    def image(self) -> PageImage:
+        """The image."""
+        return self._measurements.image
+
+    def renew(self, measurements: Measurements) -> None:
+        """Show and measure another image of the same size, as of a live camera."""
+        self._measurements = measurements
+        self.measure()
+        self._listen()
 
     @property
     def drawing(self) -> Drawing:

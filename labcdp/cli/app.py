@@ -15,7 +15,7 @@ import typer
 from ..core.disk.quoting import reason, shortened
 from ..core.errors import InputError, LabcdpError
 from . import simulation
-from .bench import acquire, demo, devices, doctor, import_files, meter, simulate_bench
+from .bench import acquire, demo, devices, doctor, import_files, live, meter, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
 from .evaluate import characterise, history, luminance, session, twin, verify
 from .pictures import image, image_map, rois, video
@@ -35,6 +35,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "devices": devices.devices,
         "snap": devices.snap,
         "meter": meter.meter,
+        "bench": live.bench,
         "acquire": acquire.acquire,
         "import": import_files.import_files,
         "simulate-bench": simulate_bench.simulate_bench,

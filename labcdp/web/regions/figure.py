@@ -85,6 +85,8 @@ class Picture:
             "handles": _source("x", "y"),
             "labels": _source("x", "y", "text", "colour"),
         }
+        levels = [f"#{level:02x}{level:02x}{level:02x}" for level in range(256)]
+        self._grey = LinearColorMapper(palette=levels, low=0, high=255)
         self.figure = self._new_figure()
         # Only properties of models in the document are synchronised.
         self.figure.tags = [self.link]
@@ -96,6 +98,10 @@ class Picture:
         code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
         arguments = {"figure": self.figure, "link": self.link, "modes": self.modes, "hint": self.hint, **self._sources}
         return CustomJS(args=arguments, code=code)
+
+    def mark_ends(self) -> None:
+        """Show saturated pixels in red and pixels at 0 in blue."""
+        self._grey.palette = ["#3050ff", *self._grey.palette[1:-1], "#ff3020"]
 
     def show(self, drawing: Drawing, selected: str | None) -> None:
         """Show a drawing."""
@@ -160,11 +166,8 @@ class Picture:
         plot.grid.visible = False
         plot.axis.minor_tick_line_color = None
         plot.axis.axis_line_color = None
-        grey = LinearColorMapper(
-            palette=[f"#{level:02x}{level:02x}{level:02x}" for level in range(256)], low=0, high=255
-        )
         for source in (self._overview, self._detail):
-            plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=grey, source=source)
+            plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=self._grey, source=source)
         sources = self._sources
         plot.patches(
             "xs",

@@ -105,10 +105,12 @@ class Measurements:
         The image.
     contrasts : sequence of float or None
         Target contrasts, fractions; None for the measured contrast of the pair.
+    epsilon : float
+        Their relative tolerance.
     """
 
-    def __init__(self, image: PageImage, contrasts: Sequence[float] | None) -> None:
-        self.image, self.contrasts = image, contrasts
+    def __init__(self, image: PageImage, contrasts: Sequence[float] | None, epsilon: float = 0.5) -> None:
+        self.image, self.contrasts, self.epsilon = image, contrasts, epsilon
         self._means: dict[Roi, Means] = {}
         self._evaluations: dict[Roi, Evaluation] = {}
         self._pair: PairEvaluation | None = None
@@ -143,7 +145,8 @@ class Measurements:
 
     def _evaluated_pair(self, first: Roi, second: Roi) -> PairEvaluation:
         try:
-            return PairEvaluation(first, second, evaluate_pair(self.image.luminance, first, second, self.contrasts))
+            pair = evaluate_pair(self.image.luminance, first, second, self.contrasts, self.epsilon)
+            return PairEvaluation(first, second, pair)
         except LabcdpError as error:
             return PairEvaluation(first, second, None, str(error))
 

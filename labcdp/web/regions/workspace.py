@@ -111,7 +111,7 @@ class Workspace:
         """Show and measure another image of the same size, as of a live camera."""
         self._measurements = measurements
         self.measure()
-        self._listen()
+        self.changed()
 
     @property
     def drawing(self) -> Drawing:
@@ -276,19 +276,20 @@ class Workspace:
 
     def _take_means(self, means: dict[Roi, Means]) -> None:
         self.means = means
-        self._listen()
+        self.changed()
 
     def _take_evaluated(self, evaluated: Evaluated) -> None:
         self.evaluated = evaluated
-        self._listen()
+        self.changed()
 
     def _tell(self, notice: Notice) -> None:
         if self._kept:
             notice = Notice(f"Unsaved regions cannot be kept: {self._kept}. Save it under another name.", "warning")
         self.notice = notice
-        self._listen()
+        self.changed()
 
-    def _listen(self) -> None:
+    def changed(self) -> None:
+        """Tell all tabs that something has changed."""
         for listener in tuple(self._listeners):
             listener()
 

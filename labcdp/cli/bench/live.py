@@ -1,0 +1,231 @@
+"""Command bench: the live bench in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import typer
+
+from ...core.errors import InputError
+from ..options import METER_MODEL_OPTION, METER_OPTION, parse_contrasts
+from ..output import output_file
+from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say
+
+if TYPE_CHECKING:
+    from ...core.result import Result
+    from ...drivers.camera import Camera
+    from ...drivers.meter import Meter
+    from ...session import SessionConfiguration
+    from ...web.bench.live_bench import LiveBench, Target
+    from ...web.regions.files import DrawingFiles
+    from ...web.regions.workspace import Start
+    from ...web.server import Address
+
+#: How long the camera streams for a tab that was closed: it may be reloaded.
+_LIFETIME_S = 5.0
+
+
+@dataclass(frozen=True)
+class _Devices:
+    """Camera and meter of the page, and how the simulated meter is pointed."""
+
+    camera: Camera
+    meter: Meter | None
+    point: Callable[[str], None] | None = None
+
+
+def bench(
+    context: typer.Context,
+    plan: Path | None = typer.Argument(
+        None,
+        help="TOML file with bench, target and plan; see labcdp init bench.",
+        show_default="patches drawn on the page",
+    ),
+    camera: str | None = typer.Option(
+        None, help="Serial number, address or model; default: as in the plan, else the only one."
+    ),
+    meter: str | None = METER_OPTION,
+    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
+    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
+    calibration: Path | None = typer.Option(None, help="Calibration file, for values in cd/m²."),
+    roi: Path = typer.Option(
+        Path("bench.rois.json"), help="Region file to start from and to save to; without it, the patches of the plan."
+    ),
+    contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%.", show_default="as measured"),
+    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
+    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
+    address: str = typer.Option(
+        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
+    ),
+    open_page: bool = typer.Option(True, "--open/--no-open", help="Open the page in the browser."),
+    as_json: bool = JSON_OPTION,
+) -> None:
+    """Show camera and meter live in the browser: regions, luminance and CDP of what is seen now.
+
+    The camera streams while the page is open and is released when it is closed. Exposure and gain are changed on the
+    page and read back; a lost camera is waited for. Ctrl-C ends the command.
+
+    Example: labcdp bench --simulated
+    """
+    from ...session import SessionConfiguration, example_session
+    from ...web.bench.live_bench import Target
+    from ...web.lock import locked
+
+    contrasts = None if contrast is None else parse_contrasts([contrast])
+    if contrasts is not None and len(contrasts) != 1:
+        raise InputError("--contrast of the live bench is one contrast: give for example 100%")
+    target = Target(None if contrasts is None else contrasts[0], fraction_of_percent(epsilon, "--epsilon"))
+    if not roi.exists():
+        output_file(context, roi, False, "--roi")
+    if simulated and (camera is not None or meter is not None):
+        raise InputError("--simulated has its own camera and meter: leave out --camera and --meter")
+    if simulated and plan is None:
+        plan = example_session() / "session.toml"
+    configuration = None if plan is None else SessionConfiguration.load(plan)
+    if simulated:
+        assert configuration is not None
+        opened = _simulated(configuration)
+    else:
+        opened = _real(configuration, camera, meter, meter_model)
+    with locked(roi) as tell_others, opened as devices:
+        _serve(devices, configuration, calibration, roi, target, (address, port, open_page, tell_others), as_json)
+
+
+@contextmanager
+def _simulated(configuration: SessionConfiguration) -> Iterator[_Devices]:
+    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from .devices_of_session import simulated_devices
+
+    with (
+        SimulatedBench(configuration, BenchDevices.standard()) as bench,
+        simulated_devices(configuration, bench) as opened,
+    ):
+        yield _Devices(opened.camera, opened.meter, bench.point_meter)
+
+
+@contextmanager
+def _real(
+    configuration: SessionConfiguration | None,
+    camera: str | None,
+    meter: str | None,
+    model: Literal["LS-110", "LS-100"],
+) -> Iterator[_Devices]:
+    from ...drivers.aravis.camera import AravisCamera
+    from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
+
+    wanted = None if configuration is None else configuration.camera
+    selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
+    port = meter or (None if configuration is None else configuration.meter.port)
+    with ExitStack() as stack:
+        opened = stack.enter_context(AravisCamera(selector))
+        driver = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}[model]
+        yield _Devices(opened, None if port is None else stack.enter_context(driver(port)))
+
+
+def _serve(
+    devices: _Devices,
+    configuration: SessionConfiguration | None,
+    calibration: Path | None,
+    roi: Path,
+    target: Target,
+    place: tuple[str, int, bool, Callable[[str], None]],
+    as_json: bool,
+) -> None:
+    from ...evaluate.picture.light.picture import picture_conversion
+    from ...web.bench.live_bench import LiveBench
+    from ...web.bench.live_camera import LiveCamera
+    from ...web.bench.page import BenchPage
+    from ...web.regions.files import DrawingFiles
+    from ...web.regions.workspace import Workspace
+    from ...web.server import Server, Site
+
+    address, port, open_page, tell_others = place
+    conversion = picture_conversion(calibration, None, None)
+    settings = _settings(configuration)
+    devices.camera.configure(**settings)
+    frame = devices.camera.snap()
+    devices.camera.close()
+    server = Server(address, port)
+    live = LiveBench(LiveCamera(devices.camera, settings), conversion, devices.meter, devices.point, server, target)
+    files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
+    workspace = Workspace(live.measurements(frame), files, _start(files, configuration), server.elsewhere)
+    tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)
+    site = Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S)
+
+    def ready(where: Address) -> None:
+        tell_others(where.place)
+        say(f"Open: {where.url}")
+        if where.loopback:
+            say(f"On another computer, first run: {where.tunnel}")
+        else:
+            say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
+        say("Ctrl-C ends the page")
+        if open_page:
+            typer.launch(where.url)
+
+    try:
+        server.run(site, ready)
+    finally:
+        live.end()
+    if as_json:
+        print_result(_result(live, roi), as_json)
+    else:
+        for line in workspace.last_words():
+            say(line)
+
+
+def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
+    """Settings of the plan to begin with: its middle exposure."""
+    if configuration is None:
+        return {}
+    plan = configuration.plan
+    settings: dict[str, Any] = {"gain_db": plan.gain_db, "pixel_format": plan.pixel_format}
+    if plan.exposures_s is not None:
+        settings["exposure_s"] = sorted(plan.exposures_s)[len(plan.exposures_s) // 2]
+    return settings
+
+
+def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> Start:
+    """Regions to begin with: those drawn and not saved, or the file's, or the patches of the plan, with its first pair."""
+    from ...regions import PolygonShape, RectangleShape, load_regions
+    from ...web.regions.drawing import Drawing, History
+    from ...web.regions.workspace import Start
+
+    stored = files.fingerprint(files.output)
+    saved = load_regions(files.output, files.size) if stored else ()
+    patches = () if configuration is None else configuration.target.patches
+    planned = tuple(
+        RectangleShape(patch.name, *patch.roi) if patch.roi else PolygonShape(patch.name, patch.region().corners)
+        for patch in patches
+    )
+    drawing = Drawing.of(files.size, files.kept() or saved or planned)
+    names = {roi.name for roi in drawing.rois}
+    for pair in () if configuration is None else configuration.contrasts:
+        if {pair.bright, pair.dark} <= names:
+            drawing = drawing.paired(pair.bright, pair.dark)
+            break
+    return Start(History(drawing), saved, () if saved else planned, (), stored)
+
+
+def _result(live: LiveBench, roi: Path) -> Result:
+    from ...core.quantity import Quantity, quantity_table
+    from ...core.result import Result
+    from ...core.table import Column, Table
+
+    state = live.camera.live
+    received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
+    columns = (
+        Column("region", "region"),
+        Column("meter_cd_m2", "meter", "cd/m²"),
+        Column("camera_cd_m2", "camera", "cd/m²"),
+    )
+    rows = [
+        {"region": one.region, "meter_cd_m2": one.reading.luminance_cd_m2, "camera_cd_m2": one.camera_cd_m2}
+        for one in reversed(live.readings)
+    ]
+    tables = (quantity_table("frames", "Frames", received), Table.of_rows("readings", "Readings", columns, rows))
+    return Result("bench", str(roi), tables, configuration={"roi": str(roi)})

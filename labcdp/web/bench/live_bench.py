@@ -1,0 +1,283 @@
+"""State of the live bench, common to all tabs: camera, meter, regions, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from threading import Event, Thread
+from time import monotonic, sleep
+from typing import TYPE_CHECKING
+
+from ...core.errors import CalibrationError, LabcdpError
+from ...core.frame import Frame
+from ...core.reading import Reading
+from ...drivers.meter import Meter
+from ..regions.drawing import Drawing
+from ..regions.measurements import Evaluated, Measurements
+from ..regions.page_image import PageImage
+from ..regions.workspace import Workspace
+from .exposure import better_exposure_s
+from .live_camera import LiveCamera
+from .pair import PairPoint, pair_point
+
+if TYPE_CHECKING:
+    from ...evaluate.picture.light.picture import PictureConversion
+    from ..server import Server
+
+#: Most images per second; more are not seen.
+_MOST_HZ = 12.0
+#: Length of the trace of the CDP.
+TRACE_S = 180.0
+#: How often the page looks whether frames are overdue.
+_LOOK_S = 0.5
+#: Attempts to fit the exposure, and time for a frame with the new one.
+_MOST_ATTEMPTS, _ATTEMPT_S = 10, 20.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to be detected.
+
+    Parameters
+    ----------
+    contrast : float or None
+        Weber contrast, a fraction; None for the measured one.
+    epsilon : float
+        Relative tolerance.
+    limit : float
+        CDP from which it counts as detected.
+    """
+
+    contrast: float | None = None
+    epsilon: float = 0.5
+    limit: float = 0.9
+
+
+@dataclass(frozen=True)
+class MeterReading:
+    """A reading of the meter on the page.
+
+    Parameters
+    ----------
+    reading : Reading
+        As taken.
+    region : str
+        Region selected when it was taken; empty if none was.
+    camera_cd_m2 : float or None
+        Mean luminance of that region by the calibrated camera at the same time.
+    """
+
+    reading: Reading
+    region: str
+    camera_cd_m2: float | None
+
+    @property
+    def deviation(self) -> float | None:
+        """Deviation of the camera from the meter, relative."""
+        measured = self.reading.luminance_cd_m2
+        return None if self.camera_cd_m2 is None or not measured else self.camera_cd_m2 / measured - 1
+
+
+class LiveMeasurements(Measurements):
+    """Measurements of a frame that the next one replaces: results come together, once."""
+
+    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
+        """Yield the complete results."""
+        last = None
+        for last in super().evaluations(drawing):
+            pass
+        if last is not None:
+            yield last
+
+
+class LiveBench:
+    """Camera, meter and regions of the live page.
+
+    Parameters
+    ----------
+    camera : LiveCamera
+        Not started.
+    conversion : PictureConversion
+        To cd/m^2, or to relative luminance.
+    meter : Meter or None
+        Open.
+    point : function or None
+        Point the simulated meter at a patch; None where a person does.
+    server : Server
+        Runs the page.
+    target : Target
+        What is to be detected at first.
+    """
+
+    def __init__(
+        self,
+        camera: LiveCamera,
+        conversion: PictureConversion,
+        meter: Meter | None,
+        point: Callable[[str], None] | None,
+        server: Server,
+        target: Target,
+    ) -> None:
+        self.camera, self.meter = camera, meter
+        self.target = target
+        self.readings: tuple[MeterReading, ...] = ()
+        self.trace: tuple[PairPoint, ...] = ()
+        self.busy = ""
+        self.notice = ""
+        self._conversion, self._point, self._server = conversion, point, server
+        self._workspace: Workspace | None = None
+        self._seen: Evaluated | None = None
+        self._bit_depth = 16
+        self._thread = Thread(target=self._watch, name="live images", daemon=True)
+
+    @property
+    def workspace(self) -> Workspace:
+        """Regions and their measurements."""
+        assert self._workspace is not None, "the bench has begun"
+        return self._workspace
+
+    @property
+    def highest_dn(self) -> float:
+        """Highest DN of the camera's converter."""
+        return 2.0**self._bit_depth - 1
+
+    def measurements(self, frame: Frame) -> Measurements:
+        """Return measurements of a frame, in relative luminance where the calibration is not for it."""
+        contrasts = None if self.target.contrast is None else (self.target.contrast,)
+        self._bit_depth = frame.bit_depth
+        try:
+            image = PageImage.of_frame("live", frame, self._conversion)
+            self.notice = ""
+        except CalibrationError as error:
+            from ...evaluate.picture.light.picture import picture_conversion
+
+            image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
+            self.notice = f"The calibration does not apply: {error}"
+        return LiveMeasurements(image, contrasts, self.target.epsilon)
+
+    def begin(self, workspace: Workspace) -> None:
+        """Start camera and page, in the server's thread."""
+        self._workspace = workspace
+        workspace.listen(self._follow)
+        workspace.begin()
+        self.camera.start()
+        self._thread.start()
+
+    def end(self) -> None:
+        """Release the camera."""
+        self.camera.stop()
+
+    def aim(self, **changes: float | None) -> None:
+        """Change the target contrast, its tolerance or the limit."""
+        self.target = replace(self.target, **changes)  # type: ignore[arg-type]
+        self.trace = ()
+
+    def take_reading(self) -> None:
+        """Take a reading of the meter, for the selected region."""
+        workspace, meter = self.workspace, self.meter
+        if meter is None or self.busy:
+            return
+        region = workspace.selected or ""
+        self._work("The meter measures …", self._readings(meter, region))
+
+    def fit_exposure(self) -> None:
+        """Fit the exposure to the regions, or to the whole image if there are none."""
+        if not self.busy:
+            self._work("The exposure is fitted …", self._fitting())
+
+    def _work(self, what: str, steps: Iterator[str]) -> None:
+        self.busy = what
+
+        def done() -> None:
+            self.busy = ""
+            self.workspace.changed()
+
+        self.workspace.changed()
+        self._server.elsewhere(steps, self._say, done)
+
+    def _say(self, text: str) -> None:
+        self.notice = text
+
+    def _readings(self, meter: Meter, region: str) -> Iterator[str]:
+        try:
+            if self._point is not None and region:
+                self._point(region)
+            reading = meter.measure()
+        except LabcdpError as error:
+            yield f"No reading: {error}"
+            return
+        image = self.workspace.image
+        camera_cd_m2 = None
+        for roi in self.workspace.drawing.rois:
+            if roi.name == region and image.unit == "cd/m^2":
+                camera_cd_m2 = float(image.luminance.select(roi).mean(dtype=float))
+        self.readings = (MeterReading(reading, region, camera_cd_m2), *self.readings[:19])
+        yield ""
+
+    def _fitting(self) -> Iterator[str]:
+        for _ in range(_MOST_ATTEMPTS):
+            live = self.camera.live
+            if live.frame is None or live.settings is None:
+                break
+            frame = live.frame
+            rois = self.workspace.drawing.rois
+            inside = [roi.select(frame.dn) for roi in rois] or [frame.dn.ravel()]
+            brightest = max(inside, key=lambda values: float(values.mean()))
+            better_s = better_exposure_s(
+                brightest, frame.exposure_s, frame.bit_depth, frame.black_level_dn, live.exposure_range_s
+            )
+            if better_s is None:
+                yield ""
+                return
+            self.camera.request(exposure_s=better_s)
+            if not self._has_another_exposure(frame.exposure_s):
+                yield "The exposure cannot be fitted: the camera does not take it"
+                return
+        yield "The exposure cannot be fitted: there is too much or too little light"
+
+    def _has_another_exposure(self, exposure_s: float) -> bool:
+        """Wait for a frame with another exposure; False if none comes."""
+        until_s = monotonic() + _ATTEMPT_S
+        while (live := self.camera.live).frame is None or live.frame.exposure_s == exposure_s:
+            if live.error or monotonic() > until_s:
+                return False
+            self.camera.wait_for_news(live, _LOOK_S)
+        return True
+
+    def _follow(self) -> None:
+        """Add the newest result of the pair to the trace."""
+        evaluated = self.workspace.evaluated
+        if evaluated is self._seen:
+            return
+        same = self._seen is not None and _names(self._seen) == _names(evaluated)
+        self._seen = evaluated
+        kept = self.trace if same else ()
+        result = None if evaluated.pair is None else evaluated.pair.result
+        point = None if result is None else pair_point(result, monotonic(), self.target.limit)
+        if point is not None:
+            self.trace = (*(one for one in kept if point.time_s - one.time_s < TRACE_S), point)
+
+    def _watch(self) -> None:
+        """Hand the newest frame to the page, and tell it when frames are overdue."""
+        live, frame, shown = self.camera.live, None, Event()
+        while not self.camera.ended:
+            live = self.camera.wait_for_news(live, _LOOK_S)
+            if live.frame is None or live.frame is frame:
+                self._server.call(self.workspace.changed)
+                continue
+            began_s, frame = monotonic(), live.frame
+            try:
+                self._server.call(partial(self.workspace.renew, self.measurements(frame)))
+            except LabcdpError as error:
+                self.notice = str(error)
+            # Not faster than the page's thread, and not faster than anybody sees.
+            shown.clear()
+            self._server.call(shown.set)
+            shown.wait(5)
+            sleep(max(0.0, 1 / _MOST_HZ - (monotonic() - began_s)))
+
+
+def _names(evaluated: Evaluated) -> tuple[str, str] | None:
+    pair = evaluated.pair
+    return None if pair is None else (pair.first.name, pair.second.name)

@@ -1,0 +1,199 @@
+"""A live camera: one thread receives all its frames, the page shows the newest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from threading import Condition, Thread
+from time import monotonic
+from typing import cast
+
+from ...core.errors import LabcdpError
+from ...core.frame import Frame
+from ...drivers.camera import Camera, CameraSettingError, CameraSettings, IncompleteFrameError
+
+#: Pause before a lost, busy or absent camera is looked for again.
+_RETRY_S = 1.0
+#: Frames of one grab; the next one follows immediately.
+_MANY = 1_000_000
+#: Weight of the newest interval in the frame rate.
+_NEWEST = 0.1
+
+
+@dataclass(frozen=True)
+class Live:
+    """State of a live camera.
+
+    Parameters
+    ----------
+    frame : Frame or None
+        Newest frame.
+    settings : CameraSettings or None
+        Settings in effect, read back.
+    exposure_range_s : (float, float)
+        Shortest and longest exposure.
+    n_frames, n_incomplete : int
+        Frames received, and frames that were refused as incomplete.
+    rate_hz : float
+        Frames received per second.
+    received_s : float
+        When the newest frame arrived, by the monotonic clock.
+    streaming : bool
+        Whether the camera is open.
+    error : str
+        Why there are no frames, or why a setting was rejected.
+    """
+
+    frame: Frame | None = None
+    settings: CameraSettings | None = None
+    exposure_range_s: tuple[float, float] = (0.0, 0.0)
+    n_frames: int = 0
+    n_incomplete: int = 0
+    rate_hz: float = 0.0
+    received_s: float = 0.0
+    streaming: bool = False
+    error: str = ""
+
+    @property
+    def overdue(self) -> bool:
+        """Whether the next frame should have arrived more than a second ago."""
+        if not self.streaming or self.settings is None:
+            return False
+        period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
+        return monotonic() - self.received_s > 1 + max(self.settings.exposure_s, period_s)
+
+
+class LiveCamera:
+    """A camera that streams while somebody looks.
+
+    Its thread opens the camera when the first viewer comes and releases it when the last one has gone. A lost camera is
+    opened again, with the settings that were requested.
+
+    Parameters
+    ----------
+    camera : Camera
+        Closed.
+    settings : dict
+        Settings to begin with, as of `Camera.configure`.
+    """
+
+    def __init__(self, camera: Camera, settings: Mapping[str, float | str]) -> None:
+        self._camera = camera
+        self._changed = Condition()
+        self._live = Live()
+        self._n_viewers = 0
+        self._ended = False
+        #: Settings requested since the camera was configured, and all that were accepted before.
+        self._requested: dict[str, float | str] = {}
+        self._accepted = dict(settings)
+        self._thread = Thread(target=self._run, name="live camera", daemon=True)
+
+    @property
+    def live(self) -> Live:
+        """Current state."""
+        return self._live
+
+    def start(self) -> None:
+        """Start the thread; the camera is opened when somebody looks."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Release the camera and end the thread."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def look(self) -> Callable[[], None]:
+        """Count a viewer; returns a function that ends the looking."""
+        self._count_viewers(1)
+        return lambda: self._count_viewers(-1)
+
+    def request(self, **settings: float) -> None:
+        """Change settings, as of `Camera.configure`, before the next frame; a rejected one is reported in `Live.error`."""
+        with self._changed:
+            self._requested |= settings
+            self._changed.notify_all()
+
+    def wait_for_news(self, seen: Live, timeout_s: float) -> Live:
+        """Return the state once it differs from `seen`, or when the time is over."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._live is not seen or self._ended, timeout_s)
+            return self._live
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was stopped."""
+        return self._ended
+
+    def _count_viewers(self, more: int) -> None:
+        with self._changed:
+            self._n_viewers += more
+            self._changed.notify_all()
+
+    def _going(self) -> bool:
+        return self._n_viewers > 0 and not self._ended
+
+    def _run(self) -> None:
+        while not self._ended:
+            with self._changed:
+                self._changed.wait_for(lambda: self._going() or self._ended)
+            if self._ended:
+                return
+            try:
+                with self._camera as camera:
+                    self._stream(camera)
+            except LabcdpError as error:
+                self._publish(error=str(error), streaming=False, rate_hz=0.0)
+                with self._changed:
+                    self._changed.wait_for(lambda: self._ended, _RETRY_S)
+            else:
+                self._publish(streaming=False, rate_hz=0.0)
+
+    def _stream(self, camera: Camera) -> None:
+        with self._changed:
+            self._requested = self._accepted | self._requested
+        self._configure(camera)
+        while self._going():
+            if self._requested:
+                self._configure(camera)
+            grabbed = cast(Generator[Frame, None, None], camera.grab(_MANY, on_refused=self._refuse))
+            with closing(grabbed) as frames:
+                for frame in frames:
+                    self._receive(frame)
+                    if not self._going() or self._requested:
+                        break
+
+    def _configure(self, camera: Camera) -> None:
+        with self._changed:
+            requested, self._requested = self._requested, {}
+        error = ""
+        try:
+            if requested:
+                camera.configure(**requested)  # type: ignore[arg-type]
+                self._accepted |= requested
+        except CameraSettingError as rejected:
+            error = str(rejected)
+        self._publish(
+            settings=camera.settings,
+            exposure_range_s=camera.exposure_range_s,
+            streaming=True,
+            error=error,
+            received_s=monotonic(),
+        )
+
+    def _receive(self, frame: Frame) -> None:
+        live, now_s = self._live, monotonic()
+        period_s = max(now_s - live.received_s, 1e-6)
+        rate_hz = 1 / (_NEWEST * period_s + (1 - _NEWEST) / live.rate_hz) if live.rate_hz else 1 / period_s
+        self._publish(frame=frame, n_frames=live.n_frames + 1, received_s=now_s, rate_hz=rate_hz)
+
+    def _refuse(self, _error: IncompleteFrameError) -> None:
+        self._publish(n_incomplete=self._live.n_incomplete + 1)
+
+    def _publish(self, **changes: object) -> None:
+        with self._changed:
+            self._live = replace(self._live, **changes)  # type: ignore[arg-type]
+            self._changed.notify_all()

@@ -1,0 +1,193 @@
+"""One tab of the live bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.resources import files
+from math import isfinite
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import panel as pn
+from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span
+from bokeh.plotting import figure
+
+from ..regions.display import DisplayScale
+from ..regions.page import Page
+from .live_bench import TRACE_S, LiveBench
+from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
+
+_WIDTH = 440
+#: Bins of the histogram, and pixels of which it is made.
+_N_BINS, _SAMPLE = 128, 200_000
+#: Seconds between two histograms.
+_HISTOGRAM_S = 0.5
+
+
+class BenchPage:
+    """One tab.
+
+    Parameters
+    ----------
+    bench : LiveBench
+        State common to all tabs.
+    document : bokeh.document.Document
+        The tab.
+    """
+
+    def __init__(self, bench: LiveBench, document: Any) -> None:
+        self.bench = bench
+        self._regions = Page(bench.workspace, document)
+        self._picture = self._regions.picture
+        highest = bench.highest_dn
+        self._picture.show_scale(DisplayScale.of_range(highest))
+        self._picture.mark_ends()
+        css = "".join(
+            files("labcdp").joinpath(f"data/roi-page/{name}").read_text(encoding="utf-8")
+            for name in ("page.css", "bench.css")
+        )
+
+        def html(name: str) -> Any:
+            return pn.pane.HTML("", name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8))
+
+        self._strip, self._settings, self._table, self._notice = map(html, ("strip", "settings", "table", "notice"))
+        self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
+        self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
+        self._contrast = pn.widgets.TextInput(name="Contrast to detect (%)", placeholder="measured", width=170)
+        self._epsilon = pn.widgets.FloatInput(
+            name="Tolerance ε (%)", value=100 * bench.target.epsilon, start=0.1, width=130
+        )
+        if bench.target.contrast is not None:
+            self._contrast.value = f"{100 * bench.target.contrast:g}"
+        self._trace_source = ColumnDataSource(data={"t": [], "cdp": [], "low": [], "high": []})
+        self._histogram_source = ColumnDataSource(data={"dn": [], "n": []})
+        self._histogram_s = 0.0
+        self._highest = highest
+        self._fill_settings()
+        self._connect()
+        for end in (bench.camera.look(), bench.workspace.listen(self._changed)):
+            document.on_session_destroyed(_ending(end))
+        self._document, self._waits = document, False
+        self.update()
+
+    def tab(self) -> tuple[Any, CustomJS]:
+        """Layout of the tab, and the script that starts with it."""
+        live = pn.Column(
+            self._notice,
+            pn.Row(self._contrast, self._epsilon, margin=0),
+            pn.pane.Bokeh(self._trace_figure(), sizing_mode="stretch_width", margin=(4, 8)),
+            pn.Row(self._exposure, self._gain, margin=0),
+            pn.Row(*self._buttons(), margin=(0, 3)),
+            self._settings,
+            pn.pane.Bokeh(self._histogram_figure(), sizing_mode="stretch_width", margin=(4, 8)),
+            self._table,
+            width=_WIDTH,
+            sizing_mode="stretch_height",
+            scroll="y",
+            margin=0,
+        )
+        side = pn.Tabs(("Live", live), ("Regions", self._regions.side()), width=_WIDTH, sizing_mode="stretch_height")
+        row = pn.Row(self._regions.picture_pane(), side, sizing_mode="stretch_both", min_height=380, margin=0)
+        return pn.Column(self._strip, row, sizing_mode="stretch_both", margin=0), self._picture.script()
+
+    def update(self) -> None:
+        """Refresh the tab."""
+        self._waits = False
+        bench = self.bench
+        cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
+        self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
+        self._settings.object = settings_text(bench.camera.live)
+        self._table.object = reading_table(bench)
+        words = bench.busy or bench.notice
+        self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
+        now_s = monotonic()
+        points = bench.trace
+        self._trace_source.data = {
+            "t": [one.time_s - now_s for one in points],
+            **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
+        }
+        if now_s - self._histogram_s > _HISTOGRAM_S:
+            self._histogram_s = now_s
+            self._histogram_source.data = _histogram(bench.workspace.image.values, self._highest)
+
+    def _changed(self) -> None:
+        if not self._waits:
+            self._waits = True
+            self._document.add_next_tick_callback(self.update)
+
+    def _connect(self) -> None:
+        self._exposure.param.watch(lambda event: self._request("exposure_s", event.new, 1e-3), "value")
+        self._gain.param.watch(lambda event: self._request("gain_db", event.new, 1.0), "value")
+        self._contrast.param.watch(lambda event: self._aim_contrast(event.new), "value")
+        self._epsilon.param.watch(lambda event: self._aim_epsilon(event.new), "value")
+
+    def _request(self, name: str, value: float | None, unit: float) -> None:
+        if value is not None and isfinite(value):
+            self.bench.camera.request(**{name: value * unit})
+
+    def _aim_contrast(self, text: str) -> None:
+        words = text.replace("%", "").strip()
+        try:
+            contrast = float(words) / 100 if words else None
+        except ValueError:
+            contrast = float("nan")
+        if contrast is not None and not 0 < contrast < 1e7:
+            self._say("The contrast is a percentage above 0; empty for the measured contrast")
+            return
+        self.bench.aim(contrast=contrast)
+
+    def _aim_epsilon(self, percent: float | None) -> None:
+        if percent is None or not 0 < percent < 1e4:
+            self._say("The tolerance is a percentage above 0")
+            return
+        self.bench.aim(epsilon=percent / 100)
+
+    def _say(self, text: str) -> None:
+        self.bench.notice = text
+        self.bench.workspace.changed()
+
+    def _fill_settings(self) -> None:
+        settings = self.bench.camera.live.settings
+        if settings is not None:
+            self._exposure.value, self._gain.value = 1e3 * settings.exposure_s, settings.gain_db
+
+    def _buttons(self) -> list[Any]:
+        buttons = []
+        actions: tuple[tuple[str, Callable[[], None], str], ...] = (
+            ("Fit exposure", self.bench.fit_exposure, "Bring the brightest region to 80 % of the range"),
+            ("Read meter", self.bench.take_reading, "Take a reading for the selected region"),
+        )
+        for name, action, tip in actions:
+            button = pn.widgets.Button(name=name, description=tip, margin=(3, 4))
+            button.on_click(lambda _event, action=action: action())
+            buttons.append(button)
+        return buttons
+
+    def _trace_figure(self) -> Any:
+        plot = figure(
+            height=130, toolbar_location=None, tools="", y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0)
+        )
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "s"
+        plot.varea("t", "low", "high", source=self._trace_source, fill_alpha=0.3, fill_color="#0072b2")
+        plot.line("t", "cdp", source=self._trace_source, line_color="#0072b2", line_width=2)
+        plot.add_layout(Span(location=self.bench.target.limit, dimension="width", line_dash="dotted"))
+        return plot
+
+    def _histogram_figure(self) -> Any:
+        plot = figure(height=110, toolbar_location=None, tools="", x_range=Range1d(0, self._highest), y_axis_type="log")
+        plot.y_range.start = 0.5
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "DN", "pixels"
+        plot.step("dn", "n", source=self._histogram_source, mode="after", line_color="#555555")
+        return plot
+
+
+def _histogram(values: Any, highest: float) -> dict[str, Any]:
+    step = max(1, round((values.size / _SAMPLE) ** 0.5))
+    counts, edges = np.histogram(values[::step, ::step], bins=_N_BINS, range=(0, highest + 1))
+    # Empty bins are below the axis, which is logarithmic.
+    return {"dn": edges[:-1], "n": np.maximum(counts, 0.1)}
+
+
+def _ending(end: Callable[[], None]) -> Callable[[Any], None]:
+    return lambda _session: end()

@@ -1,0 +1,68 @@
+"""The CDP of a pair over time, and its verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ...metrics.regions.pair import PairResult
+
+Verdict = Literal["detected", "too weak", "too strong", "undecided"]
+
+
+@dataclass(frozen=True)
+class PairPoint:
+    """The pair in one frame.
+
+    Parameters
+    ----------
+    time_s : float
+        When the frame arrived, by the monotonic clock.
+    cdp, low, high : float
+        CDP of the first target contrast with its 95 % interval.
+    contrast : float
+        Measured Weber contrast of the means.
+    contrast_u : float
+        Its standard uncertainty.
+    target : float
+        Target contrast.
+    verdict : str
+        As of `verdict`.
+    """
+
+    time_s: float
+    cdp: float
+    low: float
+    high: float
+    contrast: float
+    contrast_u: float
+    target: float
+    verdict: Verdict
+
+
+def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:
+    """Return a pair's point; None without a target contrast. `limit` is the CDP from which it counts as detected."""
+    if not pair.results:
+        return None
+    one = pair.results[0]
+    low, high = one.confidence_interval
+    return PairPoint(
+        time_s,
+        one.result.cdp,
+        low,
+        high,
+        pair.contrast.value,
+        pair.contrast.standard_error,
+        one.result.contrast,
+        verdict(one.result.below, one.result.above, (low, high), limit),
+    )
+
+
+def verdict(below: float, above: float, interval: tuple[float, float], limit: float) -> Verdict:
+    """Say whether a contrast is detected; if not, whether more pairs show less, or more, than what counts."""
+    low, high = interval
+    if low < limit <= high or low != low:
+        return "undecided"
+    if low >= limit:
+        return "detected"
+    return "too weak" if below >= above else "too strong"

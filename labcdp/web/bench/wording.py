@@ -1,0 +1,119 @@
+"""HTML of the live page's numbers."""
+
+from __future__ import annotations
+
+from html import escape
+
+from ...report.digits import exposure, printable, significant, with_half_width
+from .live_bench import LiveBench, MeterReading
+from .live_camera import Live
+from .pair import PairPoint
+
+#: 97.5 % quantile of the normal distribution, for expanded uncertainties.
+_Z_95 = 1.96
+_STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open"}
+
+
+def camera_card(bench: LiveBench) -> str:
+    """Card of the camera: frames per second, exposure, and what is wrong."""
+    live = bench.camera.live
+    if live.error and not live.streaming:
+        return _card("Camera", "no frames", "bad", f"{live.error}; it is looked for again and again")
+    if live.settings is None:
+        return _card("Camera", "…", "open", "opening")
+    if live.overdue:
+        return _card("Camera", "no frames", "bad", "the next frame is overdue")
+    lines = [f"{exposure(live.settings.exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
+    lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
+    lines += [live.error] if live.error else []
+    return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
+
+
+def pair_card(bench: LiveBench) -> str:
+    """Card of the CDP of the chosen pair."""
+    pair = bench.workspace.drawing.pair_rois
+    if len(pair) < 2:
+        return _card("CDP", "–", "open", "choose two regions under Regions")
+    title = " / ".join(roi.name for roi in pair)
+    point = bench.trace[-1] if bench.trace else None
+    if point is None:
+        return _card(title, "…", "open", _why(bench))
+    asked = f"contrast {100 * point.target:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
+    if bench.target.contrast is None:
+        asked = f"of the measured contrast, ε {100 * bench.target.epsilon:.3g} %"
+    words = f"{point.cdp:.4f} <small>{point.verdict}</small>"
+    return _card(
+        title, words, _STATES[point.verdict], f"95 % interval {point.low:.4f} to {point.high:.4f}", asked, raw=True
+    )
+
+
+def contrast_card(bench: LiveBench) -> str:
+    """Card of the measured contrast."""
+    if not bench.trace:
+        return _card("Measured contrast", "–", "open")
+    point: PairPoint = bench.trace[-1]
+    text = with_half_width(100 * point.contrast, 100 * _Z_95 * point.contrast_u)
+    return _card("Measured contrast", f"{text} %", "open", "U (95 %) of this frame")
+
+
+def meter_card(bench: LiveBench) -> str:
+    """Card of the last reading."""
+    if bench.meter is None:
+        return _card("Meter", "–", "open", "none: give --meter PORT")
+    if not bench.readings:
+        return _card("Meter", "–", "open", bench.busy or "no reading yet")
+    last = bench.readings[0]
+    lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
+    return _card("Meter", f"{significant(last.reading.luminance_cd_m2)} cd/m²", "open", *lines)
+
+
+def reading_table(bench: LiveBench) -> str:
+    """Readings, the newest first."""
+    if not bench.readings:
+        return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
+    rows = []
+    for one in bench.readings:
+        camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
+        deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
+        rows.append(
+            f"<tr><th scope='row'>{_text(one.region) or '–'}</th><td>{significant(one.reading.luminance_cd_m2)}</td>"
+            f"<td>{camera}</td><td>{deviation}</td></tr>"
+        )
+    heads = "".join(
+        f"<th scope='col'>{head}</th>" for head in ("region", "meter (cd/m²)", "camera (cd/m²)", "deviation (%)")
+    )
+    return f"<table class='readings'><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def settings_text(live: Live) -> str:
+    """Settings in effect, as read back."""
+    settings = live.settings
+    if settings is None:
+        return ""
+    low, high = live.exposure_range_s
+    rate = "" if settings.frame_rate_hz is None else f", {settings.frame_rate_hz:.4g} frames/s set"
+    return (
+        f"<p class='quiet'>In effect: {exposure(settings.exposure_s)} ({exposure(low)} to {exposure(high)} possible), "
+        f"{settings.gain_db:g} dB, {_text(settings.pixel_format)}, {settings.width} x {settings.height} pixels{rate}; "
+        f"{live.n_frames} frames received, {live.n_incomplete} incomplete.</p>"
+    )
+
+
+def _deviation(one: MeterReading) -> list[str]:
+    if one.deviation is None:
+        return []
+    return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %"]
+
+
+def _why(bench: LiveBench) -> str:
+    pair = bench.workspace.evaluated.pair
+    return "measuring" if pair is None or not pair.error else pair.error
+
+
+def _card(title: str, value: str, state: str, *lines: str, raw: bool = False) -> str:
+    body = "".join(f"<p>{_text(line)}</p>" for line in lines)
+    return f"<div class='card {state}'><h3>{_text(title)}</h3><b>{value if raw else _text(value)}</b>{body}</div>"
+
+
+def _text(text: str) -> str:
+    return escape(printable(text), quote=True)

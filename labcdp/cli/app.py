@@ -72,7 +72,7 @@ app = typer.Typer(
 
 
 def _paragraphs(text: str | None) -> str:
-    """A docstring with each paragraph on one line, which the help breaks where the terminal ends."""
+    """Put each paragraph of a docstring on one line, which the help breaks where the terminal ends."""
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text or "").split("\n\n"))
 
 

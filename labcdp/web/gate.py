@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 if TYPE_CHECKING:
-    from tornado.httputil import HTTPServerRequest
+    from tornado.httputil import HTTPHeaders, HTTPServerRequest
     from tornado.web import Application
 
 #: Name of the token in the address, and prefix of the cookie's name.
@@ -87,7 +87,7 @@ class Gate:
 def guard(application: Application, gate: Gate) -> None:
     """Apply a gate to all handlers of an application: pages, files and websockets."""
     from tornado.routing import Matcher, Rule
-    from tornado.web import RequestHandler
+    from tornado.web import OutputTransform, RequestHandler
 
     def refusal(request: HTTPServerRequest) -> str:
         headers = request.headers
@@ -115,6 +115,19 @@ def guard(application: Application, gate: Gate) -> None:
             self.set_header("Cache-Control", "no-store")
             self.redirect("/", status=303)
 
+    class Headers(OutputTransform):
+        """Let no other page show this one in a frame, and no browser guess the type of a file."""
+
+        def transform_first_chunk(
+            self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+        ) -> tuple[int, HTTPHeaders, bytes]:
+            headers["Content-Security-Policy"] = "frame-ancestors 'none'; base-uri 'self'; object-src 'none'"
+            headers["X-Frame-Options"] = "DENY"
+            headers["X-Content-Type-Options"] = "nosniff"
+            headers["Referrer-Policy"] = "no-referrer"
+            return super().transform_first_chunk(status_code, headers, chunk, finishing)
+
+    application.transforms.append(Headers)
     application.add_handlers(r".*", [Rule(NotAllowed(), Refused), Rule(WithToken(), Enter)])
 
 

@@ -20,7 +20,7 @@ from .gate import TOKEN, Gate, guard
 
 _log = logging.getLogger(__name__)
 
-#: Largest message of the page in bytes.
+#: Largest message of the page, and body of a request, in bytes.
 _MOST_BYTES = 4 * 2**20
 
 
@@ -163,7 +163,8 @@ class Server:
             include_cookies=[],
         )
         guard(application, self._gate)
-        http = HTTPServer(application)
+        # Nobody has a token before the request is read: neither long bodies nor idle connections are kept.
+        http = HTTPServer(application, max_body_size=_MOST_BYTES, idle_connection_timeout=60, body_timeout=60)
         http.add_socket(self._socket)
         server = BaseServer(IOLoop.current(), application, http)
         server.start()

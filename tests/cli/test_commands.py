@@ -17,7 +17,20 @@ from labcdp.report.envelope import schema
 from labcdp.session import Session, SessionConfiguration, example_session
 
 COMMANDS = (
-    *("demo", "init", "info", "doctor", "devices", "snap", "meter", "acquire", "import", "simulate-bench", "calibrate"),
+    *(
+        "demo",
+        "init",
+        "info",
+        "doctor",
+        "devices",
+        "snap",
+        "meter",
+        "bench",
+        "acquire",
+        "import",
+        "simulate-bench",
+        "calibrate",
+    ),
     *("evaluate", "luminance", "verify", "history", "characterise", "twin", "rois", "image", "image-map", "video"),
     *("presets", "simulate", "sweep", "reproduce"),
 )

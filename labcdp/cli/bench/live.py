@@ -71,7 +71,7 @@ def bench(
 
     Example: labcdp bench --simulated
     """
-    from ...session import SessionConfiguration, example_session
+    from ...session import SessionConfiguration, example_configuration
     from ...web.bench.live_bench import Target
     from ...web.lock import locked
 
@@ -83,11 +83,13 @@ def bench(
         output_file(context, roi, False, "--roi")
     if simulated and (camera is not None or meter is not None):
         raise InputError("--simulated has its own camera and meter: leave out --camera and --meter")
-    if simulated and plan is None:
-        plan = example_session() / "session.toml"
-    configuration = None if plan is None else SessionConfiguration.load(plan)
-    if simulated:
-        assert configuration is not None
+    if plan is not None:
+        configuration = SessionConfiguration.load(plan)
+    elif simulated:
+        configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
+    else:
+        configuration = None
+    if simulated and configuration is not None:
         opened = _simulated(configuration)
     else:
         opened = _real(configuration, camera, meter, meter_model)
@@ -179,7 +181,7 @@ def _serve(
 
 
 def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
-    """Settings of the plan to begin with: its middle exposure."""
+    """Return the settings to begin with: those of the plan, with its middle exposure."""
     if configuration is None:
         return {}
     plan = configuration.plan
@@ -190,7 +192,7 @@ def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
 
 
 def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> Start:
-    """Regions to begin with: those drawn and not saved, or the file's, or the patches of the plan, with its first pair."""
+    """Return the regions to begin with: drawn and not saved, or the file's, or the plan's patches."""
     from ...regions import PolygonShape, RectangleShape, load_regions
     from ...web.regions.drawing import Drawing, History
     from ...web.regions.workspace import Start

@@ -14,7 +14,7 @@ from ...core.frame import Frame
 from ...core.reading import Reading
 from ...drivers.meter import Meter
 from ..regions.drawing import Drawing
-from ..regions.measurements import Evaluated, Measurements
+from ..regions.measurements import Evaluated, Evaluation, Measurements
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .exposure import better_exposure_s
@@ -80,15 +80,17 @@ class MeterReading:
 
 
 class LiveMeasurements(Measurements):
-    """Measurements of a frame that the next one replaces: results come together, once."""
+    """Measurements of a frame that the next one replaces: uncertainties are those of the pair alone."""
 
     def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
-        """Yield the complete results."""
-        last = None
-        for last in super().evaluations(drawing):
-            pass
-        if last is not None:
-            yield last
+        """Yield the result of the pair."""
+        found = next(super().evaluations(drawing), Evaluated())
+        of_pair = (
+            {}
+            if found.pair is None or found.pair.result is None
+            else {one.roi: Evaluation(one) for one in (found.pair.result.a, found.pair.result.b)}
+        )
+        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | of_pair, found.pair)
 
 
 class LiveBench:

@@ -112,7 +112,7 @@ class LiveCamera:
         return lambda: self._count_viewers(-1)
 
     def request(self, **settings: float) -> None:
-        """Change settings, as of `Camera.configure`, before the next frame; a rejected one is reported in `Live.error`."""
+        """Change settings, as of `Camera.configure`, before the next frame; `Live.error` says which is rejected."""
         with self._changed:
             self._requested |= settings
             self._changed.notify_all()
@@ -137,10 +137,10 @@ class LiveCamera:
         return self._n_viewers > 0 and not self._ended
 
     def _run(self) -> None:
-        while not self._ended:
+        while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._going() or self._ended)
-            if self._ended:
+            if not self._going():
                 return
             try:
                 with self._camera as camera:

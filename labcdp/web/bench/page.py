@@ -13,8 +13,10 @@ import panel as pn
 from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span
 from bokeh.plotting import figure
 
+from ...drivers.camera import CameraSettings
 from ..regions.display import DisplayScale
 from ..regions.page import Page
+from ..regions.wording import warning_list
 from .live_bench import TRACE_S, LiveBench
 from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
 
@@ -51,7 +53,8 @@ class BenchPage:
         def html(name: str) -> Any:
             return pn.pane.HTML("", name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8))
 
-        self._strip, self._settings, self._table, self._notice = map(html, ("strip", "settings", "table", "notice"))
+        names = ("strip", "settings", "table", "notice", "findings")
+        self._strip, self._settings, self._table, self._notice, self._findings = map(html, names)
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
         self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
         self._contrast = pn.widgets.TextInput(name="Contrast to detect (%)", placeholder="measured", width=170)
@@ -64,7 +67,8 @@ class BenchPage:
         self._histogram_source = ColumnDataSource(data={"dn": [], "n": []})
         self._histogram_s = 0.0
         self._highest = highest
-        self._fill_settings()
+        self._shown: CameraSettings | None = None
+        self._filling = False
         self._connect()
         for end in (bench.camera.look(), bench.workspace.listen(self._changed)):
             document.on_session_destroyed(_ending(end))
@@ -72,7 +76,7 @@ class BenchPage:
         self.update()
 
     def tab(self) -> tuple[Any, CustomJS]:
-        """Layout of the tab, and the script that starts with it."""
+        """Return the layout of the tab, and the script that starts with it."""
         live = pn.Column(
             self._notice,
             pn.Row(self._contrast, self._epsilon, margin=0),
@@ -80,6 +84,7 @@ class BenchPage:
             pn.Row(self._exposure, self._gain, margin=0),
             pn.Row(*self._buttons(), margin=(0, 3)),
             self._settings,
+            self._findings,
             pn.pane.Bokeh(self._histogram_figure(), sizing_mode="stretch_width", margin=(4, 8)),
             self._table,
             width=_WIDTH,
@@ -98,6 +103,9 @@ class BenchPage:
         cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
         self._settings.object = settings_text(bench.camera.live)
+        self._show_settings(bench.camera.live.settings)
+        workspace = bench.workspace
+        self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
         words = bench.busy or bench.notice
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
@@ -123,7 +131,7 @@ class BenchPage:
         self._epsilon.param.watch(lambda event: self._aim_epsilon(event.new), "value")
 
     def _request(self, name: str, value: float | None, unit: float) -> None:
-        if value is not None and isfinite(value):
+        if not self._filling and value is not None and isfinite(value):
             self.bench.camera.request(**{name: value * unit})
 
     def _aim_contrast(self, text: str) -> None:
@@ -147,10 +155,13 @@ class BenchPage:
         self.bench.notice = text
         self.bench.workspace.changed()
 
-    def _fill_settings(self) -> None:
-        settings = self.bench.camera.live.settings
-        if settings is not None:
-            self._exposure.value, self._gain.value = 1e3 * settings.exposure_s, settings.gain_db
+    def _show_settings(self, settings: CameraSettings | None) -> None:
+        """Show settings that have changed, whoever changed them, in the fields."""
+        if settings is None or settings == self._shown:
+            return
+        self._shown, self._filling = settings, True
+        self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
+        self._filling = False
 
     def _buttons(self) -> list[Any]:
         buttons = []

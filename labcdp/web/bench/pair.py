@@ -7,7 +7,10 @@ from typing import Literal
 
 from ...metrics.regions.pair import PairResult
 
-Verdict = Literal["detected", "too weak", "too strong", "undecided"]
+Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
+
+#: Share of saturated pixels from which a region's contrast means nothing.
+_SATURATED = 0.001
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class PairPoint:
     target : float
         Target contrast.
     verdict : str
-        As of `verdict`.
+        As of `verdict`; ``saturated`` if a region is, whatever its contrast.
     """
 
     time_s: float
@@ -46,6 +49,9 @@ def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | Non
         return None
     one = pair.results[0]
     low, high = one.confidence_interval
+    found = verdict(one.result.below, one.result.above, (low, high), limit)
+    if any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in (pair.a, pair.b)):
+        found = "saturated"
     return PairPoint(
         time_s,
         one.result.cdp,
@@ -54,7 +60,7 @@ def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | Non
         pair.contrast.value,
         pair.contrast.standard_error,
         one.result.contrast,
-        verdict(one.result.below, one.result.above, (low, high), limit),
+        found,
     )
 
 

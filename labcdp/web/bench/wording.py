@@ -11,11 +11,11 @@ from .pair import PairPoint
 
 #: 97.5 % quantile of the normal distribution, for expanded uncertainties.
 _Z_95 = 1.96
-_STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open"}
+_STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
 
 def camera_card(bench: LiveBench) -> str:
-    """Card of the camera: frames per second, exposure, and what is wrong."""
+    """Write the card of the camera: frames per second, exposure, and what is wrong."""
     live = bench.camera.live
     if live.error and not live.streaming:
         return _card("Camera", "no frames", "bad", f"{live.error}; it is looked for again and again")
@@ -30,10 +30,10 @@ def camera_card(bench: LiveBench) -> str:
 
 
 def pair_card(bench: LiveBench) -> str:
-    """Card of the CDP of the chosen pair."""
+    """Write the card of the CDP of the chosen pair."""
     pair = bench.workspace.drawing.pair_rois
     if len(pair) < 2:
-        return _card("CDP", "–", "open", "choose two regions under Regions")
+        return _card("CDP", "-", "open", "choose two regions under Regions")
     title = " / ".join(roi.name for roi in pair)
     point = bench.trace[-1] if bench.trace else None
     if point is None:
@@ -48,27 +48,27 @@ def pair_card(bench: LiveBench) -> str:
 
 
 def contrast_card(bench: LiveBench) -> str:
-    """Card of the measured contrast."""
+    """Write the card of the measured contrast."""
     if not bench.trace:
-        return _card("Measured contrast", "–", "open")
+        return _card("Measured contrast", "-", "open")
     point: PairPoint = bench.trace[-1]
     text = with_half_width(100 * point.contrast, 100 * _Z_95 * point.contrast_u)
     return _card("Measured contrast", f"{text} %", "open", "U (95 %) of this frame")
 
 
 def meter_card(bench: LiveBench) -> str:
-    """Card of the last reading."""
+    """Write the card of the last reading."""
     if bench.meter is None:
-        return _card("Meter", "–", "open", "none: give --meter PORT")
+        return _card("Meter", "-", "open", "none: give --meter PORT")
     if not bench.readings:
-        return _card("Meter", "–", "open", bench.busy or "no reading yet")
+        return _card("Meter", "-", "open", bench.busy or "no reading yet")
     last = bench.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
     return _card("Meter", f"{significant(last.reading.luminance_cd_m2)} cd/m²", "open", *lines)
 
 
 def reading_table(bench: LiveBench) -> str:
-    """Readings, the newest first."""
+    """Write the readings, the newest first."""
     if not bench.readings:
         return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
     rows = []
@@ -76,7 +76,7 @@ def reading_table(bench: LiveBench) -> str:
         camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
         rows.append(
-            f"<tr><th scope='row'>{_text(one.region) or '–'}</th><td>{significant(one.reading.luminance_cd_m2)}</td>"
+            f"<tr><th scope='row'>{_text(one.region) or '-'}</th><td>{significant(one.reading.luminance_cd_m2)}</td>"
             f"<td>{camera}</td><td>{deviation}</td></tr>"
         )
     heads = "".join(
@@ -86,7 +86,7 @@ def reading_table(bench: LiveBench) -> str:
 
 
 def settings_text(live: Live) -> str:
-    """Settings in effect, as read back."""
+    """Write the settings in effect, as read back."""
     settings = live.settings
     if settings is None:
         return ""

@@ -63,7 +63,8 @@ class DisplayScale:
     def to_8_bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return values as 0 (black) to 255 (white); non-finite values are black."""
         if values.dtype in (np.uint8, np.uint16):
-            return self._tones_of_dn[values]
+            tones: NDArray[np.uint8] = self._tones_of_dn[values]
+            return tones
         return self._tones(values)
 
     @cached_property

@@ -75,16 +75,16 @@ class Page:
         self.update()
 
     def tab(self) -> tuple[Any, CustomJS]:
-        """Layout of the tab, and the script that starts with it."""
+        """Return the layout of the tab, and the script that starts with it."""
         layout = pn.Row(self.picture_pane(), self.side(), sizing_mode="stretch_both", min_height=420, margin=0)
         return layout, self.picture.script()
 
     def picture_pane(self) -> Any:
-        """The picture."""
+        """Return the picture."""
         return pn.pane.Bokeh(self.picture.figure, sizing_mode="stretch_both", margin=0)
 
     def side(self) -> Any:
-        """Tools, tables and files beside the picture."""
+        """Return tools, tables and files beside the picture."""
         button, text = self._buttons, self._text
         return pn.Column(
             self._head,

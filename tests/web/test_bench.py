@@ -1,0 +1,162 @@
+"""The live bench: camera thread, verdict and exposure, and the page in a browser on the simulated bench."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.web.bench.exposure import better_exposure_s
+from labcdp.web.bench.live_camera import Live, LiveCamera
+from labcdp.web.bench.pair import verdict
+
+
+def wait_for(camera: LiveCamera, condition: Callable[[Live], bool]) -> Live:
+    """The state once it is as it should become."""
+    until_s = time.monotonic() + 120
+    while not condition(camera.live):
+        assert time.monotonic() < until_s, camera.live
+        camera.wait_for_news(camera.live, 1.0)
+    return camera.live
+
+
+@pytest.fixture
+def bench(small_configuration: Any) -> Iterator[SimulatedBench]:
+    with SimulatedBench(small_configuration, BenchDevices.standard(), (400, 480)) as bench:
+        yield bench
+
+
+def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(bench: SimulatedBench) -> None:
+    device = bench.in_process_camera()
+    camera = LiveCamera(device, {"exposure_s": 0.002})
+    camera.start()
+    try:
+        assert camera.live.frame is None
+        leave = camera.look()
+        wait_for(camera, lambda live: live.n_frames >= 3 and live.frame.exposure_s == 0.002)
+        camera.request(exposure_s=0.004)
+        wait_for(camera, lambda live: live.frame.exposure_s == 0.004)
+        # A rejected setting is reported, and the others stay.
+        camera.request(exposure_s=1e6)
+        wait_for(camera, lambda live: "exposure" in live.error)
+        before = camera.live.n_frames
+        wait_for(camera, lambda live: live.n_frames > before + 2 and live.frame.exposure_s == 0.004)
+
+        bench.run_command("vanish for 1 s")
+        wait_for(camera, lambda live: not live.streaming and live.error != "")
+        lost = camera.live.n_frames
+        live = wait_for(camera, lambda live: live.n_frames > lost and live.streaming)
+        assert live.frame.exposure_s == live.settings.exposure_s == 0.004
+
+        leave()
+        wait_for(camera, lambda live: not live.streaming)
+        with device:  # released, so that another program may have it
+            assert device.snap().exposure_s > 0
+    finally:
+        camera.stop()
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "interval", "expected"),
+    [
+        (0.01, 0.02, (0.95, 0.99), "detected"),
+        (0.9, 0.0, (0.05, 0.15), "too weak"),
+        (0.0, 0.9, (0.05, 0.15), "too strong"),
+        (0.05, 0.05, (0.85, 0.95), "undecided"),
+        (0.0, 0.0, (float("nan"), float("nan")), "undecided"),
+    ],
+)
+def test_the_verdict_follows_the_interval(
+    below: float, above: float, interval: tuple[float, float], expected: str
+) -> None:
+    assert verdict(below, above, interval, 0.9) == expected
+
+
+@pytest.mark.parametrize("start_s", [20e-6, 1e-3, 0.1, 10.0])
+def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
+    exposure_s, highest, rng = start_s, 4095, np.random.default_rng(4)
+    for _ in range(10):
+        mean = 64 + 2e5 * exposure_s
+        values = np.clip(rng.normal(mean, np.sqrt(mean), 10_000), 0, highest).astype(np.uint16)
+        better_s = better_exposure_s(values, exposure_s, 12, 64.0, (20e-6, 60.0))
+        if better_s is None:
+            break
+        exposure_s = better_s
+    mean = 64 + 2e5 * exposure_s
+    assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / highest < 0.91
+
+
+def test_no_exposure_is_better_where_the_camera_has_none() -> None:
+    dark = np.full(100, 70, np.uint16)
+    assert better_exposure_s(dark, 60.0, 12, 64.0, (20e-6, 60.0)) is None
+
+
+@pytest.fixture
+def live_page(tmp_path: Path) -> Iterator[Any]:
+    """The page of the simulated bench, in a browser."""
+    from playwright.sync_api import sync_playwright
+
+    command = [Path(sys.executable).with_name("labcdp"), "bench", "--simulated", "--no-open"]
+    with (
+        subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process,
+        sync_playwright() as playwright,
+    ):
+        assert process.stderr is not None
+        url = next(line.split()[1] for line in process.stderr if line.startswith("Open: "))
+        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.set_default_timeout(120_000)
+        answer = page.goto(url)
+        assert answer is not None
+        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+        yield page
+        browser.close()
+        process.send_signal(signal.SIGINT)
+        assert "Nothing was changed" in process.stderr.read()
+        assert process.wait(300) == 0
+
+
+def number(text: str) -> float:
+    return float(re.findall(r"-?\d+\.?\d*", text)[0])
+
+
+@pytest.mark.usefixtures("aravis")
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_the_page_shows_what_camera_and_meter_see(live_page: Any) -> None:
+    def card_when(index: int, pattern: str) -> str:
+        """Text of a card without its title, once it is as it should become."""
+        found = live_page.locator(".card").nth(index).filter(has_text=re.compile(pattern, re.DOTALL))
+        found.wait_for()
+        return str(found.inner_text()).split("\n", 1)[1]
+
+    card_when(0, r"fps.*8 ms")
+    # At 8 ms the brightest patches of the target are saturated, and the page does not call that detected.
+    card_when(1, "saturated")
+    exposure = live_page.get_by_label("Exposure (ms)")
+    exposure.fill("2")
+    exposure.press("Enter")
+    card_when(0, r"fps.*2 ms")
+    card_when(1, "detected")
+    # The true contrast of upper left and lower right is 358 / 33.8 - 1; the lens has vignetting.
+    assert number(card_when(2, r"[89]\d\d")) == pytest.approx(960, rel=0.1)
+    # Most pairs show more than 100 %.
+    asked = live_page.get_by_label("Contrast to detect (%)")
+    asked.fill("100")
+    asked.press("Enter")
+    assert number(card_when(1, "too strong")) == 0.0
+
+    # The meter reads the patch that is selected.
+    live_page.get_by_text("Regions", exact=True).first.click()
+    live_page.locator("tr[data-region]", has_text="lower left").click()
+    live_page.get_by_text("Live", exact=True).first.click()
+    live_page.get_by_role("button", name="Read meter").click()
+    assert number(card_when(3, "lower left")) == pytest.approx(414, rel=0.02)

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.web.bench.exposure import better_exposure_s
+from labcdp.web.bench.focus import sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
 from labcdp.web.bench.pair import verdict
 
@@ -125,6 +127,15 @@ def live_page(tmp_path: Path) -> Iterator[Any]:
         assert process.wait(300) == 0
 
 
+def test_the_sharpest_image_of_a_scene_has_the_largest_value() -> None:
+    rng = np.random.default_rng(5)
+    scene = np.kron(rng.integers(1, 5, (20, 20)) * 400.0, np.ones((10, 10)))
+    values = [sharpness(cv2.GaussianBlur(scene, (0, 0), width)) for width in (0.5, 1, 2, 4, 8)]
+    assert values == sorted(values, reverse=True)
+    assert sharpness(3 * scene) == pytest.approx(sharpness(scene))
+    assert sharpness(np.zeros((50, 50))) == sharpness(np.ones((4, 4))) == 0
+
+
 def number(text: str) -> float:
     return float(re.findall(r"-?\d+\.?\d*", text)[0])
 
@@ -160,3 +171,9 @@ def test_the_page_shows_what_camera_and_meter_see(live_page: Any) -> None:
     live_page.get_by_text("Live", exact=True).first.click()
     live_page.get_by_role("button", name="Read meter").click()
     assert number(card_when(3, "lower left")) == pytest.approx(414, rel=0.02)
+    typed = live_page.get_by_label("Reading of another meter")
+    typed.fill("400,5")
+    typed.press("Enter")
+    assert number(card_when(3, r"400\.5")) == 400.5
+    live_page.get_by_role("button", name="Pause").click()
+    card_when(0, "paused")

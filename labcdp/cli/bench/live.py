@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from ...drivers.camera import Camera
     from ...drivers.meter import Meter
     from ...session import SessionConfiguration
-    from ...web.bench.live_bench import LiveBench, Target
+    from ...web.bench.live_bench import LiveBench
+    from ...web.bench.measured import Target
     from ...web.regions.files import DrawingFiles
     from ...web.regions.workspace import Start
     from ...web.server import Address
@@ -72,7 +73,7 @@ def bench(
     Example: labcdp bench --simulated
     """
     from ...session import SessionConfiguration, example_configuration
-    from ...web.bench.live_bench import Target
+    from ...web.bench.measured import Target
     from ...web.lock import locked
 
     contrasts = None if contrast is None else parse_contrasts([contrast])
@@ -226,7 +227,7 @@ def _result(live: LiveBench, roi: Path) -> Result:
         Column("camera_cd_m2", "camera", "cd/m²"),
     )
     rows = [
-        {"region": one.region, "meter_cd_m2": one.reading.luminance_cd_m2, "camera_cd_m2": one.camera_cd_m2}
+        {"region": one.region, "meter_cd_m2": one.luminance_cd_m2, "camera_cd_m2": one.camera_cd_m2}
         for one in reversed(live.readings)
     ]
     tables = (quantity_table("frames", "Frames", received), Table.of_rows("readings", "Readings", columns, rows))

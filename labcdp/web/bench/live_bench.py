@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from threading import Event, Thread
 from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...core.errors import CalibrationError, LabcdpError
 from ...core.frame import Frame
-from ...core.reading import Reading
 from ...drivers.meter import Meter
-from ..regions.drawing import Drawing
-from ..regions.measurements import Evaluated, Evaluation, Measurements
+from ..regions.measurements import Evaluated, Measurements
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .exposure import better_exposure_s
+from .focus import sharpness
 from .live_camera import LiveCamera
+from .measured import LiveMeasurements, MeterReading, Target
 from .pair import PairPoint, pair_point
 
 if TYPE_CHECKING:
@@ -33,64 +35,6 @@ TRACE_S = 180.0
 _LOOK_S = 0.5
 #: Attempts to fit the exposure, and time for a frame with the new one.
 _MOST_ATTEMPTS, _ATTEMPT_S = 10, 20.0
-
-
-@dataclass(frozen=True)
-class Target:
-    """What is to be detected.
-
-    Parameters
-    ----------
-    contrast : float or None
-        Weber contrast, a fraction; None for the measured one.
-    epsilon : float
-        Relative tolerance.
-    limit : float
-        CDP from which it counts as detected.
-    """
-
-    contrast: float | None = None
-    epsilon: float = 0.5
-    limit: float = 0.9
-
-
-@dataclass(frozen=True)
-class MeterReading:
-    """A reading of the meter on the page.
-
-    Parameters
-    ----------
-    reading : Reading
-        As taken.
-    region : str
-        Region selected when it was taken; empty if none was.
-    camera_cd_m2 : float or None
-        Mean luminance of that region by the calibrated camera at the same time.
-    """
-
-    reading: Reading
-    region: str
-    camera_cd_m2: float | None
-
-    @property
-    def deviation(self) -> float | None:
-        """Deviation of the camera from the meter, relative."""
-        measured = self.reading.luminance_cd_m2
-        return None if self.camera_cd_m2 is None or not measured else self.camera_cd_m2 / measured - 1
-
-
-class LiveMeasurements(Measurements):
-    """Measurements of a frame that the next one replaces: uncertainties are those of the pair alone."""
-
-    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
-        """Yield the result of the pair."""
-        found = next(super().evaluations(drawing), Evaluated())
-        of_pair = (
-            {}
-            if found.pair is None or found.pair.result is None
-            else {one.roi: Evaluation(one) for one in (found.pair.result.a, found.pair.result.b)}
-        )
-        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | of_pair, found.pair)
 
 
 class LiveBench:
@@ -127,6 +71,10 @@ class LiveBench:
         self.trace: tuple[PairPoint, ...] = ()
         self.busy = ""
         self.notice = ""
+        self.paused = False
+        #: Sharpness of the newest image, and the largest of the same part so far.
+        self.focus = (0.0, 0.0)
+        self._focus_of: str | None = None
         self._conversion, self._point, self._server = conversion, point, server
         self._workspace: Workspace | None = None
         self._seen: Evaluated | None = None
@@ -183,6 +131,11 @@ class LiveBench:
         region = workspace.selected or ""
         self._work("The meter measures …", self._readings(meter, region))
 
+    def enter_reading(self, luminance_cd_m2: float) -> None:
+        """Take a reading that a person typed, of another meter, for the selected region."""
+        self._note(luminance_cd_m2, self.workspace.selected or "")
+        self.workspace.changed()
+
     def fit_exposure(self) -> None:
         """Fit the exposure to the regions, or to the whole image if there are none."""
         if not self.busy:
@@ -205,17 +158,18 @@ class LiveBench:
         try:
             if self._point is not None and region:
                 self._point(region)
-            reading = meter.measure()
+            self._note(meter.measure().luminance_cd_m2, region)
+            yield ""
         except LabcdpError as error:
             yield f"No reading: {error}"
-            return
-        image = self.workspace.image
-        camera_cd_m2 = None
+
+    def _note(self, luminance_cd_m2: float, region: str) -> None:
+        """Add a reading, with what the camera sees there now."""
+        image, camera_cd_m2 = self.workspace.image, None
         for roi in self.workspace.drawing.rois:
             if roi.name == region and image.unit == "cd/m^2":
                 camera_cd_m2 = float(image.luminance.select(roi).mean(dtype=float))
-        self.readings = (MeterReading(reading, region, camera_cd_m2), *self.readings[:19])
-        yield ""
+        self.readings = (MeterReading(luminance_cd_m2, region, camera_cd_m2), *self.readings[:19])
 
     def _fitting(self) -> Iterator[str]:
         for _ in range(_MOST_ATTEMPTS):
@@ -260,15 +214,31 @@ class LiveBench:
         if point is not None:
             self.trace = (*(one for one in kept if point.time_s - one.time_s < TRACE_S), point)
 
+    def _focus(self, frame: Frame) -> None:
+        """Compare the sharpness of the selected region, or of the middle of the image, with the best so far."""
+        selected = self.workspace.selected
+        height, width = frame.dn.shape
+        rows, columns = (slice(length // 4, length - length // 4) for length in (height, width))
+        for roi in self.workspace.drawing.rois:
+            if roi.name == selected:
+                (left, top), (right, bottom) = (
+                    np.clip(edge(roi.corners, axis=0), 0, (width, height)) for edge in (np.min, np.max)
+                )
+                rows, columns = slice(int(top), int(bottom)), slice(int(left), int(right))
+        now = sharpness(frame.dn[rows, columns] - np.float32(frame.black_level_dn))
+        best = self.focus[1] if selected == self._focus_of else 0.0
+        self.focus, self._focus_of = (now, max(now, best)), selected
+
     def _watch(self) -> None:
         """Hand the newest frame to the page, and tell it when frames are overdue."""
         live, frame, shown = self.camera.live, None, Event()
         while not self.camera.ended:
             live = self.camera.wait_for_news(live, _LOOK_S)
-            if live.frame is None or live.frame is frame:
+            if live.frame is None or live.frame is frame or self.paused:
                 self._server.call(self.workspace.changed)
                 continue
             began_s, frame = monotonic(), live.frame
+            self._focus(frame)
             try:
                 self._server.call(partial(self.workspace.renew, self.measurements(frame)))
             except LabcdpError as error:

@@ -57,6 +57,8 @@ class BenchPage:
         self._strip, self._settings, self._table, self._notice, self._findings = map(html, names)
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
         self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
+        self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
+        self._typed = pn.widgets.TextInput(name="Reading of another meter (cd/m²), with Enter", width=260)
         self._contrast = pn.widgets.TextInput(name="Contrast to detect (%)", placeholder="measured", width=170)
         self._epsilon = pn.widgets.FloatInput(
             name="Tolerance ε (%)", value=100 * bench.target.epsilon, start=0.1, width=130
@@ -82,10 +84,11 @@ class BenchPage:
             pn.Row(self._contrast, self._epsilon, margin=0),
             pn.pane.Bokeh(self._trace_figure(), sizing_mode="stretch_width", margin=(4, 8)),
             pn.Row(self._exposure, self._gain, margin=0),
-            pn.Row(*self._buttons(), margin=(0, 3)),
+            pn.Row(*self._buttons(), self._pause, margin=(0, 3)),
             self._settings,
             self._findings,
             pn.pane.Bokeh(self._histogram_figure(), sizing_mode="stretch_width", margin=(4, 8)),
+            pn.Row(self._typed, margin=0),
             self._table,
             width=_WIDTH,
             sizing_mode="stretch_height",
@@ -128,11 +131,26 @@ class BenchPage:
         self._exposure.param.watch(lambda event: self._request("exposure_s", event.new, 1e-3), "value")
         self._gain.param.watch(lambda event: self._request("gain_db", event.new, 1.0), "value")
         self._contrast.param.watch(lambda event: self._aim_contrast(event.new), "value")
+        self._pause.param.watch(lambda event: setattr(self.bench, "paused", event.new), "value")
+        self._typed.param.watch(lambda event: self._enter(event.new), "value")
         self._epsilon.param.watch(lambda event: self._aim_epsilon(event.new), "value")
 
     def _request(self, name: str, value: float | None, unit: float) -> None:
         if not self._filling and value is not None and isfinite(value):
             self.bench.camera.request(**{name: value * unit})
+
+    def _enter(self, text: str) -> None:
+        if not text:
+            return
+        try:
+            luminance_cd_m2 = float(text.replace(",", "."))
+        except ValueError:
+            luminance_cd_m2 = -1.0
+        if not 0 <= luminance_cd_m2 < 1e9:
+            self._say("A reading is a number of cd/m², 0 or more")
+            return
+        self.bench.enter_reading(luminance_cd_m2)
+        self._typed.value = ""
 
     def _aim_contrast(self, text: str) -> None:
         words = text.replace("%", "").strip()

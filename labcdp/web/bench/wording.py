@@ -5,8 +5,9 @@ from __future__ import annotations
 from html import escape
 
 from ...report.digits import exposure, printable, significant, with_half_width
-from .live_bench import LiveBench, MeterReading
+from .live_bench import LiveBench
 from .live_camera import Live
+from .measured import MeterReading
 from .pair import PairPoint
 
 #: 97.5 % quantile of the normal distribution, for expanded uncertainties.
@@ -21,9 +22,13 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "no frames", "bad", f"{live.error}; it is looked for again and again")
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
+    if bench.paused:
+        return _card("Camera", "paused", "open", "the image stands still; the camera goes on")
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     lines = [f"{exposure(live.settings.exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
+    now, best = bench.focus
+    lines += [f"sharpness {100 * now / best:.0f} % of the best"] if best else []
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
     lines += [live.error] if live.error else []
     return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
@@ -64,7 +69,7 @@ def meter_card(bench: LiveBench) -> str:
         return _card("Meter", "-", "open", bench.busy or "no reading yet")
     last = bench.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
-    return _card("Meter", f"{significant(last.reading.luminance_cd_m2)} cd/m²", "open", *lines)
+    return _card("Meter", f"{significant(last.luminance_cd_m2)} cd/m²", "open", *lines)
 
 
 def reading_table(bench: LiveBench) -> str:
@@ -76,7 +81,7 @@ def reading_table(bench: LiveBench) -> str:
         camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
         rows.append(
-            f"<tr><th scope='row'>{_text(one.region) or '-'}</th><td>{significant(one.reading.luminance_cd_m2)}</td>"
+            f"<tr><th scope='row'>{_text(one.region) or '-'}</th><td>{significant(one.luminance_cd_m2)}</td>"
             f"<td>{camera}</td><td>{deviation}</td></tr>"
         )
     heads = "".join(

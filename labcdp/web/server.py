@@ -145,6 +145,7 @@ class Server:
         from tornado.ioloop import IOLoop
 
         self._loop = asyncio.get_running_loop()
+        self._loop.set_exception_handler(_without_closed_tabs)
         stopped = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             # nohup ignores SIGHUP.
@@ -208,6 +209,15 @@ class Server:
 
         # A daemon thread, so that Ctrl-C does not wait for results.
         Thread(target=run, name="measure", daemon=True).start()
+
+
+def _without_closed_tabs(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report errors of the server as usual, except that a tab was closed while something was sent to it."""
+    from tornado.iostream import StreamClosedError
+    from tornado.websocket import WebSocketClosedError
+
+    if not isinstance(context.get("exception"), WebSocketClosedError | StreamClosedError):
+        loop.default_exception_handler(context)
 
 
 def _bound(host: str, port: int) -> socket.socket:

@@ -18,7 +18,7 @@ from .parts import ChainParts
 from .scene.patches import luminance_map
 from .sensor.emva import Sensor
 from .signal import Context, Signal
-from .windscreen import ThesisWindscreen, Windscreen
+from .windscreen import Windscreen
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Chain(ChainParts):
         """
         stages = [stage for _, stage in self.before]
         first = stages[0] if stages else None
-        windscreen = first if isinstance(first, Windscreen) and not isinstance(first, ThesisWindscreen) else None
+        windscreen = first if isinstance(first, Windscreen) else None
         if windscreen is not None:
             del stages[0]
         if (

@@ -110,6 +110,8 @@ def numeric_fields() -> list[tuple[str, str, str]]:
 def other(value: Any, factor: float) -> Any:
     if isinstance(value, tuple):
         return [factor * item for item in value] if len(value) > 1 else factor * value[0]
+    if isinstance(value, bool):
+        return not value
     if isinstance(value, int):
         return value - 1 if value > 1 else value + 1
     return factor * value if value else 0.01

@@ -41,6 +41,8 @@ class Axis:
             raise InputError(f"{self.parameter} has no values: {_HOW}")
         if len(set(self.values)) < len(self.values):
             raise InputError(f"{self.parameter} has a value twice: give each value once")
+        if any(isinstance(value, bool) for value in self.values):
+            raise InputError(f"{self.parameter} has true or false among its values: give numbers or text")
         if len({isinstance(value, str) for value in self.values}) > 1:
             raise InputError(f"{self.parameter} mixes numbers and text: give one or the other")
 
@@ -75,7 +77,9 @@ def parse_axis(text: str) -> Axis:
 
 
 def parse_value(text: str) -> Value:
-    """Read a whole number, a number, a percentage as a fraction, or else text."""
+    """Read true, false, a whole number, a number, a percentage as a fraction, or else text."""
+    if text in ("true", "false"):
+        return text == "true"
     try:
         return int(text)
     except ValueError:

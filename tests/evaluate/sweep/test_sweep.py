@@ -74,8 +74,10 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     assert float(cell["saturated_share"]) == bright.saturated_share
 
 
+@pytest.mark.parametrize("glare_subtracted", [True, False])
 @pytest.mark.parametrize("stage", ["sensor 10 ms", "sensor 1 ms", "hdr", "isp"])
-def test_exact_and_simulated_agree(chain, stage):
+def test_exact_and_simulated_agree(chain, stage, glare_subtracted):
+    chain = chain.with_(windscreen__glare_subtracted=glare_subtracted)
     axes = (LUMINANCE, CONTRAST, TEMPERATURE)
     exact = run_sweep(Sweep(chain, axes, exact=True, stage=stage))
     simulated = run_sweep(Sweep(chain, axes, exact=False, stage=stage, seed=1))

@@ -111,7 +111,9 @@ class Chain(ChainParts):
         )
 
     def _scene_signal(self) -> Signal:
-        return Signal(luminance_map(self.scene.luminance_map()), "luminance", lambda luminance: luminance)
+        samples = luminance_map(self.scene.luminance_map())
+        oversampling = getattr(self.scene, "oversampling", 1)
+        return Signal(samples, "luminance", lambda luminance: luminance, oversampling=oversampling)
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
         assert self.settings is not None

@@ -17,7 +17,8 @@ from ...core.disk.arrays import parse_npy
 from ...core.disk.quoting import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
-from ..parameters import check_number
+from ..parameters import check_number, check_whole
+from ..point_spread import pixel_means
 from .flat import Level, Mask
 from .patches import FloatMap, Patch, luminance_map
 
@@ -27,7 +28,7 @@ _MOST_BYTES = 2**31
 
 @dataclass(frozen=True)
 class ImageScene:
-    """A luminance image from a file; its size is the scene's.
+    """A luminance image from a file; its size, over the oversampling, is the scene's.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ class ImageScene:
         Luminance of the value 1 in cd/m^2.
     regions_xywh : mapping of str to (int, int, int, int)
         Regions to be evaluated: name and x, y, width, height in pixels. The pairs are neighbours in mean luminance.
+    oversampling : int
+        Values of the image on each side of a pixel of the camera, 1 to 64.
 
     Raises
     ------
@@ -47,9 +50,11 @@ class ImageScene:
     path: Path = field(metadata={"path": True})
     cd_m2_per_value: float = 1.0
     regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
+    oversampling: int = 1
 
     def __post_init__(self) -> None:
         check_number("cd_m2_per_value", self.cd_m2_per_value, "cd/m^2", 0, above=True)
+        check_whole("oversampling", self.oversampling, "samples", 1, 64)
         object.__setattr__(self, "path", Path(self.path))
         if not isinstance(self.regions_xywh, Mapping):
             raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")
@@ -65,10 +70,16 @@ class ImageScene:
                 scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
         except InputError as error:
             raise InputError(f"path is {str(self.path)!r}: {error}") from error
+        if any(size % self.oversampling for size in scene.shape):
+            raise InputError(
+                f"path is {str(self.path)!r}, of {scene.shape[1]} x {scene.shape[0]} values, which {self.oversampling} "
+                "samples on each side of a pixel do not divide: crop it, or give another oversampling"
+            )
+        height, width = (size // self.oversampling for size in scene.shape)
         for name in self.regions_xywh:
             rectangle = self._rectangle(name)
             try:
-                rectangle.check_inside(scene.shape[1], scene.shape[0])
+                rectangle.check_inside(width, height)
             except InputError as error:
                 raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
         scene.flags.writeable = False
@@ -88,11 +99,11 @@ class ImageScene:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
-        height, width = self._luminance.shape
+        height, width = (size // self.oversampling for size in self._luminance.shape)
         return height, width
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width), read-only."""
+        """Luminance of each sample in cd/m^2, read-only."""
         return self._luminance
 
     def regions(self) -> Mapping[str, Mask]:
@@ -110,7 +121,8 @@ class ImageScene:
 
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return each region with the next brighter one."""
-        means = {name: float(self._luminance[mask].mean()) for name, mask in self.regions().items()}
+        seen = pixel_means(self._luminance, self.oversampling)
+        means = {name: float(seen[mask].mean()) for name, mask in self.regions().items()}
         ordered = sorted(means, key=lambda name: means[name])
         return tuple((a, b) for a, b in pairwise(ordered) if means[a] < means[b])
 

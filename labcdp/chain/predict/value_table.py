@@ -251,13 +251,19 @@ class _TableMaker:
             bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
             edges = bins.edges
         else:
-            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [1e18]])
+            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [camera.tone_curve.top_dn, 1e18]])
         merged = merged_rows(camera.hdr.method, ladder, exposures, edges, used)
         sizes = [share.size for _, share in merged]
         column = np.concatenate([first + np.arange(share.size) for first, share in merged])
         data = np.concatenate([share for _, share in merged])
         rows = csr_array((data, column, np.concatenate([[0], np.cumsum(sizes)])), shape=(used.size, edges.size - 1))
         saturated = np.zeros(totals_e_s.size)
+        if camera.tone_curve is not None:
+            clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
+            rows = rows @ indicator(np.minimum(np.arange(edges.size - 1), edges.size - 3), edges.size - 2)
+            if camera.tone_curve.top_dn < ladder.merged_saturation_dn:
+                saturated[used] = clipped_by_curve
+                return bins, spread_rows(rows, used, totals_e_s.size), saturated
         clipped = (exposures.net_dn >= ladder.saturation_dn).astype(np.float64)
         for share, exposure_rows in zip(frequency, exposures.rows, strict=True):
             saturated[used] += share * (exposure_rows[-1] @ clipped)

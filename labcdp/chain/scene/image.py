@@ -17,6 +17,7 @@ from ...core.disk.arrays import parse_npy
 from ...core.disk.quoting import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
+from ..kept import kept
 from ..parameters import check_number, check_whole
 from ..point_spread import pixel_means
 from .flat import Level, Mask
@@ -63,13 +64,7 @@ class ImageScene:
 
     @cached_property
     def _luminance(self) -> FloatMap:
-        values = _read(self.path)
-        try:
-            # What becomes infinite is refused then.
-            with np.errstate(over="ignore"):
-                scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
-        except InputError as error:
-            raise InputError(f"path is {str(self.path)!r}: {error}") from error
+        scene = _luminance_of(self.path, _state_of(self.path), self.cd_m2_per_value)
         if any(size % self.oversampling for size in scene.shape):
             raise InputError(
                 f"path is {str(self.path)!r}, of {scene.shape[1]} x {scene.shape[0]} values, which {self.oversampling} "
@@ -82,7 +77,6 @@ class ImageScene:
                 rectangle.check_inside(width, height)
             except InputError as error:
                 raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
-        scene.flags.writeable = False
         return scene
 
     def _rectangle(self, name: str) -> Patch:
@@ -125,6 +119,28 @@ class ImageScene:
         means = {name: float(seen[mask].mean()) for name, mask in self.regions().items()}
         ordered = sorted(means, key=lambda name: means[name])
         return tuple((a, b) for a, b in pairwise(ordered) if means[a] < means[b])
+
+
+def _state_of(path: Path) -> tuple[int, int] | None:
+    """Return time and size of a file, by which it is read again where it changed; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+@kept
+def _luminance_of(path: Path, _state: tuple[int, int] | None, cd_m2_per_value: float) -> FloatMap:
+    values = _read(path)
+    try:
+        # What becomes infinite is refused then.
+        with np.errstate(over="ignore"):
+            scene = luminance_map(values.astype(np.float64) * cd_m2_per_value)
+    except InputError as error:
+        raise InputError(f"path is {str(path)!r}: {error}") from error
+    scene.flags.writeable = False
+    return scene
 
 
 def _read(path: Path) -> NDArray[Any]:

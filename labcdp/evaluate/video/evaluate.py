@@ -15,6 +15,7 @@ from ...core.finding import Finding, info
 from ...core.result import InputFile
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
+from ...metrics.regions.pair import size_findings
 from ...output import Destination, open_results
 from ...report.findings import finding_text
 from ..picture.light.picture import PictureConversion, picture_conversion
@@ -121,6 +122,8 @@ def evaluated_rows(
             why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
             raise InputError(f"{path}: no frame could be evaluated{why}")
         findings = [*source.findings, *conversion_findings(conversion, source), *run.announced(), *found.findings]
+        for roi in settings.rois:
+            findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
         if settings.contrasts is None:
             code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
             findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))

@@ -12,7 +12,11 @@ import pytest
 
 from labcdp.chain import Chain, Scene, StepChart, Windscreen
 from labcdp.chain.predict.chain import predict_chain
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import LuminanceMap
 from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.edges.edges import EdgeKind
+from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.sweep.simulation.run import evaluate_run
 from labcdp.files.picture.read import read_picture
@@ -74,3 +78,50 @@ def test_picture_of_a_veiled_scene_has_the_contrast_that_is_left(tmp_path: Path)
         pair = evaluate_pair(light, *regions, (1.0,))
         left = contrast_left(20.0, 40.0, 30.0, glare_fraction)
         assert pair.contrast.value == pytest.approx(left, abs=5 * pair.contrast.standard_error + 1e-3)
+
+
+def test_map_asked_for_the_contrast_of_the_scene_loses_what_the_veil_takes() -> None:
+    scene = np.full((240, 320), 100.0)
+    scene[:, 167:] = 150.0
+    noise = 3 * np.random.default_rng(0).normal(size=(2, *scene.shape))
+    clear, veiled = (light_of(scene + noise[0]), light_of(scene + 200 + noise[1]))
+    by_own, by_reference, by_contrast = (
+        contrast_map(veiled, ContrastMapSettings(30, contrast=given), reference)
+        for given, reference in ((None, None), (None, clear), (0.5, None))
+    )
+    edges = by_own.of_kind(EdgeKind.SEEN)
+    assert edges.sum() > 5
+    assert by_own.count(EdgeKind.LOST) == 0
+    assert by_own.edges.asked_contrast[edges] == pytest.approx(50 / 300, rel=0.02)
+    assert [one.code for one in by_own.findings] == ["map-of-own-contrast"]
+    for found in (by_reference, by_contrast):
+        lost = found.of_kind(EdgeKind.LOST)
+        assert lost.sum() > 5
+        assert found.count(EdgeKind.SEEN, EdgeKind.UNEVEN, EdgeKind.FAINT) == 0
+        assert found.edges.asked_contrast[lost] == pytest.approx(0.5, rel=0.02)
+        assert found.edges.contrast[lost] == pytest.approx(50 / 300, rel=0.02)
+        assert found.edges.cdp[lost] == pytest.approx(0, abs=1e-3)
+    # Of the same picture as its own reference, nothing is lost, and the contrasts are the same.
+    itself = contrast_map(clear, ContrastMapSettings(30), clear)
+    plain = contrast_map(clear, ContrastMapSettings(30))
+    np.testing.assert_array_equal(itself.edges.cdp, plain.edges.cdp)
+    np.testing.assert_array_equal(itself.edges.kind, plain.edges.kind)
+
+
+def light_of(luminance_cd_m2: np.ndarray) -> LuminanceMap:
+    nothing = np.zeros(luminance_cd_m2.shape, np.uint8)
+    return LuminanceMap(luminance_cd_m2, np.full(luminance_cd_m2.shape, 0.01), (), nothing)
+
+
+@pytest.mark.parametrize(
+    ("settings", "shape", "message"),
+    [
+        (ContrastMapSettings(30), (90, 100), "the reference image has 100 x 90 pixels, the image 100 x 80"),
+        (ContrastMapSettings(30, contrast=0.5), (80, 100), "a contrast and a reference image are given: give one"),
+    ],
+)
+def test_reference_that_cannot_be_one_is_refused(
+    settings: ContrastMapSettings, shape: tuple[int, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        contrast_map(light_of(np.ones((80, 100))), settings, light_of(np.ones(shape)))

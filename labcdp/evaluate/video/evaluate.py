@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ...core.disk.journal import LineJournal
+from ...core.disk.quoting import shown
 from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ...core.result import InputFile
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def evaluate_video(
-    path: Path,
+    path: str | Path,
     settings: VideoSettings,
     folder: Destination | None = None,
     *,
@@ -44,7 +45,7 @@ def evaluate_video(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A file that FFmpeg reads, a TIFF of several pages, a folder of images, or a recorded session.
     settings : VideoSettings
         What is to be evaluated.
@@ -82,7 +83,7 @@ def evaluate_video(
 
 @contextmanager
 def evaluated_rows(
-    path: Path,
+    path: str | Path,
     settings: VideoSettings,
     folder: Destination | None = None,
     *,
@@ -94,6 +95,9 @@ def evaluated_rows(
     options_given = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
     given: dict[str, Any] = {name: value for name, value in options_given.items() if value is not None}
     options = replace(conversion.options, **given, overrides=conversion.options.overrides | given.keys())
+    if not isinstance(path, str | Path):
+        raise InputError(f"the video is {shown(path)}: give the path of a file")
+    path = Path(path)
     source = open_video(path, replace(options, damaged=settings.damaged))
     conversion = replace(conversion, options=replace(conversion.options, encoding=source.encoding))
     if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:

@@ -109,7 +109,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
     tasks = archive_tasks(sorted(tmp_path.glob("*.avi")), tmp_path / "results")
     result = evaluate_archive(tasks, work, {}, n_workers=1)
     always, error, good, once = result.outcomes
-    assert always.error.endswith("or evaluate this video alone")
+    assert always.error.endswith("or evaluate this file alone")
     assert "died, as did one before" in always.error
     assert error.error == "ValueError: surprise"
     assert (good.values, once.values) == ({"kind": "good", "ports": 0}, {"kind": "once", "ports": 0})

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ....core.errors import InputError, LabcdpError
-from ....core.finding import Finding
+from ....core.finding import Finding, warning
 from ....core.json_text import results_json
+from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
 from .cluster import Cluster, TlsFiles, open_cluster
-from .processes import Processes
 from .record import ArchiveTask, finished_values, record_finished
 
 #: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
@@ -182,12 +182,13 @@ def evaluate_archive(
     findings: tuple[Finding, ...] = ()
     if left:
         with ExitStack() as stack:
-            workers: Cluster | Processes = Processes(n_workers)
+            here: Processes[ArchiveTask] = Processes(n_workers)
+            workers: Cluster | Processes[ArchiveTask] = here
             if address is not None:
                 workers = stack.enter_context(open_cluster(address, tls, _common(tasks)))
             for task, new, error in workers.run(evaluate_task, left, work, settings, force, tuple(inputs)):
                 done(VideoOutcome(task, new, "" if error is None else _reason(error)))
-            findings = workers.findings
+            findings = workers.findings if isinstance(workers, Cluster) else _of_died(here)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -212,6 +213,10 @@ def evaluate_task(
             values = json.loads(results_json(dict(work(task.video, results))))
             record_finished(task, settings, values, results)
     return values
+
+
+def _of_died(processes: Processes[ArchiveTask]) -> tuple[Finding, ...]:
+    return tuple(warning("worker-died", f"process {pid}", video=str(task.video)) for pid, task in processes.died)
 
 
 def _common(tasks: Sequence[ArchiveTask]) -> Path:

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
-from ....core.errors import InputError
-from ....core.finding import Finding, warning
-from .record import ArchiveTask
+from .errors import InputError
 
 #: So often a task is given to a process before it is given up, if processes die of it.
 _ATTEMPTS = 2
 #: One process computes in one thread, as there is one for each core.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
+_Task = TypeVar("_Task")
 _Value = TypeVar("_Value")
 
 
@@ -52,8 +51,13 @@ class _Worker:
         self.pipe.close()
 
 
-class Processes:
-    """Processes of this computer, each with one task at a time.
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class Processes(Generic[_Task]):
+    """Processes of this computer, each with one task at a time; they end with the iteration over their results.
 
     Parameters
     ----------
@@ -61,21 +65,17 @@ class Processes:
         How many; None for one a core.
     """
 
-    def __init__(self, n_workers: int | None) -> None:
-        self._n_workers = n_workers or len(os.sched_getaffinity(0))
-        self._died: list[Finding] = []
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Processes that died, with what they were at."""
-        return tuple(self._died)
+    def __init__(self, n_workers: int | None = None) -> None:
+        self._n_workers = n_workers or usable_cores()
+        #: Number of each process that died, and what it was at.
+        self.died: list[tuple[int | None, _Task]] = []
 
     def run(
-        self, function: Callable[..., _Value], tasks: Sequence[ArchiveTask], *arguments: Any
-    ) -> Iterator[tuple[ArchiveTask, _Value | None, BaseException | None]]:
+        self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
+    ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
         """Call a function with each task and the arguments, and return results or errors as they come."""
         waiting = deque((task, 1) for task in tasks)
-        running: dict[Connection, tuple[_Worker, ArchiveTask, int]] = {}
+        running: dict[Connection, tuple[_Worker, _Task, int]] = {}
         idle: list[_Worker] = []
         try:
             while waiting or running:
@@ -91,9 +91,7 @@ class Processes:
                     if died:
                         # Until it is ended, it is among those that are.
                         worker.end()
-                        self._died.append(
-                            warning("worker-died", f"process {worker.process.pid}", video=str(task.video))
-                        )
+                        self.died.append((worker.process.pid, task))
                     del running[pipe]
                     if died and attempt < _ATTEMPTS:
                         waiting.appendleft((task, attempt + 1))
@@ -110,7 +108,7 @@ def _answer(pipe: Connection) -> tuple[Any, BaseException | None, bool]:
     try:
         return *pipe.recv(), False
     except (EOFError, OSError):
-        text = "its process died, as did one before: check that there is enough memory, or evaluate this video alone"
+        text = "its process died, as did one before: check that there is enough memory, or evaluate this file alone"
         return None, InputError(text), True
     except Exception as error:  # of an exception that cannot be made again here
         return None, InputError(f"it failed with an error that cannot be handed on ({error})"), False

@@ -69,6 +69,7 @@ class Chain(_Chain):
         InputError
             If a parameter is unknown, a value out of range, or the chain cannot be predicted.
         """
+        from ..evaluate.sweep.axis import Axis
         from ..evaluate.sweep.plan import Sweep
         from ..evaluate.sweep.run import run_sweep
         from . import accessor as accessor  # registers it
@@ -78,7 +79,7 @@ class Chain(_Chain):
                 raise InputError(f"{name} is {value!r}: give a number, as a fraction")
         wanted = Sweep(
             chain=self,
-            axes=tuple(_axis(name, values) for name, values in axes.items()),
+            axes=tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items()),
             exact=exact,
             stage=stage,
             contrast=None if contrast is None else float(contrast),
@@ -96,14 +97,3 @@ class Chain(_Chain):
         from html import escape
 
         return f"<details><summary>{escape(repr(self))}</summary><pre>{escape(self.to_toml())}</pre></details>"
-
-
-def _axis(name: str, values: Any) -> Any:
-    from ..evaluate.sweep.axis import Axis
-
-    array = np.asarray(values)
-    if array.ndim != 1 or array.dtype.kind not in "iufU":
-        raise InputError(f"{name} has the shape {array.shape} of {array.dtype}: give a list of numbers or texts")
-    if not array.size:
-        raise InputError(f"{name} has no values: give a list of numbers or texts")
-    return Axis(name if "." in name else name.replace("__", "."), tuple(array.tolist()))

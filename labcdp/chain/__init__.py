@@ -10,7 +10,8 @@ from .isp import ToneCurve
 from .optics import Optics
 from .presets import preset_names, preset_text
 from .registry import register
-from .scene.flat import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
+from .scene.checkerboard import Checkerboard
+from .scene.flat import Flat, Level, PatchScene, Scene, StepChart
 from .scene.image import ImageScene
 from .scene.patches import Patch, luminance_map, with_patches
 from .sensor.emva import Sensor

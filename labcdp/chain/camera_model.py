@@ -72,10 +72,10 @@ class CameraModel:
 
     @property
     def saturation_dn(self) -> float:
-        """DN from which a pixel counts as saturated, before the tone curve."""
-        if self.hdr is None:
-            return self.sensor.saturation_dn(self.settings.gain_db)
-        return self.hdr.saturation_dn(self.ladder)
+        """DN before the tone curve from which a pixel counts as saturated."""
+        gain_db = self.settings.gain_db
+        limit = self.sensor.saturation_dn(gain_db) if self.hdr is None else self.hdr.saturation_dn(self.ladder)
+        return limit if self.tone_curve is None else min(limit, self.tone_curve.top_dn)
 
     @cached_property
     def ladder(self) -> ExposureLadder:

@@ -18,7 +18,7 @@ from .parts import ChainParts
 from .scene.patches import luminance_map
 from .sensor.emva import Sensor
 from .signal import Context, Signal
-from .windscreen import ThesisWindscreen, Windscreen
+from .windscreen import Windscreen
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Chain(ChainParts):
         """
         stages = [stage for _, stage in self.before]
         first = stages[0] if stages else None
-        windscreen = first if isinstance(first, Windscreen) and not isinstance(first, ThesisWindscreen) else None
+        windscreen = first if isinstance(first, Windscreen) else None
         if windscreen is not None:
             del stages[0]
         if (
@@ -111,7 +111,9 @@ class Chain(ChainParts):
         )
 
     def _scene_signal(self) -> Signal:
-        return Signal(luminance_map(self.scene.luminance_map()), "luminance", lambda luminance: luminance)
+        samples = luminance_map(self.scene.luminance_map())
+        oversampling = getattr(self.scene, "oversampling", 1)
+        return Signal(samples, "luminance", lambda luminance: luminance, oversampling=oversampling)
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
         assert self.settings is not None

@@ -116,15 +116,15 @@ class ImagingChain:
         Raises
         ------
         InputError
-            If a value is out of its range, or the windscreen adds glare, which a linear conversion cannot take
-            off.
+            If a value is out of its range, or the windscreen's glare is to be subtracted, which a linear conversion
+            cannot do.
         """
         passed = 1.0
         if self.windscreen is not None:
-            if self.windscreen.glare_fraction > 0:
+            if self.windscreen.glare_fraction > 0 and self.windscreen.glare_subtracted:
                 raise InputError(
-                    f"the windscreen has a glare_fraction of {self.windscreen.glare_fraction:g}, which depends on "
-                    "the scene: set it to 0, or convert without the windscreen and use Windscreen.invert"
+                    f"the windscreen's glare_fraction of {self.windscreen.glare_fraction:g} is to be subtracted, and "
+                    "glare depends on the scene: set glare_subtracted to false, or glare_fraction to 0"
                 )
             passed = self.windscreen.transmittance
         k_dn_per_e = self.sensor.system_gain_dn_per_e(gain_db)

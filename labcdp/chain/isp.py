@@ -73,12 +73,19 @@ class ToneCurve:
         return decoded
 
     def process(self, signal: Signal, _context: Context) -> Signal:
-        """Return the codes of a signal in DN, with their inverse."""
+        """Return the codes of a signal in DN, with their inverse; DN that the curve clips are saturated."""
+        clipped = signal.values >= self.top_dn
         return replace(
             signal,
             values=self.encode(signal.values),
+            saturated=clipped if signal.saturated is None else clipped | signal.saturated,
             to_luminance=lambda codes: signal.to_luminance(self.decode(codes)),
         )
+
+    @property
+    def top_dn(self) -> float:
+        """Largest DN of its range; from it on they cannot be told apart."""
+        return 2.0**self.isp_bits - 1
 
     @cached_property
     def first_dn(self) -> NDArray[np.float64]:

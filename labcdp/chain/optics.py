@@ -12,6 +12,17 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.vignetting import Cos4Vignetting
 from .parameters import check_number
+from .point_spread import (
+    MtfTable,
+    blur_kernel,
+    blurred,
+    checked_mtf,
+    diffraction_mtf,
+    disc_mtf,
+    gaussian_mtf,
+    measured_mtf,
+    pixel_means,
+)
 from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
@@ -54,11 +65,24 @@ class Optics:
         vignetting.
     magnification : float
         m, image size over object size, at least 0; 0 for a distant scene.
+    diffraction_nm : float or None
+        Wavelength whose diffraction at the working f-number spreads each point, in nm; None for none.
+    blur_sigma_m : float
+        Standard deviation of a Gaussian point spread on the sensor, in metres.
+    defocus_disc_m : float
+        Diameter of the disc a point becomes on the sensor out of focus, in metres.
+    mtf : tuple of (float, float)
+        Measured MTF: line pairs per mm on the sensor and modulation; () for none.
 
     Raises
     ------
     InputError
         If a value is out of its range.
+
+    Notes
+    -----
+    The transfer functions of the last four multiply; with none of them a point of the scene stays a point. A pixel is
+    as sensitive on its whole square. The inverse takes off no point spread, so the measured contrast has it.
     """
 
     takes: ClassVar[str] = "luminance"
@@ -68,6 +92,10 @@ class Optics:
     transmittance: float
     focal_length_m: float | None = None
     magnification: float = 0.0
+    diffraction_nm: float | None = None
+    blur_sigma_m: float = 0.0
+    defocus_disc_m: float = 0.0
+    mtf: MtfTable = ()
 
     def __post_init__(self) -> None:
         check_number("f_number", self.f_number, "", 0.5, 128)
@@ -75,6 +103,11 @@ class Optics:
         if self.focal_length_m is not None:
             check_number("focal_length_m", self.focal_length_m, "m", 1e-4, 100)
         check_number("magnification", self.magnification, "(image over object)", 0, 1e3)
+        if self.diffraction_nm is not None:
+            check_number("diffraction_nm", self.diffraction_nm, "nm", 100, 2000)
+        check_number("blur_sigma_m", self.blur_sigma_m, "m", 0, 1e-3)
+        check_number("defocus_disc_m", self.defocus_disc_m, "m", 0, 1e-2)
+        object.__setattr__(self, "mtf", checked_mtf(self.mtf))
 
     @property
     def axial_illuminance_per_cd_m2(self) -> float:
@@ -87,12 +120,54 @@ class Optics:
             return None
         return Cos4Vignetting(self.focal_length_m * (1 + self.magnification), pixel_pitch_m)
 
-    def apply(self, luminance_cd_m2: FloatArray, pixel_pitch_m: float) -> FloatArray:
-        """Illuminance in lux on each pixel, shape (height, width), from the luminance it sees."""
-        return luminance_cd_m2 * self._slope(luminance_cd_m2, pixel_pitch_m)
+    @property
+    def spreads_points(self) -> bool:
+        """Whether it has a point spread."""
+        return self.diffraction_nm is not None or bool(self.blur_sigma_m or self.defocus_disc_m or self.mtf)
+
+    def transfer(self, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Optical transfer function over the spatial frequency on the sensor in 1/m, without that of the pixel."""
+        transfer = np.ones(np.shape(frequency_per_m))
+        if self.diffraction_nm is not None:
+            working = self.f_number * (1 + self.magnification)
+            transfer *= diffraction_mtf(frequency_per_m, 1e-9 * self.diffraction_nm, working)
+        if self.blur_sigma_m:
+            transfer *= gaussian_mtf(frequency_per_m, self.blur_sigma_m)
+        if self.defocus_disc_m:
+            transfer *= disc_mtf(frequency_per_m, self.defocus_disc_m)
+        return transfer * measured_mtf(frequency_per_m, self.mtf) if self.mtf else transfer
+
+    def spread(self, scene: FloatArray, pixel_pitch_m: float | None, oversampling: int = 1) -> FloatArray:
+        """Mean on each pixel of the image of a scene, shape (height, width), in the unit of the scene.
+
+        Parameters
+        ----------
+        scene : ndarray of float, shape (height * oversampling, width * oversampling)
+            Luminance, or anything in proportion to it.
+        pixel_pitch_m : float or None
+            Of the sensor, which a point spread needs.
+        oversampling : int
+            Samples on each side of a pixel.
+
+        Raises
+        ------
+        InputError
+            If there is a point spread and no pixel pitch.
+        """
+        if self.spreads_points:
+            if pixel_pitch_m is None:
+                raise InputError("the point spread needs the pixel pitch: add a sensor, or leave the point spread out")
+            sample_m = pixel_pitch_m / oversampling
+            scene = blurred(scene, blur_kernel(self.transfer, sample_m, self._spread_width_m()))
+        return pixel_means(scene, oversampling)
+
+    def apply(self, luminance_cd_m2: FloatArray, pixel_pitch_m: float, oversampling: int = 1) -> FloatArray:
+        """Illuminance in lux on each pixel, shape (height, width), from the luminance of the scene; see `spread`."""
+        seen = self.spread(luminance_cd_m2, pixel_pitch_m, oversampling)
+        return seen * self._slope(seen, pixel_pitch_m)
 
     def invert(self, illuminance_lx: FloatArray, pixel_pitch_m: float) -> FloatArray:
-        """Luminance in cd/m^2 each pixel sees, shape (height, width), from the illuminance on it."""
+        """Luminance in cd/m^2 each pixel sees, shape (height, width), from the illuminance on it, blurred as it is."""
         return illuminance_lx / self._slope(illuminance_lx, pixel_pitch_m)
 
     def process(self, signal: Signal, context: Context) -> Signal:
@@ -106,9 +181,12 @@ class Optics:
         axial = self.axial_illuminance_per_cd_m2
         pitch_m = context.pixel_pitch_m
         if signal.shares is not None or self.focal_length_m is None:
+            levels = signal.shares is not None
+            seen = signal.values if levels else self.spread(signal.values, pitch_m, signal.oversampling)
             return replace(
                 signal,
-                values=signal.values * axial,
+                values=seen * axial,
+                oversampling=1,
                 quantity="illuminance",
                 to_luminance=lambda illuminance_lx: signal.to_luminance(illuminance_lx / axial),
             )
@@ -119,11 +197,20 @@ class Optics:
             )
         return replace(
             signal,
-            values=self.apply(signal.values, pitch_m),
+            values=self.apply(signal.values, pitch_m, signal.oversampling),
             quantity="illuminance",
+            oversampling=1,
             # The map of the vignetting is made anew each time instead of being kept.
             to_luminance=lambda illuminance_lx: signal.to_luminance(self.invert(illuminance_lx, pitch_m)),
         )
+
+    def _spread_width_m(self) -> float:
+        """Width that holds nearly all of a point's light."""
+        working = self.f_number * (1 + self.magnification)
+        airy_m = 20e-9 * (self.diffraction_nm or 0.0) * working
+        # A measured MTF that falls quickly first has a wide point spread.
+        measured_m = 4e-3 / self.mtf[1][0] if self.mtf else 0.0
+        return airy_m + 8 * self.blur_sigma_m + self.defocus_disc_m + measured_m
 
     def _slope(self, like: FloatArray, pixel_pitch_m: float) -> FloatArray:
         vignetting = self.vignetting(pixel_pitch_m)

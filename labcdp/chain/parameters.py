@@ -44,6 +44,12 @@ def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -
     check_number(name, value, unit, low, high)
 
 
+def check_flag(name: str, value: Any) -> None:
+    """Refuse a value that is not true or false; raises InputError."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} is {shown(value)}: give true or false")
+
+
 def _is_number(value: Any) -> bool:
     """Whether a value is a finite number; a truth value is none, nor a whole number too large for a float."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):

@@ -34,6 +34,8 @@ class Signal:
         shares of its area they take; a row is a scene of its own.
     saturated : ndarray of bool or None
         Digital numbers that say at most a lowest luminance; None if nothing can be saturated.
+    oversampling : int
+        Values on each side of a pixel; above 1 for a scene that is sampled finer, up to the optics.
     """
 
     values: Values
@@ -41,6 +43,7 @@ class Signal:
     to_luminance: Callable[[Values], Values]
     shares: NDArray[np.float64] | None = None
     saturated: NDArray[np.bool_] | None = None
+    oversampling: int = 1
 
     def __repr__(self) -> str:
         return f"<Signal {self.quantity} in {self.unit}, shape {self.values.shape}>"

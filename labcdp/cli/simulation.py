@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 CHAIN_ARGUMENT = typer.Argument(help="Name of a preset (see labcdp presets), or chain file.")
 CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 100%; default: contrast of the scene.")
 EPSILON_OPTION = typer.Option("50%", help="Relative tolerance of the contrast.")
+EXACT_OPTION = typer.Option(
+    False,
+    "--exact",
+    help="Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and an "
+    "EMVA 1288 sensor.",
+)
 SEED_OPTION = typer.Option(0, help="Random seed of the noise.", min=0)
 SET_OPTION = typer.Option([], "--set", help="Set a parameter, for example exposure.exposure_s=0.01; may be repeated.")
 
@@ -41,6 +47,7 @@ def presets(
 def simulate(
     context: typer.Context,
     chain: str = CHAIN_ARGUMENT,
+    exact: bool = EXACT_OPTION,
     output: Path | None = output_option("CHAIN-simulate"),
     contrast: str | None = CONTRAST_OPTION,
     epsilon: str = EPSILON_OPTION,
@@ -51,6 +58,7 @@ def simulate(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
+    from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
     from ..evaluate.sweep.simulation.report import write_simulation
     from ..evaluate.sweep.simulation.result import result
     from ..evaluate.sweep.simulation.run import evaluate_run
@@ -59,10 +67,14 @@ def simulate(
     asked, tolerance = _asked(contrast), fraction_of_percent(epsilon, "--epsilon")
     with results_folder(context, chain, output, force) as results:
         folder = results.folder
-        run = loaded.run(seed)
-        evaluation = evaluate_run(run, asked, tolerance)
-        found = result(evaluation, _inputs(chain, loaded))
-        write_simulation(found, evaluation, run, results)
+        if exact:
+            found = predicted_result(loaded, asked, tolerance, _inputs(chain, loaded))
+            write_prediction(found, loaded, results)
+        else:
+            run = loaded.run(seed)
+            evaluation = evaluate_run(run, asked, tolerance)
+            found = result(evaluation, _inputs(chain, loaded))
+            write_simulation(found, evaluation, run, results)
     print_result(found, as_json)
     say(f"Report: {folder / 'report.html'}")
     show_page(folder / "report.html", open_page)
@@ -76,12 +88,7 @@ def sweep(
         help="Parameter and its values: NAME=a,b,c or NAME=START:STOP:COUNT[:log], for example "
         "scene.contrast=10%:100%:50; may be repeated.",
     ),
-    exact: bool = typer.Option(
-        False,
-        "--exact",
-        help="Compute the distribution of DN instead of simulating: on the optical axis, for one pair of uniform "
-        "patches and an EMVA 1288 sensor.",
-    ),
+    exact: bool = EXACT_OPTION,
     stage: str | None = typer.Option(None, help="Stage to evaluate, for example sensor or hdr; default: the last."),
     output: Path | None = output_option("CHAIN-sweep"),
     contrast: str | None = CONTRAST_OPTION,

@@ -120,8 +120,12 @@ def _electrons_per_lm_s(spectrum: str, quantum_efficiency: QuantumEfficiency) ->
     else:
         known, fractions = np.array(quantum_efficiency).T
         efficiency = np.interp(wavelength_nm, known, fractions, left=0, right=0)
-    photons = power * wavelength_nm * 1e-9 / (PLANCK_J_S * SPEED_OF_LIGHT_M_S)
-    return float(np.sum(photons * efficiency) / (LUMINOUS_EFFICACY_LM_W * np.sum(power * visibility)))
+    # Trapezoids: each end of the range stands for half a step. A single line stands for itself.
+    step = np.ones(power.size)
+    if power.size > 1:
+        step[[0, -1]] = 0.5
+    photons = power * step * wavelength_nm * 1e-9 / (PLANCK_J_S * SPEED_OF_LIGHT_M_S)
+    return float(np.sum(photons * efficiency) / (LUMINOUS_EFFICACY_LM_W * np.sum(power * step * visibility)))
 
 
 @lru_cache(maxsize=16)

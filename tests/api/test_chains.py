@@ -60,9 +60,9 @@ def test_usable_range_of_one_axis_is_a_number(chain):
     ("options", "message"),
     [
         ({}, "there is nothing to sweep over"),
-        ({"scene__contrast": 0.3}, r"scene__contrast has the shape \(\)"),
+        ({"scene__contrast": 0.3}, "scene.contrast is 0.3: give a list"),
         ({"scene__contrast": [0.3, None]}, "give a list of numbers or texts"),
-        ({"scene__contrast": [0.3, "a"]}, "scene.contrast is '0.3'"),
+        ({"scene__contrast": [0.3, "a"]}, "scene.contrast mixes numbers and text"),
         ({"scene__contrst": [0.3]}, "did you mean contrast"),
         ({"scene__contrast": [0.3], "epsilon": "50%"}, "epsilon is '50%'"),
         ({"scene__contrast": [0.3], "contrast": "50%"}, "contrast is '50%'"),

@@ -38,7 +38,7 @@ DOCUMENT: dict[str, Any] = {
         "contrast": 1.0,
         "square_px": 7,
     },
-    "windscreen": {"transmittance": 0.9, "glare_fraction": 0.2},
+    "windscreen": {"transmittance": 0.9, "glare_fraction": 0.2, "glare_subtracted": True},
     "optics": {"f_number": 2.0, "transmittance": 0.9, "focal_length_m": 6e-3},
     "exposure": {"exposure_s": 0.01},
     "sensor": SENSOR,

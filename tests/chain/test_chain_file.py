@@ -85,9 +85,7 @@ def test_tables_become_the_parts_of_the_chain() -> None:
 
 
 def test_type_chooses_the_class() -> None:
-    assert isinstance(
-        dict(chain("[windscreen]", '[windscreen]\ntype = "thesis-2018"').before)["windscreen"], Windscreen
-    )
+    assert isinstance(dict(chain().before)["windscreen"], Windscreen)
     made = Chain.load("thesis-2018")
     assert isinstance(dict(made.before)["windscreen"], ThesisWindscreen)
     assert isinstance(made.sensors[0][1], ThesisSensor)

@@ -89,7 +89,7 @@ def test_conversion_is_the_inverse_of_the_stages(chain: ImagingChain) -> None:
     dn = np.arange(240 * 320, dtype=np.uint16).reshape(240, 320) % 4095
     rate = chain.sensor.electron_rate_from_dn(dn, 0.002, 3.0, temperature_c=TEMPERATURE_C)
     behind = chain.optics.invert(chain.sensor.illuminance_lx(rate, "D65"), chain.sensor.pixel_pitch_m)
-    luminance = Windscreen(0.9).invert(behind, 0.0)
+    luminance = behind / 0.9
     result = chain.conversion(3.0, temperature_c=TEMPERATURE_C).to_luminance(frame(chain, dn, 0.002, 3.0))
     np.testing.assert_allclose(result.luminance_cd_m2, luminance, rtol=1e-9, atol=1e-9)
 
@@ -104,9 +104,11 @@ def test_lens_cap_gives_the_dark_signal_of_the_conversion(chain: ImagingChain) -
     assert dn.mean() == pytest.approx(conversion.dark_dn(0.5), abs=5 * sqrt(variance_dn2 / dn.size))
 
 
-def test_glare_of_the_windscreen_is_refused(chain: ImagingChain) -> None:
-    with pytest.raises(InputError, match=r"glare_fraction of 0.2, which depends on the scene: set it to 0"):
-        replace(chain, windscreen=Windscreen(0.96, 0.2)).conversion(temperature_c=25.0)
+def test_conversion_leaves_glare_in_the_luminance_and_cannot_subtract_it(chain: ImagingChain) -> None:
+    clear, veiled = (replace(chain, windscreen=Windscreen(0.96, glare)) for glare in (0.0, 0.2))
+    assert veiled.conversion(temperature_c=25.0) == clear.conversion(temperature_c=25.0)
+    with pytest.raises(InputError, match=r"glare_fraction of 0.2 is to be subtracted, and glare depends on the scene"):
+        replace(chain, windscreen=Windscreen(0.96, 0.2, glare_subtracted=True)).conversion(temperature_c=25.0)
 
 
 def test_saturation_luminance_and_dark_current_together_reach_saturation(chain: ImagingChain) -> None:

@@ -48,6 +48,11 @@ NUMBERS: list[tuple[Any, str, float, float]] = [
     (EXPOSURE, "temperature_c", -100.0, 200.0),
     *((OPTICS, "f_number", 0.5, 128.0), (OPTICS, "transmittance", TINY, 1.0)),
     *((OPTICS, "focal_length_m", 1e-4, 100.0), (OPTICS, "magnification", 0.0, 1e3)),
+    *(
+        (OPTICS, "blur_sigma_m", 0.0, 1e-3),
+        (OPTICS, "defocus_disc_m", 0.0, 1e-2),
+        (OPTICS, "diffraction_nm", 100.0, 2e3),
+    ),
     *((Windscreen(0.9), "transmittance", TINY, 1.0), (Windscreen(0.9), "glare_fraction", 0.0, 1e6)),
     *((FLAT, *LUMINANCE), (PATCH, *LUMINANCE), (PatchScene(3, 3, 1.0), "background_cd_m2", 0.0, 1e12)),
     (BOARD, "contrast", TINY, 1e6),
@@ -56,7 +61,7 @@ WHOLE: list[tuple[Any, str, int, int]] = [
     *((sensor(kind), "bits", 1, 16) for kind in (Sensor, ThesisSensor)),
     *((part, size, 1, 20_000) for part in (sensor(Sensor), FLAT) for size in ("width", "height")),
     *((sensor(Sensor), "device_seed", 0, ENDLESS), (PATCH, "x", 0, ENDLESS), (PATCH, "width", 1, ENDLESS)),
-    (BOARD, "square_px", 1, 3),
+    *((BOARD, "square_px", 1, 3), (BOARD, "oversampling", 1, 64)),
 ]
 
 
@@ -93,6 +98,10 @@ def test_luminances_of_a_step_chart_are_a_list_of_some() -> None:
         (EXPOSURE, {"exposure_s": []}, "exposure_s is empty: give one exposure time in s, or several"),
         (EXPOSURE, {"exposure_s": [1, 0.5, 1.0]}, "exposure_s has the times [1, 0.5, 1.0] s, of which two are equal"),
         (BOARD, {"contrast": 1e5, "luminance_cd_m2": 1e9}, "the bright squares would have 1.00001e+14 cd/m^2"),
+        (BOARD, {"square_px": 1.3, "oversampling": 4}, "square_px is 1.3: give a multiple of 1/4 pixels"),
+        (OPTICS, {"mtf": [[0, 1], [50, 1.2]]}, "mtf is [[0.0, 1.0], [50.0, 1.2]]: give pairs of line pairs per mm"),
+        (OPTICS, {"mtf": [[1, 1], [50, 0.5]]}, "mtf is [[1.0, 1.0], [50.0, 0.5]]: give pairs of line pairs per mm"),
+        (OPTICS, {"mtf": "flat"}, "mtf is 'flat': give pairs of line pairs per mm"),
         (BOARD, {"square_px": 4}, "square_px is 4, and a scene of 4 x 4 pixels then is one square"),
     ],
 )

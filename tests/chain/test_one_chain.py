@@ -37,6 +37,10 @@ f_number = 2.0
 transmittance = 0.8
 focal_length_m = 0.006
 magnification = 0.01
+diffraction_nm = 550.0
+blur_sigma_m = 1e-6
+defocus_disc_m = 3e-6
+mtf = [[0, 1.0], [50, 0.8], [200, 0.2], [300, 0.0]]
 [exposure]
 exposure_s = [0.004, 0.001]
 gain_db = 1.0
@@ -110,9 +114,11 @@ def numeric_fields() -> list[tuple[str, str, str]]:
 def other(value: Any, factor: float) -> Any:
     if isinstance(value, tuple):
         return [factor * item for item in value] if len(value) > 1 else factor * value[0]
+    if isinstance(value, bool):
+        return not value
     if isinstance(value, int):
         return value - 1 if value > 1 else value + 1
-    return factor * value if value else 0.01
+    return factor * value if value else 1e-4
 
 
 def same_run(one: Chain, two: Chain) -> None:

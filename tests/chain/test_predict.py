@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import poisson
 
-from labcdp.chain import ExposureSettings, Hdr, Sensor, ToneCurve
+from labcdp.chain import Context, ExposureSettings, Hdr, Sensor, Signal, ToneCurve
 from labcdp.chain.camera_model import CameraModel
 from labcdp.chain.capture import Capture
 from labcdp.chain.hdr.merge import ExposureLadder, Method, merge_dn
@@ -243,6 +243,26 @@ def test_saturated_share_and_snr_of_a_simulation() -> None:
             spread = values - values.mean()
             relative = sqrt(((spread**4).mean() / values.var() ** 2 - 1) / 4 / values.size)
             assert snr == pytest.approx(float(prediction.snr_bright[i]), rel=5 * relative)
+
+
+@pytest.mark.parametrize(
+    ("exposures_s", "hdr"), [(BRACKET[:1], None), (BRACKET, Hdr("normal")), (BRACKET, Hdr("weighted"))]
+)
+def test_values_that_the_tone_curve_clips_are_saturated(exposures_s: tuple[float, ...], hdr: Hdr | None) -> None:
+    sensor, curve = SENSORS["fixed pattern"], ToneCurve(10, 8)
+    # Rates with about half of the values beyond 2^10 - 1, far below the sensor's own saturation.
+    rate = (curve.top_dn - (0 if hdr else sensor.black_level_dn)) / sensor.k_dn_per_e / exposures_s[0]
+    camera = CameraModel(sensor, ExposureSettings(exposures_s), hdr, curve)
+    open_camera = replace(camera, tone_curve=None)
+    values = simulated(open_camera, rate, 7)
+    share = float((values >= curve.top_dn).mean())
+    assert 0.1 < share < 0.9
+    assert (values >= open_camera.saturation_dn).mean() == 0
+    predicted = float(predict(camera, PatchRates(rate, rate), 0.1).saturated_share)
+    assert predicted == pytest.approx(share, abs=5 * sqrt(share * (1 - share) / values.size))
+    luminance = Signal(values, "digital number", lambda dn: dn, saturated=np.zeros(values.shape, bool))
+    behind = curve.process(luminance, Context("D65"))
+    np.testing.assert_array_equal(behind.saturated, values >= curve.top_dn)
 
 
 def test_a_map_gives_what_single_cells_give() -> None:

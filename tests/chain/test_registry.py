@@ -106,6 +106,7 @@ height = 4
 [windscreen]
 transmittance = 0.5
 glare_fraction = 0.3
+glare_subtracted = true
 [dimmer]
 factor = 0.25
 [optics]

@@ -39,9 +39,13 @@ def test_glare_of_levels_is_of_the_mean_by_their_shares() -> None:
 
 
 @given(scene=maps, transmittance=transmittances, glare=glares)
-def test_windscreen_is_undone_by_its_way_back(scene: np.ndarray, transmittance: float, glare: float) -> None:
-    behind = Windscreen(transmittance, glare).process(scene_signal(scene), CONTEXT)
-    np.testing.assert_allclose(behind.luminance_cd_m2, scene, rtol=1e-9, atol=1e-9 * scene.max() + 1e-300)
+def test_inverse_of_a_windscreen_leaves_the_glare_unless_it_is_subtracted(
+    scene: np.ndarray, transmittance: float, glare: float
+) -> None:
+    for subtracted, left in ((True, 0.0), (False, glare * scene.mean())):
+        behind = Windscreen(transmittance, glare, subtracted).process(scene_signal(scene), CONTEXT)
+        tolerance = 1e-9 * scene.max() + 1e-300
+        np.testing.assert_allclose(behind.luminance_cd_m2, scene + left, rtol=1e-9, atol=tolerance)
 
 
 @given(scene=maps, transmittance=transmittances, glare=glares)
@@ -82,7 +86,7 @@ def test_optics_are_undone_by_their_way_back(
 
 @given(scene=maps)
 def test_ways_back_compose(scene: np.ndarray) -> None:
-    behind = Windscreen(0.9, 0.3).process(scene_signal(scene), CONTEXT)
+    behind = Windscreen(0.9, 0.3, glare_subtracted=True).process(scene_signal(scene), CONTEXT)
     image = Optics(2.0, 0.9, focal_length_m=6e-3).process(behind, CONTEXT)
     np.testing.assert_allclose(image.luminance_cd_m2, scene, rtol=1e-9, atol=1e-9 * scene.max() + 1e-300)
 

@@ -46,6 +46,21 @@ def test_a_map_for_a_person(labcdp, night):
     assert "Report: other/report.html" in done.stderr
 
 
+def test_a_map_asks_for_the_contrast_of_a_reference(labcdp, night):
+    image = cv2.imread(str(night), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(night.parent / "fog.png"), (image // 2 + 100).astype(np.uint8))
+    told = ("image-map", "fog.png", "--region-size", 30, "--encoding", "linear", "--json", "--force")
+    own, asked = (json.loads(labcdp(*told, *more).stdout) for more in ((), ("--reference", night)))
+    assert {one["code"] for one in own["findings"]} >= {"map-of-own-contrast"}
+    assert "map-of-own-contrast" not in {one["code"] for one in asked["findings"]}
+    assert [one["role"] for one in asked["inputs"]] == ["picture", "reference"]
+    # Steps of 100 % and 30 % before the fog, of 20 % and 8 % in it.
+    (weakest, *_) = asked["tables"]["weakest"]["rows"]
+    assert weakest["asked_contrast"] > 0.25
+    assert _quantities(own)["detected edges"] > 0.6
+    assert _quantities(asked)["detected edges"] < 0.1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -185,3 +185,15 @@ def test_reproduce_prints_the_table(labcdp, tmp_path):
 )
 def test_mistakes_get_one_clear_line(fails, small, arguments, words):
     assert words in fails(*arguments)
+
+
+def test_simulate_exact_predicts_what_is_simulated(labcdp, small):
+    exact, simulated = (
+        json.loads(labcdp("simulate", small, "--json", "-o", name, *more).stdout)
+        for name, more in (("exact", ("--exact",)), ("simulated", ()))
+    )
+    Draft202012Validator(schema()).validate(exact)
+    (predicted,) = exact["tables"]["detection"]["rows"]
+    found = simulated["tables"]["detection"]["rows"][-1]
+    assert (predicted["stage"], exact["configuration"]["method"]) == ("sensor", "exact")
+    assert abs(predicted["cdp"] - found["cdp"]) < 5 * found["u_cdp"] + 1e-9

@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter
 from scipy.special import ndtr
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import warning
+from labcdp.core.finding import info, warning
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.roi import Roi
 from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
@@ -226,6 +226,14 @@ def test_pixels_that_are_not_valid_count_and_are_warned_about():
         warning("region-below-black", "right", share=0.01),
         warning("region-defect", "right", share=0.0025),
     )
+
+
+@pytest.mark.parametrize(("side", "found"), [(14, True), (15, False)])
+def test_regions_in_which_correlation_cannot_be_seen_are_stated(side, found):
+    small, large = Roi.rectangle("small", 5, 5, side, side), Roi.rectangle("large", 50, 10, 30, 40)
+    result = evaluate_pair(_map(_scene()), small, large, (0.2,))
+    expected = info("region-correlation-unknown", "small", pixels=side**2, recommended=200)
+    assert result.findings == ((expected,) if found else ())
 
 
 def test_regions_that_overlap_are_refused_by_their_pixels():

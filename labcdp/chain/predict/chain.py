@@ -16,6 +16,7 @@ from ..isp import ToneCurve
 from ..scene.flat import Scene
 from ..sensor.emva import Sensor
 from ..signal import Signal
+from .mixed_pixels import is_mixed, mixed_pair
 from .prediction import ExactPrediction, PatchRates, predict
 
 FloatArray = NDArray[np.float64]
@@ -58,11 +59,17 @@ def predict_chain(
     """
     sensor, name = _sensor(chain, stage or chain.stage_names[-1])
     camera = _camera(chain, sensor, name)
-    levels, shares, pair = _levels(_scenes(chain.scene, scenes or {}))
+    cells = _scenes(chain.scene, scenes or {})
+    levels, shares, pair = _levels(cells)
     front = chain.front(levels, shares)
     per_lx_s = sensor.electrons_per_lx_s(chain.spectrum)
-    dark, bright = (front.values[:, index] * per_lx_s for index in pair)
-    rates = PatchRates(dark, bright, _veil_lx(front, len(levels)) * per_lx_s)
+    veil_e_s = _veil_lx(front, len(levels)) * per_lx_s
+    if is_mixed(chain):
+        (dark, dark_shares), (bright, bright_shares) = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
+        rates = PatchRates(per_lx_s * dark, per_lx_s * bright, veil_e_s, dark_shares, bright_shares)
+    else:
+        dark, bright = (front.values[:, index] * per_lx_s for index in pair)
+        rates = PatchRates(dark, bright, veil_e_s)
     asked = _own_contrast(*(levels[:, index] for index in pair)) if contrast is None else np.full(len(levels), contrast)
     return predict(camera, rates, asked, epsilon)
 

@@ -17,27 +17,28 @@ _ON_END = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Pairs of patches, one a cell; all arrays of shape (n,).
+    """Pairs of patches, one a cell; arrays of shape (n,) unless stated otherwise.
 
     Parameters
     ----------
-    dark_e_s, bright_e_s : ndarray
-        Mean photo-electrons per second, `bright_e_s` at least `dark_e_s`.
+    dark, bright : tuple of ndarray, each of shape (n, parts)
+        Of each patch the mean photo-electrons per second of its parts, and the share of its pixels that are of each.
     zero : ndarray
         Value that stands for a luminance of 0, in the unit of the values.
     low, high : ndarray
         Ends of the interval of detected contrasts, fractions; -inf and inf for an open end.
     """
 
-    dark_e_s: FloatArray
-    bright_e_s: FloatArray
+    dark: tuple[FloatArray, FloatArray]
+    bright: tuple[FloatArray, FloatArray]
     zero: FloatArray
     low: FloatArray
     high: FloatArray
 
     def take(self, index: NDArray[np.intp]) -> Cells:
         """Return some of the cells."""
-        return Cells(self.dark_e_s[index], self.bright_e_s[index], self.zero[index], self.low[index], self.high[index])
+        dark, bright = ((rates[index], shares[index]) for rates, shares in (self.dark, self.bright))
+        return Cells(dark, bright, self.zero[index], self.low[index], self.high[index])
 
 
 #: Columns of what `evaluate_cells` returns.
@@ -71,12 +72,17 @@ def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
     """
     bright = _bright_patches(table, cells)
     result = np.empty((cells.zero.size, len(COLUMNS)))
-    order = np.argsort(cells.dark_e_s, kind="stable")
-    for part, first, share, clipped in table.blocks(cells.dark_e_s[order]):
+    order = _by_rate(cells.dark)
+    for part, first, share, clipped in table.blocks(*(array[order] for array in cells.dark)):
         chosen = order[part]
         result[chosen, :-1] = _evaluate(table, cells.take(chosen), bright.take(chosen), first, share)
         result[chosen, -1] = np.clip(clipped, 0.0, 1.0)
     return result
+
+
+def _by_rate(patch: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
+    """Return the order of rising mean rates."""
+    return np.argsort(np.einsum("np,np->n", *patch), kind="stable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +134,8 @@ def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
     start, first, size = (np.empty(count, dtype=np.intp) for _ in range(3))
     mean, variance, saturated = np.empty(count), np.empty(count), np.empty(count)
     pieces, filled = [], 0
-    order = np.argsort(cells.bright_e_s, kind="stable")
-    for part, begin, share, clipped in table.blocks(cells.bright_e_s[order]):
+    order = _by_rate(cells.bright)
+    for part, begin, share, clipped in table.blocks(*(array[order] for array in cells.bright)):
         chosen = order[part]
         width = share.shape[1]
         below = np.zeros((share.shape[0], width + 1))

@@ -17,6 +17,9 @@ from .value_table import value_table
 
 FloatArray = NDArray[np.float64]
 
+#: Rates of the parts of a patch, and shares of its pixels, both along the last axis.
+Patch = tuple[FloatArray, FloatArray]
+
 #: Cells evaluated at once in a thread: their bright patches are held, up to 32 MB for each 1000 DN of a patch's width.
 _CHUNK = 2048
 
@@ -28,9 +31,12 @@ class PatchRates:
     Parameters
     ----------
     dark_e_s, bright_e_s : array_like of float
-        Of the two patches, the veil included; the larger is the bright one.
+        Of the two patches, the veil included; the larger is the bright one, unless there are shares.
     veil_e_s : array_like of float
         Of the veil (windscreen glare) over both, which is subtracted before contrasts are formed.
+    dark_shares, bright_shares : ndarray or None
+        Shares of a patch's pixels that have each of the rates along the last axis of `dark_e_s` or `bright_e_s`, of
+        the same shape; None for patches of one rate.
 
     Raises
     ------
@@ -41,13 +47,24 @@ class PatchRates:
     dark_e_s: ArrayLike
     bright_e_s: ArrayLike
     veil_e_s: ArrayLike = 0.0
+    dark_shares: FloatArray | None = None
+    bright_shares: FloatArray | None = None
 
     def __post_init__(self) -> None:
         names = ("dark_e_s", "bright_e_s", "veil_e_s")
         checked = [checked_rates(name, getattr(self, name)) for name in names]
-        _broadcast(*checked)
         for name, rates in zip(names, checked, strict=True):
             object.__setattr__(self, name, rates)
+        _broadcast(*(_mean_rate(patch) for patch in self.patches()), checked[2])
+
+    def patches(self) -> tuple[Patch, Patch]:
+        """Dark and bright patch; of patches of one rate, the larger is the bright one."""
+        dark, bright = np.asarray(self.dark_e_s), np.asarray(self.bright_e_s)
+        if self.dark_shares is not None and self.bright_shares is not None:
+            return (dark, self.dark_shares), (bright, self.bright_shares)
+        dark, bright = _broadcast(dark, bright)
+        ones = np.ones((*dark.shape, 1))
+        return (np.minimum(dark, bright)[..., None], ones), (np.maximum(dark, bright)[..., None], ones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +157,14 @@ def predict_interval(camera: CameraModel, rates: PatchRates, low: ArrayLike, hig
     lows, highs = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     if not (((lows >= 0) | np.isneginf(lows)).all() and (lows <= highs).all()):
         raise InputError("an interval of contrasts starts below 0 or ends before it starts: give 0 <= low <= high")
-    dark, bright, veil, lows, highs = _broadcast(rates.dark_e_s, rates.bright_e_s, rates.veil_e_s, lows, highs)
-    shape = dark.shape
-    dark, bright = np.minimum(dark, bright).ravel(), np.maximum(dark, bright).ravel()
+    means = (_mean_rate(patch) for patch in rates.patches())
+    dark_mean, _, veil, lows, highs = _broadcast(*means, rates.veil_e_s, lows, highs)
+    shape = dark_mean.shape
     zero = camera.dark_dn + camera.dn_per_e_s * veil.ravel()
+    dark, bright = (_parts_of_cells(patch, shape) for patch in rates.patches())
     cells = Cells(dark, bright, zero, lows.ravel(), highs.ravel())
-    table = value_table(camera, np.concatenate([dark, bright]))
-    order = np.argsort(dark, kind="stable")
+    table = value_table(camera, np.concatenate([dark[0].ravel(), bright[0].ravel()]))
+    order = np.argsort(dark_mean.ravel(), kind="stable")
     chunks = [order[begin : begin + _CHUNK] for begin in range(0, order.size, _CHUNK)]
     result = np.empty((order.size, len(COLUMNS)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -154,6 +172,18 @@ def predict_interval(camera: CameraModel, rates: PatchRates, low: ArrayLike, hig
         for chunk, values in zip(chunks, evaluated, strict=True):
             result[chunk] = values
     return ExactPrediction(*(column.reshape(shape) for column in result.T))
+
+
+def _mean_rate(patch: Patch) -> FloatArray:
+    """Mean rate of a patch."""
+    mean: FloatArray = np.einsum("...p,...p->...", *patch)
+    return mean
+
+
+def _parts_of_cells(patch: Patch, shape: tuple[int, ...]) -> Patch:
+    """Rates and shares of a patch of each cell, shape (cells, parts)."""
+    rates, shares = (np.broadcast_to(array, (*shape, array.shape[-1])) for array in patch)
+    return rates.reshape(-1, rates.shape[-1]), shares.reshape(-1, shares.shape[-1])
 
 
 def _broadcast(*arrays: ArrayLike) -> list[FloatArray]:

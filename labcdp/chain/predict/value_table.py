@@ -57,13 +57,17 @@ class ValueTable:
     grid: RateGrid
     prnu: tuple[FloatArray, FloatArray]
 
-    def blocks(self, rates_e_s: FloatArray) -> Iterator[tuple[slice, int, FloatArray, FloatArray]]:
+    def blocks(
+        self, rates_e_s: FloatArray, shares: FloatArray | None = None
+    ) -> Iterator[tuple[slice, int, FloatArray, FloatArray]]:
         """Distributions at rates of photo-electrons, some at a time.
 
         Parameters
         ----------
-        rates_e_s : ndarray, shape (n,)
+        rates_e_s : ndarray, shape (n,), or (n, parts)
             Mean rates; the closer together neighbours are, the quicker.
+        shares : ndarray, shape (n, parts), or None
+            Share of the pixels that have each of the rates of a row; None where there is one.
 
         Yields
         ------
@@ -77,13 +81,15 @@ class ValueTable:
             Share of saturated pixels.
         """
         gains, frequency = self.prnu
-        for begin in range(0, rates_e_s.size, _BLOCK):
-            part = slice(begin, min(begin + _BLOCK, rates_e_s.size))
+        rates = rates_e_s.reshape(len(rates_e_s), -1)
+        shares = np.ones(rates.shape) if shares is None else shares
+        for begin in range(0, len(rates), _BLOCK):
+            part = slice(begin, min(begin + _BLOCK, len(rates)))
             count = part.stop - begin
-            index, weight = self.grid.stencil(np.outer(rates_e_s[part], gains).ravel())
-            weight *= np.tile(frequency, count)[:, None]
+            index, weight = self.grid.stencil(np.multiply.outer(rates[part], gains).ravel())
+            weight *= np.multiply.outer(shares[part], frequency).reshape(-1, 1)
             low, high = int(index.min()), int(index.max()) + 1
-            place = index - low + np.repeat(np.arange(count) * (high - low), gains.size)[:, None]
+            place = index - low + np.repeat(np.arange(count) * (high - low), index.shape[0] // count)[:, None]
             mix = np.bincount(place.ravel(), weight.ravel(), minlength=count * (high - low)).reshape(count, -1)
             first, rows = dense_rows(self.rows, low, high)
             yield part, first, mix @ rows, mix @ self.saturated[low:high]
@@ -245,13 +251,19 @@ class _TableMaker:
             bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
             edges = bins.edges
         else:
-            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [1e18]])
+            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [camera.tone_curve.top_dn, 1e18]])
         merged = merged_rows(camera.hdr.method, ladder, exposures, edges, used)
         sizes = [share.size for _, share in merged]
         column = np.concatenate([first + np.arange(share.size) for first, share in merged])
         data = np.concatenate([share for _, share in merged])
         rows = csr_array((data, column, np.concatenate([[0], np.cumsum(sizes)])), shape=(used.size, edges.size - 1))
         saturated = np.zeros(totals_e_s.size)
+        if camera.tone_curve is not None:
+            clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
+            rows = rows @ indicator(np.minimum(np.arange(edges.size - 1), edges.size - 3), edges.size - 2)
+            if camera.tone_curve.top_dn < ladder.merged_saturation_dn:
+                saturated[used] = clipped_by_curve
+                return bins, spread_rows(rows, used, totals_e_s.size), saturated
         clipped = (exposures.net_dn >= ladder.saturation_dn).astype(np.float64)
         for share, exposure_rows in zip(frequency, exposures.rows, strict=True):
             saturated[used] += share * (exposure_rows[-1] @ clipped)

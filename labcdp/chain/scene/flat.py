@@ -39,7 +39,11 @@ class Level:
 
 @runtime_checkable
 class Scene(Protocol):
-    """Protocol of scenes: frozen dataclasses of their parameters with a size and these methods."""
+    """Protocol of scenes: frozen dataclasses of their parameters with a size and these methods.
+
+    A scene sampled finer than the pixels has an attribute `oversampling`, the samples on each side of a pixel, and its
+    luminance map as many times the size.
+    """
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -61,7 +65,8 @@ class Scene(Protocol):
         """Names of the regions whose contrast is evaluated, the darker one first."""
 
 
-def _check_size(width: Any, height: Any) -> None:
+def check_size(width: Any, height: Any) -> None:
+    """Refuse a size of a scene that is not two whole numbers of pixels; raises InputError."""
     check_whole("width", width, "pixels", 1, LARGEST_SIDE)
     check_whole("height", height, "pixels", 1, LARGEST_SIDE)
 
@@ -88,7 +93,7 @@ class Flat:
     luminance_cd_m2: float
 
     def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
+        check_size(self.width, self.height)
         check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
 
     @property
@@ -114,91 +119,6 @@ class Flat:
 
 
 @dataclass(frozen=True)
-class Checkerboard:
-    """Dark and bright squares; the upper left one is dark. With squares of one pixel, the scene of the 2018 thesis.
-
-    Parameters
-    ----------
-    width, height : int
-        Size in pixels.
-    luminance_cd_m2 : float
-        Luminance of the dark squares in cd/m^2.
-    contrast : float
-        Weber contrast K, above 0 (1.0 is 100 %); the bright squares have (1 + K) times the dark luminance.
-    square_px : int
-        Side of a square in pixels.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range, or the scene is too small for a bright square.
-    """
-
-    width: int
-    height: int
-    luminance_cd_m2: float
-    contrast: float
-    square_px: int = 1
-
-    def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
-        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 1e6, above=True)
-        check_whole("square_px", self.square_px, "pixels", 1)
-        if self.bright_cd_m2 > HIGHEST_CD_M2:
-            raise InputError(
-                f"contrast is {self.contrast}: the bright squares would have {self.bright_cd_m2:g} cd/m^2, give at "
-                f"most {HIGHEST_CD_M2:g}"
-            )
-        if max(self.width, self.height) <= self.square_px:
-            raise InputError(
-                f"square_px is {self.square_px}, and a scene of {self.width} x {self.height} pixels then is one "
-                "square: give smaller squares"
-            )
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
-
-    @property
-    def bright_cd_m2(self) -> float:
-        """Luminance of the bright squares in cd/m^2."""
-        return self.luminance_cd_m2 * (1 + self.contrast)
-
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
-        dark, bright = np.float32(self.luminance_cd_m2), np.float32(self.bright_cd_m2)
-        return np.where(self._is_bright(), bright, dark)
-
-    def regions(self) -> Mapping[str, Mask]:
-        """Return all dark squares as ``dark`` and all bright ones as ``bright``."""
-        bright = self._is_bright()
-        return {"dark": ~bright, "bright": bright}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the level of the dark and that of the bright squares."""
-        # Pixels in odd rows and columns of squares; a square is bright where one of the two is odd.
-        odd_rows, odd_columns = (self._odd(size) for size in self.shape)
-        bright = odd_rows * (self.width - odd_columns) + odd_columns * (self.height - odd_rows)
-        share = bright / (self.width * self.height)
-        return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
-
-    def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return the one pair; dark signal has none."""
-        return (("dark", "bright"),) if self.luminance_cd_m2 > 0 else ()
-
-    def _odd(self, size: int) -> int:
-        """Pixels of a side that lie in every second square."""
-        whole, rest = divmod(size, 2 * self.square_px)
-        return whole * self.square_px + max(0, rest - self.square_px)
-
-    def _is_bright(self) -> Mask:
-        rows, columns = (np.arange(size) // self.square_px % 2 for size in self.shape)
-        return (rows[:, None] ^ columns).astype(bool)
-
-
-@dataclass(frozen=True)
 class StepChart:
     """Upright stripes of equal width, each of one luminance; neighbours are the pairs that are evaluated.
 
@@ -220,7 +140,7 @@ class StepChart:
     luminances_cd_m2: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
+        check_size(self.width, self.height)
         given: Any = self.luminances_cd_m2
         given = given.tolist() if isinstance(given, np.ndarray) else given
         if isinstance(given, str) or not isinstance(given, Sequence) or not 1 <= len(given) <= self.width:
@@ -290,7 +210,7 @@ class PatchScene:
     patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
 
     def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
+        check_size(self.width, self.height)
         check_number("background_cd_m2", self.background_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
         for patch in self.patches:
             patch.check_inside(self.width, self.height)

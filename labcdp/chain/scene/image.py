@@ -17,7 +17,9 @@ from ...core.disk.arrays import parse_npy
 from ...core.disk.quoting import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
-from ..parameters import check_number
+from ..kept import kept
+from ..parameters import check_number, check_whole
+from ..point_spread import pixel_means
 from .flat import Level, Mask
 from .patches import FloatMap, Patch, luminance_map
 
@@ -27,7 +29,7 @@ _MOST_BYTES = 2**31
 
 @dataclass(frozen=True)
 class ImageScene:
-    """A luminance image from a file; its size is the scene's.
+    """A luminance image from a file; its size, over the oversampling, is the scene's.
 
     Parameters
     ----------
@@ -37,6 +39,8 @@ class ImageScene:
         Luminance of the value 1 in cd/m^2.
     regions_xywh : mapping of str to (int, int, int, int)
         Regions to be evaluated: name and x, y, width, height in pixels. The pairs are neighbours in mean luminance.
+    oversampling : int
+        Values of the image on each side of a pixel of the camera, 1 to 64.
 
     Raises
     ------
@@ -47,9 +51,11 @@ class ImageScene:
     path: Path = field(metadata={"path": True})
     cd_m2_per_value: float = 1.0
     regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
+    oversampling: int = 1
 
     def __post_init__(self) -> None:
         check_number("cd_m2_per_value", self.cd_m2_per_value, "cd/m^2", 0, above=True)
+        check_whole("oversampling", self.oversampling, "samples", 1, 64)
         object.__setattr__(self, "path", Path(self.path))
         if not isinstance(self.regions_xywh, Mapping):
             raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")
@@ -58,20 +64,19 @@ class ImageScene:
 
     @cached_property
     def _luminance(self) -> FloatMap:
-        values = _read(self.path)
-        try:
-            # What becomes infinite is refused then.
-            with np.errstate(over="ignore"):
-                scene = luminance_map(values.astype(np.float64) * self.cd_m2_per_value)
-        except InputError as error:
-            raise InputError(f"path is {str(self.path)!r}: {error}") from error
+        scene = _luminance_of(self.path, _state_of(self.path), self.cd_m2_per_value)
+        if any(size % self.oversampling for size in scene.shape):
+            raise InputError(
+                f"path is {str(self.path)!r}, of {scene.shape[1]} x {scene.shape[0]} values, which {self.oversampling} "
+                "samples on each side of a pixel do not divide: crop it, or give another oversampling"
+            )
+        height, width = (size // self.oversampling for size in scene.shape)
         for name in self.regions_xywh:
             rectangle = self._rectangle(name)
             try:
-                rectangle.check_inside(scene.shape[1], scene.shape[0])
+                rectangle.check_inside(width, height)
             except InputError as error:
                 raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
-        scene.flags.writeable = False
         return scene
 
     def _rectangle(self, name: str) -> Patch:
@@ -88,11 +93,11 @@ class ImageScene:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
-        height, width = self._luminance.shape
+        height, width = (size // self.oversampling for size in self._luminance.shape)
         return height, width
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width), read-only."""
+        """Luminance of each sample in cd/m^2, read-only."""
         return self._luminance
 
     def regions(self) -> Mapping[str, Mask]:
@@ -110,9 +115,32 @@ class ImageScene:
 
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return each region with the next brighter one."""
-        means = {name: float(self._luminance[mask].mean()) for name, mask in self.regions().items()}
+        seen = pixel_means(self._luminance, self.oversampling)
+        means = {name: float(seen[mask].mean()) for name, mask in self.regions().items()}
         ordered = sorted(means, key=lambda name: means[name])
         return tuple((a, b) for a, b in pairwise(ordered) if means[a] < means[b])
+
+
+def _state_of(path: Path) -> tuple[int, int] | None:
+    """Return time and size of a file, by which it is read again where it changed; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+@kept
+def _luminance_of(path: Path, _state: tuple[int, int] | None, cd_m2_per_value: float) -> FloatMap:
+    values = _read(path)
+    try:
+        # What becomes infinite is refused then.
+        with np.errstate(over="ignore"):
+            scene = luminance_map(values.astype(np.float64) * cd_m2_per_value)
+    except InputError as error:
+        raise InputError(f"path is {str(path)!r}: {error}") from error
+    scene.flags.writeable = False
+    return scene
 
 
 def _read(path: Path) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kept import kept
 from .blocks import Stream, block_generator, for_each_block
 
 FloatMap = NDArray[np.float32]
@@ -39,6 +40,7 @@ class FixedPattern:
             values.flags.writeable = False
 
 
+@kept
 def draw_photo_response(shape: tuple[int, int], device_seed: int, prnu_rel: float) -> FloatMap:
     """Draw the gain of each pixel: normal, mean 1, standard deviation `prnu_rel`."""
     if prnu_rel == 0:
@@ -49,6 +51,7 @@ def draw_photo_response(shape: tuple[int, int], device_seed: int, prnu_rel: floa
     return response
 
 
+@kept
 def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: float) -> FloatMap:
     """Draw the relative dark current of each pixel: mean 1, standard deviation `spread_rel`.
 
@@ -67,6 +70,7 @@ def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: floa
     return current
 
 
+@kept
 def draw_offset(
     shape: tuple[int, int], device_seed: int, dsnu_e: float, column_dsnu_e: float, row_dsnu_e: float
 ) -> FloatMap:

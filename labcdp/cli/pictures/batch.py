@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import typer
 
 from ...core.errors import LabcdpError
+from ...core.processes import Processes, usable_cores
 from ..terminal import say
 
 _LOGGER = logging.getLogger(__name__)
@@ -34,43 +35,56 @@ class Failure:
 
 
 def worked_through(
-    items: Iterable[_Item], work: Callable[[_Item], _Result], name: Callable[[_Item], str] = str
-) -> Iterator[tuple[_Item, _Result | Failure]]:
-    """Process one item after the other.
+    items: Sequence[_Item], work: Callable[[_Item], _Result], n_processes: int | None = None
+) -> Iterator[tuple[int, _Result | Failure]]:
+    """Process items, on all cores if there are enough of them.
 
     What the caller does with a result is outside: a full disk ends the command, and is no failure of the file.
 
     Parameters
     ----------
-    items : iterable
+    items : sequence
         Such as paths.
     work : callable
-        Makes the result of an item.
-    name : callable
-        Name of an item in failures.
+        Makes the result of an item; can be sent to another process.
+    n_processes : int or None
+        None for as many as pay; 1 for this one.
 
     Yields
     ------
-    item, result or Failure
-        A failure if the work raised any error; unexpected errors are given with their type. Ctrl-C ends the command.
+    index of the item, result or Failure
+        As they come. A failure if the work raised any error; unexpected errors are given with their type. Ctrl-C ends
+        the command.
     """
-    for item in items:
-        try:
-            yield item, work(item)
-        except LabcdpError as error:
-            yield item, Failure(name(item), _one_line(error))
-        except OSError as error:
-            yield (
-                item,
-                Failure(name(item), f"it cannot be read ({_one_line(error)}): check the file and its permissions"),
-            )
-        except MemoryError:
-            yield item, Failure(name(item), "not enough memory: use fewer pixels")
-        # An error of a library in one of thousands of files must not lose the results of the others.
-        except Exception as error:
-            _LOGGER.debug("%s failed", name(item), exc_info=True)
-            what = f"{type(error).__name__}: {_one_line(error)}" if str(error) else type(error).__name__
-            yield item, Failure(name(item), f"unexpected error ({what}): please report it with this file")
+    # A process takes about as long to start as two pictures.
+    n_processes = min(usable_cores(), len(items) // 2) if n_processes is None else n_processes
+    if n_processes < 2:
+        yield from ((number, _worked(item, work)) for number, item in enumerate(items))
+        return
+    for (number, item), result, error in Processes[tuple[int, _Item]](n_processes).run(
+        _worked_numbered, list(enumerate(items)), work
+    ):
+        yield number, Failure(str(item), " ".join(str(error).split())) if result is None else result
+
+
+def _worked_numbered(numbered: tuple[int, _Item], work: Callable[[_Item], _Result]) -> _Result | Failure:
+    return _worked(numbered[1], work)
+
+
+def _worked(item: _Item, work: Callable[[_Item], _Result]) -> _Result | Failure:
+    try:
+        return work(item)
+    except LabcdpError as error:
+        return Failure(str(item), _one_line(error))
+    except OSError as error:
+        return Failure(str(item), f"it cannot be read ({_one_line(error)}): check the file and its permissions")
+    except MemoryError:
+        return Failure(str(item), "not enough memory: use fewer pixels")
+    # An error of a library in one of thousands of files must not lose the results of the others.
+    except Exception as error:
+        _LOGGER.debug("%s failed", item, exc_info=True)
+        what = f"{type(error).__name__}: {_one_line(error)}" if str(error) else type(error).__name__
+        return Failure(str(item), f"unexpected error ({what}): please report it with this file")
 
 
 def end_batch(failures: Sequence[Failure], n_items: int, what: str = "files") -> None:

@@ -86,6 +86,9 @@ def image(
     bit_depth: int | None = BITS_OPTION,
     pixel_format: str | None = FORMAT_OPTION,
     size: str | None = SIZE_OPTION,
+    pages: bool = typer.Option(
+        True, "--pages/--no-pages", help="Write a page with figures for each picture, or the tables alone."
+    ),
     surface: bool = typer.Option(
         False, "--surface", help="Also write a page with the luminance as an interactive surface, 6 MB per picture."
     ),
@@ -129,7 +132,9 @@ def image(
         "size": options.size,
     }
     inputs = input_files({"regions": roi, "calibration": calibration, "camera specification": camera_spec})
-    work = _Work(request, conversion, options, roi, surface, configuration, inputs)
+    if surface and not pages:
+        raise InputError("--surface is a page: leave it out, or --no-pages")
+    work = _Work(request, conversion, options, roi, pages, surface, configuration, inputs)
     with results_folder(context, files[0] if len(files) == 1 else "pictures", output, force) as results:
         folder = results.folder
         pictures = _evaluated(paths, work, results)
@@ -144,9 +149,10 @@ def image(
         print_result(
             replace(result, findings=tuple(one for one in result.findings if one.severity != "error")), as_json
         )
-        say(f"Report: {folder / 'report.html'}; also results.xlsx and results.json")
+        page = "report.html" if pages or len(paths) > 1 else "results.xlsx"
+        say(f"Report: {folder / page}; also results.xlsx and results.json")
     failures = [Failure(one.file, one.failure) for one in pictures if one.evaluation is None]
-    show_page(folder / "report.html", open_page and good)
+    show_page(folder / "report.html", open_page and good and (pages or len(paths) > 1))
     end_batch(failures, len(pictures), "pictures")
 
 
@@ -158,6 +164,7 @@ class _Work:
     conversion: PictureConversion
     options: PictureOptions
     roi: Path | None
+    pages: bool
     surface: bool
     configuration: dict[str, object]
     inputs: list[InputFile]
@@ -180,6 +187,8 @@ class _Work:
         evaluation = evaluate_image(
             picture, luminance, self.conversion.unit_of(picture), self.request, self.conversion.findings(picture)
         )
+        if not self.pages:
+            return evaluation, {}
         alone = [ReportedPicture(1, str(path), "", evaluation)]
         result = image_result(alone, self.request, self.configuration, self.inputs)
         files = picture_files(evaluation, picture, luminance, result, self.conversion.description, self.surface)
@@ -191,18 +200,19 @@ def _evaluated(paths: Sequence[Path], work: _Work, results: ResultsFolder) -> li
     from ...evaluate.picture.files import picture_folder
     from ...evaluate.picture.tables import ReportedPicture
 
-    pictures = []
+    pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for number, (path, made) in enumerate(worked_through(paths, work), start=1):
-            folder = picture_folder(number, path) if len(paths) > 1 else ""
+        for index, made in worked_through(paths, work):
+            path, number = paths[index], index + 1
+            folder = picture_folder(number, path) if len(paths) > 1 and work.pages else ""
             if isinstance(made, Failure):
-                pictures.append(ReportedPicture(number, str(path), folder, None, made.reason))
+                pictures[index] = ReportedPicture(number, str(path), folder, None, made.reason)
             else:
                 evaluation, files = made
                 results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
-                pictures.append(ReportedPicture(number, str(path), folder, evaluation))
-            bars.update("Pictures", number, len(paths))
-    return pictures
+                pictures[index] = ReportedPicture(number, str(path), folder, evaluation)
+            bars.update("Pictures", len(pictures), len(paths))
+    return [pictures[index] for index in sorted(pictures)]
 
 
 def _request(

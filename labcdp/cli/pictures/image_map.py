@@ -53,6 +53,13 @@ def image_map(
     minimum_contrast: str = typer.Option(
         "10%", help="Smallest contrast of an edge; edges of less contrast are ignored."
     ),
+    contrast: str | None = typer.Option(
+        None,
+        help="Contrast that the objects of the scene have, to be detected at all edges; default: that of each edge.",
+    ),
+    reference: Path | None = typer.Option(
+        None, help="Image of the scene without veil or blur; its edges and their contrasts are to be detected."
+    ),
     detected: float = typer.Option(0.9, help="Smallest CDP of a detected edge, above 0 and up to 1."),
     output: Path | None = output_option("FILE-image-map"),
     force: bool = FORCE_OPTION,
@@ -63,8 +70,9 @@ def image_map(
 
     The image is segmented into regions whose borders follow its edges. Each edge is coloured by the probability (CDP)
     that a pixel on one side and a pixel on the other show the contrast of the edge; warm colours are edges that are
-    lost. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a picture, a spreadsheet
-    with a row for each edge, NetCDF and JSON.
+    lost. That contrast is the one in the image itself, which misses what a veil or blur took; --reference or --contrast
+    give that of the scene. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a
+    picture, a spreadsheet with a row for each edge, NetCDF and JSON.
 
     Example: labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
     """
@@ -79,14 +87,16 @@ def image_map(
         fraction_of_percent(epsilon, "--epsilon"),
         fraction_of_percent(minimum_contrast, "--minimum-contrast"),
         detected,
+        None if contrast is None else fraction_of_percent(contrast, "--contrast"),
     )
     conversion = picture_conversion(calibration, camera_spec, encoding)
     options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
-    inputs = input_files({"calibration": calibration, "camera specification": camera_spec})
+    inputs = input_files({"calibration": calibration, "camera specification": camera_spec, "reference": reference})
     with results_folder(context, file, output, force) as results:
         folder = results.folder
         picture = read_picture(file, options)
-        found = contrast_map(conversion.luminance(picture), settings)
+        scene = None if reference is None else conversion.luminance(read_picture(reference, options))
+        found = contrast_map(conversion.luminance(picture), settings, scene)
         source = _source(picture, conversion, inputs)
         result = map_result(found, source)
         write_contrast_map(found, source, result, results)

@@ -96,7 +96,13 @@ def video(
         None,
         "--cluster",
         metavar="ADDRESS",
-        help="Address of a Dask scheduler for several videos, for example tcp://192.0.2.7:8786.",
+        help="Address of a Dask scheduler for several videos, for example tls://192.0.2.7:8786.",
+    ),
+    cluster_tls: tuple[Path, Path, Path] | None = typer.Option(
+        None,
+        "--cluster-tls",
+        metavar="CA CERTIFICATE KEY",
+        help="PEM files for a scheduler at an address tls://: certificate of the authority, own certificate and key.",
     ),
     workers: int | None = typer.Option(
         None, help="Number of processes for several videos.", show_default="one per core", min=1
@@ -150,7 +156,7 @@ def video(
     else:
         source = files[0] if len(files) == 1 else "videos"
         results = results_folder(context, source, output, force, resume=True)
-        _several(paths, settings, results, (annotated, frames), (cluster, workers), force, as_json)
+        _several(paths, settings, results, (annotated, frames), (cluster, workers, cluster_tls), force, as_json)
     show_page(results.folder / "report.html", open_page)
 
 
@@ -216,10 +222,11 @@ def _several(
     settings: VideoSettings,
     results: ResultsFolder,
     images: tuple[bool, bool],
-    where: tuple[str | None, int | None],
+    where: tuple[str | None, int | None, tuple[Path, Path, Path] | None],
     force: bool,
     as_json: bool,
 ) -> None:
+    from ...evaluate.video.archive.cluster import TlsFiles
     from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
     from ...evaluate.video.archive.report import write_archive
     from ...evaluate.video.archive.result import archive_result
@@ -247,7 +254,8 @@ def _several(
                     tasks,
                     partial(evaluate_values, settings, *images),
                     configuration,
-                    *where,
+                    *where[:2],
+                    None if where[2] is None else TlsFiles(*where[2]),
                     progress=lambda done, total, _outcome: bars.update("Videos", done, total),
                     force=force,
                     inputs=[one for one in read if isinstance(one, Path)],

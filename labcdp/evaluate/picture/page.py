@@ -78,13 +78,13 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
         How their values became luminance.
     """
     failed = sum(one.evaluation is None for one in pictures)
-    pages = [(one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation is not None]
+    pages = [(one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation is not None and one.folder]
     card = Card(
-        "Pictures", str(len(pages)), "evaluated", (f"{failed} failed" if failed else "none failed",),
+        "Pictures", str(len(pictures) - failed), "evaluated", (f"{failed} failed" if failed else "none failed",),
         state="bad" if failed else "good",
     )  # fmt: skip
     sections = [
-        Section("Pages of the pictures", [Links(pages)]),
+        *([Section("Pages of the pictures", [Links(pages)])] if pages else []),
         Section("Details", [result.table(name) for name in ("regions", "pictures") if _has(result, name)], True),
         Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
     ]

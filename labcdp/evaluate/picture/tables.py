@@ -197,7 +197,7 @@ def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         Column("pixels", "pixels", meaning="Number of its pixels, all of which count."),
         *uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of)),
         Column("std", "standard deviation", unit, "Of the pixels, with n - 1.", 3, unit_of=unit_of),
-        *uncertain(Column("snr", "SNR (mean/std)", "", "Mean over standard deviation.", 3)),
+        *uncertain(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels.", 3)),
         *(
             Column(name, name.replace("_", " "), "%", "Share of the pixels that are not valid for this reason.", 2,
                    shown=name in reasons)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ...core.disk.quoting import shown
 from ...core.errors import InputError
 
 Value = float | int | str
@@ -24,23 +27,33 @@ class Axis:
     ----------
     parameter : str
         Table and key, for example ``scene.luminance_cd_m2``.
-    values : tuple of float, int or str
-        At least one, no two equal; all numbers or all text.
+    values : sequence or array of float, int or str
+        At least one, no two equal; all numbers or all text. Held as a tuple.
 
     Raises
     ------
     InputError
-        If there is no value, two are equal, or numbers and text are mixed.
+        If there is no value, two are equal, or they are not all numbers or all text.
     """
 
     parameter: str
     values: tuple[Value, ...]
 
     def __post_init__(self) -> None:
+        given: Any = self.values
+        given = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+        if isinstance(given, str) or not isinstance(given, Sequence):
+            raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
+        given = [one.item() if isinstance(one, np.generic) else one for one in given]
+        if not all(isinstance(one, int | float | str) for one in given):
+            raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
+        object.__setattr__(self, "values", tuple(given))
         if not self.values:
             raise InputError(f"{self.parameter} has no values: {_HOW}")
         if len(set(self.values)) < len(self.values):
             raise InputError(f"{self.parameter} has a value twice: give each value once")
+        if any(isinstance(value, bool) for value in self.values):
+            raise InputError(f"{self.parameter} has true or false among its values: give numbers or text")
         if len({isinstance(value, str) for value in self.values}) > 1:
             raise InputError(f"{self.parameter} mixes numbers and text: give one or the other")
 
@@ -75,7 +88,9 @@ def parse_axis(text: str) -> Axis:
 
 
 def parse_value(text: str) -> Value:
-    """Read a whole number, a number, a percentage as a fraction, or else text."""
+    """Read true, false, a whole number, a number, a percentage as a fraction, or else text."""
+    if text in ("true", "false"):
+        return text == "true"
     try:
         return int(text)
     except ValueError:

@@ -10,11 +10,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ...core.disk.journal import LineJournal
+from ...core.disk.quoting import shown
 from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ...core.result import InputFile
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
+from ...metrics.regions.pair import size_findings
 from ...output import Destination, open_results
 from ...report.findings import finding_text
 from ..picture.light.picture import PictureConversion, picture_conversion
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def evaluate_video(
-    path: Path,
+    path: str | Path,
     settings: VideoSettings,
     folder: Destination | None = None,
     *,
@@ -43,7 +45,7 @@ def evaluate_video(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A file that FFmpeg reads, a TIFF of several pages, a folder of images, or a recorded session.
     settings : VideoSettings
         What is to be evaluated.
@@ -81,7 +83,7 @@ def evaluate_video(
 
 @contextmanager
 def evaluated_rows(
-    path: Path,
+    path: str | Path,
     settings: VideoSettings,
     folder: Destination | None = None,
     *,
@@ -93,6 +95,9 @@ def evaluated_rows(
     options_given = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
     given: dict[str, Any] = {name: value for name, value in options_given.items() if value is not None}
     options = replace(conversion.options, **given, overrides=conversion.options.overrides | given.keys())
+    if not isinstance(path, str | Path):
+        raise InputError(f"the video is {shown(path)}: give the path of a file")
+    path = Path(path)
     source = open_video(path, replace(options, damaged=settings.damaged))
     conversion = replace(conversion, options=replace(conversion.options, encoding=source.encoding))
     if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:
@@ -121,6 +126,8 @@ def evaluated_rows(
             why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
             raise InputError(f"{path}: no frame could be evaluated{why}")
         findings = [*source.findings, *conversion_findings(conversion, source), *run.announced(), *found.findings]
+        for roi in settings.rois:
+            findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
         if settings.contrasts is None:
             code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
             findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))

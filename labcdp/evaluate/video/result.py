@@ -47,7 +47,9 @@ CONTRASTS = (
 REGIONS = (
     Column("region", "region"),
     Column("mean", "mean", meaning="Mean over the frames in which the region was found."),
-    Column("snr", "SNR", meaning="Signal-to-noise ratio, mean over standard deviation, over the same frames."),
+    Column(
+        "snr", "spatial SNR", meaning="Mean over standard deviation of the pixels of a frame, over the same frames."
+    ),
     Column("mean_quality", "mean quality", meaning="Quality of the tracking, 0 to 1.", decimals=3),
     Column("lowest_quality", "lowest quality", meaning="Lowest quality in these frames.", decimals=3),
     Column("n_lost", "frames in which it was lost", meaning="Their number.", decimals=0),

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.disk.quoting import shown
 from ...core.errors import InputError
 from ...core.roi import Roi
 from ...files.video.selection import Selection
@@ -82,6 +83,13 @@ class VideoSettings:
     damaged: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("calibration", "camera"):
+            self._hold_path(name)
+        if self.reference is not None and self.reference != "first":
+            if isinstance(self.reference, int | float) and not isinstance(self.reference, bool):
+                object.__setattr__(self, "reference", float(self.reference))
+            else:
+                self._hold_path("reference")
         if self.contrasts == ():
             raise InputError("no contrast is given: give at least one, for example 100%")
         # Any contrast shows whether the tolerance is possible.
@@ -96,6 +104,13 @@ class VideoSettings:
             raise InputError("a reference contrast needs regions: give two, or give the contrast itself")
         if isinstance(self.reference, float):
             TargetContrast(self.reference, self.epsilon, "weber")
+
+    def _hold_path(self, name: str) -> None:
+        given = getattr(self, name)
+        if isinstance(given, str):
+            object.__setattr__(self, name, Path(given))
+        elif given is not None and not isinstance(given, Path):
+            raise InputError(f"{name} is {shown(given)}: give the path of a file")
 
     @property
     def n_contrasts(self) -> int:

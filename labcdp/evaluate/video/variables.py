@@ -38,8 +38,8 @@ OF_FRAME = (
 OF_REGION = (
     _column("mean", "mean", LIGHT, 4, "Mean of the region."),
     _column("mean_standard_uncertainty", "u of mean", LIGHT, 5, "Standard uncertainty of the mean."),
-    _column("snr", "SNR", "", 2, "Signal-to-noise ratio: mean over standard deviation."),
-    _column("snr_standard_uncertainty", "u of SNR", "", 3, "Standard uncertainty of the SNR."),
+    _column("snr", "spatial SNR", "", 2, "Mean over standard deviation of the pixels of the frame."),
+    _column("snr_standard_uncertainty", "u of spatial SNR", "", 3, "Standard uncertainty of the spatial SNR."),
     _column("saturated", "share saturated", "", 4, "Share of saturated pixels."),
     _column("quality", "tracking quality", "", 3, "Quality of the tracking, 0 to 1."),
     _column("lost", "lost", "", 0, "Whether the region was lost: 1 or 0."),

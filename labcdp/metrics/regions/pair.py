@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.finding import Finding, warning
+from ...core.finding import Finding, info, warning
 from ...core.luminance import LuminanceMap, Window
 from ...core.roi import Roi
 from .. import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
@@ -41,6 +41,8 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
+#: Pixels of a region from which intervals cover the truth also where its noise is correlated; see `cdp_correlated`.
+CORRELATION_PIXELS = 200
 #: A region with its bounding box in the image and its mask in the box.
 Placed = tuple[Roi, Window, NDArray[np.bool_]]
 
@@ -225,9 +227,19 @@ def _of_rounding(first: RegionPixels, second: RegionPixels) -> list[PairError]:
 
 def _of_pixels(region: RegionResult) -> list[Finding]:
     return [
-        warning(f"region-{reason.replace('_', '-')}", region.roi.name, share=share)
-        for reason, share in region.invalid_shares.items()
+        *size_findings(region.roi.name, region.n_pixels),
+        *(
+            warning(f"region-{reason.replace('_', '-')}", region.roi.name, share=share)
+            for reason, share in region.invalid_shares.items()
+        ),
     ]
+
+
+def size_findings(region: str, n_pixels: int) -> list[Finding]:
+    """Return a finding about a region in which correlated noise cannot be told from chance."""
+    if n_pixels >= CORRELATION_PIXELS:
+        return []
+    return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
 
 
 def _calibrated(result: CdpResult, by_calibration: float) -> CalibratedCdp:

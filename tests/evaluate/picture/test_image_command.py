@@ -189,3 +189,22 @@ def test_a_disk_without_room_is_one_line_and_leaves_the_results_before(scene):
     assert len(_lines(done)) == 1, done.stderr
     assert "cannot be written (File too large): give a folder you can write to, on a disk with" in _lines(done)[0]
     assert {path.name: path.read_bytes() for path in (scene / "out").iterdir()} == before
+
+
+def test_many_pictures_on_all_cores_are_as_one_by_one(image, scene):
+    """Four pictures take two processes; one that is broken is reported in its place."""
+    for number in range(5):
+        cv2.imwrite(str(scene / f"many-{number}.png"), _pixels(number))
+    (scene / "many-2.png").write_bytes((scene / "broken.png").read_bytes())
+    names = [f"many-{number}.png" for number in range(5)]
+    asked = ("--roi", "rois.json", "--contrast", "1000%", "--json", "--no-pages")
+    done = image(*names, *asked, "-o", "all")
+    assert done.returncode == 1
+    assert "1 of 5 pictures failed" in done.stderr
+    rows = json.loads(done.stdout)["tables"]["cdp"]["rows"]
+    assert [row["picture"] for row in rows] == [name for name in names if name != "many-2.png"]
+    for row in rows:
+        (alone,) = json.loads(image(row["picture"], *asked, "--force").stdout)["tables"]["cdp"]["rows"]
+        assert [alone[name] for name in ("cdp", "u_cdp")] == [row[name] for name in ("cdp", "u_cdp")]
+    written = {path.name for path in (scene / "all").rglob("*")}
+    assert written == {"report.html", "results.json", "results.xlsx", "labcdp-files.json"}

@@ -68,14 +68,19 @@ def test_a_batch_continues_and_tells_why_files_failed():
             raise MemoryError
         return 10 * number
 
-    found = list(worked_through([1, 2, 3, 4, 5], work, lambda n: f"file {n}"))
-    assert [result for _, result in found] == [
-        10,
-        Failure("file 2", "two is of another camera"),
-        Failure("file 3", "it cannot be read ([Errno 13] Permission denied): check the file and its permissions"),
-        Failure("file 4", "not enough memory: use fewer pixels"),
-        50,
+    found = list(worked_through([1, 2, 3, 4, 5], work, 1))
+    assert found == [
+        (0, 10),
+        (1, Failure("2", "two is of another camera")),
+        (2, Failure("3", "it cannot be read ([Errno 13] Permission denied): check the file and its permissions")),
+        (3, Failure("4", "not enough memory: use fewer pixels")),
+        (4, 50),
     ]
+
+
+def test_processes_do_as_one_by_one():
+    items = ["1.5", "none", "-2"]
+    assert sorted(worked_through(items, float, 2)) == list(worked_through(items, float, 1))
 
 
 def test_ctrl_c_ends_a_batch():

@@ -19,6 +19,7 @@ height = 48
 [windscreen]
 transmittance = 0.9
 glare_fraction = {glare}
+glare_subtracted = {subtracted}
 [optics]
 f_number = 2.0
 transmittance = 0.9
@@ -39,8 +40,8 @@ BOARD = "luminance_cd_m2 = 100.0\ncontrast = 0.3\nsquare_px = {}"
 SQUARES = BOARD.format(8)
 
 
-def run(scene="checkerboard", more=SQUARES, glare=0.0, seed=0):
-    return Chain.from_toml(CHAIN.format(scene=scene, more=more, glare=glare), "test").run(seed)
+def run(scene="checkerboard", more=SQUARES, glare=0.0, subtracted="false", seed=0):
+    return Chain.from_toml(CHAIN.format(scene=scene, more=more, glare=glare, subtracted=subtracted), "test").run(seed)
 
 
 def test_scene_keeps_every_contrast():
@@ -75,13 +76,16 @@ def test_cdp_behind_the_sensor_is_that_of_normal_noise():
     assert pair.cdp.cdp == pytest.approx(closed[0] - closed[1], abs=3 * pair.cdp.standard_error)
 
 
-def test_glare_is_taken_off_again():
-    veiled = evaluate_run(run(glare=1.0))
-    for stage in veiled.stages[:3]:
-        assert stage.pairs[0].measured_contrast == pytest.approx(0.3, rel=1e-5)
-    # It leaves its noise: the same luminances with more photons are less sure.
-    clear = evaluate_run(run())
-    assert veiled.stages[3].pairs[0].cdp.cdp < clear.stages[3].pairs[0].cdp.cdp
+def test_glare_costs_contrast_or_where_it_is_subtracted_noise():
+    subtracted, veiled, clear = (
+        evaluate_run(run(**one)) for one in ({"glare": 1.0, "subtracted": "true"}, {"glare": 1.0}, {})
+    )
+    # Squares of 100 and 130 cd/m^2 under a veil of their mean.
+    for result, contrast in ((subtracted, 0.3), (veiled, 30 / 215), (clear, 0.3)):
+        for stage in result.stages[1:3]:
+            assert stage.pairs[0].measured_contrast == pytest.approx(contrast, rel=1e-5)
+    cdps = [result.stages[3].pairs[0].cdp.cdp for result in (veiled, subtracted, clear)]
+    assert cdps == sorted(set(cdps))
 
 
 def test_contrast_asked_for_replaces_that_of_the_scene():

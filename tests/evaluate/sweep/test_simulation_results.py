@@ -31,6 +31,7 @@ contrast = 1.0
 [windscreen]
 transmittance = 0.9
 glare_fraction = 1.0
+glare_subtracted = true
 [optics]
 f_number = 2.0
 transmittance = 0.9

@@ -1,8 +1,12 @@
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
 from labcdp.chain import Chain
 from labcdp.chain.predict.chain import predict_chain
+from labcdp.chain.scene import image
+from labcdp.chain.sensor import fixed_pattern
 from labcdp.core.errors import ConfigurationError, InputError
 from labcdp.evaluate.sweep.axis import Axis
 from labcdp.evaluate.sweep.dataset import VARIABLES
@@ -74,8 +78,10 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     assert float(cell["saturated_share"]) == bright.saturated_share
 
 
+@pytest.mark.parametrize("glare_subtracted", [True, False])
 @pytest.mark.parametrize("stage", ["sensor 10 ms", "sensor 1 ms", "hdr", "isp"])
-def test_exact_and_simulated_agree(chain, stage):
+def test_exact_and_simulated_agree(chain, stage, glare_subtracted):
+    chain = chain.with_(windscreen__glare_subtracted=glare_subtracted)
     axes = (LUMINANCE, CONTRAST, TEMPERATURE)
     exact = run_sweep(Sweep(chain, axes, exact=True, stage=stage))
     simulated = run_sweep(Sweep(chain, axes, exact=False, stage=stage, seed=1))
@@ -140,9 +146,9 @@ def test_interrupted_sweep_is_resumed(chain, tmp_path, exact):
 
 
 def test_another_image_is_another_sweep(tmp_path):
-    image = 'type = "image"\npath = "scene.npy"\nregions_xywh = { a = [0, 0, 4, 4], b = [4, 0, 4, 4] }\n'
+    text_of_image = 'type = "image"\npath = "scene.npy"\nregions_xywh = { a = [0, 0, 4, 4], b = [4, 0, 4, 4] }\n'
     start, end = CHAIN.index("type ="), CHAIN.index("[windscreen]")
-    text = CHAIN[:start] + image + CHAIN[end:]
+    text = CHAIN[:start] + text_of_image + CHAIN[end:]
     sweeps = []
     for bright in (20.0, 40.0):
         np.save(tmp_path / "scene.npy", np.repeat([[10.0, bright]], 4, axis=1).repeat(4, axis=0))
@@ -156,3 +162,16 @@ def test_another_image_is_another_sweep(tmp_path):
 def test_every_value_is_checked_before_the_first_cell(chain):
     with pytest.raises(ConfigurationError, match=r"sensor\.bits is 20: give a number from 1 to 16 bits"):
         Sweep(chain, (Axis("sensor.bits", (10, 20)),), exact=True)
+
+
+def test_sweep_over_an_image_reads_the_file_and_draws_the_pattern_once(tmp_path, monkeypatch):
+    read, draw = (Mock(wraps=one) for one in (image._read, fixed_pattern._draw))
+    monkeypatch.setattr(image, "_read", read)
+    monkeypatch.setattr(fixed_pattern, "_draw", draw)
+    np.save(tmp_path / "scene.npy", np.repeat([[10.0, 20.0]], 9, axis=1).repeat(11, axis=0))
+    scene = 'type = "image"\npath = "scene.npy"\nregions_xywh = { a = [0, 0, 9, 9], b = [9, 0, 9, 9] }\n'
+    start, end = CHAIN.index("type ="), CHAIN.index("[windscreen]")
+    chain = Chain.from_toml(CHAIN[:start] + scene + CHAIN[end:], "image", tmp_path)
+    run_sweep(Sweep(chain, (TEMPERATURE, Axis("exposure.gain_db", (0.0, 1.0, 2.0))), exact=False))
+    # Photo response and offsets of the pixels.
+    assert (read.call_count, draw.call_count) == (1, 2)

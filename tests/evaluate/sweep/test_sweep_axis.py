@@ -1,11 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.evaluate.sweep.axis import parse_axis
+from labcdp.evaluate.sweep.axis import Axis, parse_axis
 
 
 def test_percent_is_a_fraction():
@@ -56,3 +57,15 @@ def test_logarithm_needs_positive_ends():
 def test_numbers_and_text_do_not_mix():
     with pytest.raises(InputError, match=r"a\.b mixes numbers and text"):
         parse_axis("a.b=1,two")
+
+
+@pytest.mark.parametrize("values", [np.array([1, 2]), [np.int64(1), 2], (1, 2)])
+def test_axis_takes_arrays_and_lists(values):
+    assert Axis("sensor.bits", values).values == (1, 2)
+    assert [type(one) for one in Axis("sensor.bits", values).values] == [int, int]
+
+
+@pytest.mark.parametrize("values", [3.0, "ab", np.ones((2, 2)), [None], np.float64(2), [1j]])
+def test_what_is_no_list_of_values_is_refused(values):
+    with pytest.raises(InputError, match=r"a.b is .*: give a list of numbers or texts"):
+        Axis("a.b", values)

@@ -20,6 +20,7 @@ from labcdp.cli.pictures.video import evaluate_values
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.archive import cluster as archive_cluster
+from labcdp.evaluate.video.archive.cluster import TlsFiles
 from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, archive_tasks, evaluate_archive
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
@@ -86,6 +87,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
 ) -> None:
     module = """
         import os
+        import psutil
 
         def work(video, results):
             kind = video.read_text()
@@ -94,7 +96,9 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
                 os._exit(9)
             if kind == "error":
                 raise ValueError("surprise")
-            return {"kind": kind}
+            family = [psutil.Process(), psutil.Process(os.getppid())]
+            ports = [one for process in family for one in process.net_connections() if one.status == "LISTEN"]
+            return {"kind": kind, "ports": len(ports)}
         """
     (tmp_path / "archive_work.py").write_text(textwrap.dedent(module))
     monkeypatch.syspath_prepend(tmp_path)
@@ -105,10 +109,11 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
     tasks = archive_tasks(sorted(tmp_path.glob("*.avi")), tmp_path / "results")
     result = evaluate_archive(tasks, work, {}, n_workers=1)
     always, error, good, once = result.outcomes
-    assert always.error.endswith("or evaluate this video alone")
+    assert always.error.endswith("or evaluate this file alone")
     assert "died, as did one before" in always.error
     assert error.error == "ValueError: surprise"
-    assert (good.values, once.values) == ({"kind": "good"}, {"kind": "once"})
+    assert (good.values, once.values) == ({"kind": "good", "ports": 0}, {"kind": "once", "ports": 0})
+    assert all(one.subject.startswith("process ") for one in result.findings)
     died = [Path(str(one.values["video"])).name for one in result.findings if one.code == "worker-died"]
     assert sorted(died) == ["always.avi", "always.avi", "once.avi"]
 
@@ -134,15 +139,25 @@ def free_port() -> int:
         return int(listening.getsockname()[1])
 
 
-def start_cluster(programs: ExitStack, blind: Path | None) -> tuple[str, int]:
+def make_certificate(folder: Path) -> TlsFiles:
+    """Make a certificate that is its own authority."""
+    key, certificate = folder / "key.pem", folder / "certificate.pem"
+    request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=labcdp", "-days", "2"]
+    subprocess.run([*request, "-keyout", key, "-out", certificate], check=True, capture_output=True)
+    return TlsFiles(certificate, certificate, key)
+
+
+def start_cluster(programs: ExitStack, blind: Path | None, tls: TlsFiles | None = None) -> tuple[str, int]:
     """Start a scheduler and a worker, and one that does not see a folder, as on a computer without it.
 
     Return the scheduler's address and the number of its process.
     """
     port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
+    address = f"{'tcp' if tls is None else 'tls'}://127.0.0.1:{port}"
     dask = (sys.executable, "-m", "dask")
-    quiet = ("--no-dashboard", "--host", "127.0.0.1")
+    quiet: tuple[str, ...] = ("--no-dashboard", "--host", address.rpartition(":")[0])
+    if tls is not None:
+        quiet += ("--tls-ca-file", str(tls.ca), "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key))
     number = start(programs, *dask, "scheduler", "--port", str(port), *quiet)
     worker = (*dask, "worker", address, "--nthreads", "1", "--no-nanny", *quiet)
     start(programs, *worker)
@@ -177,6 +192,19 @@ def test_cluster_given_by_address_does_as_one_by_one(
     for one in result.findings:
         assert (one.code, one.subject.partition(":")[0]) == ("worker-refused", "tcp")
         assert f"it does not see the folder {folder}: give a folder that all workers see" in str(one.values["reason"])
+
+
+def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs: ExitStack) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not installed")
+    tls = make_certificate(tmp_path)
+    address, _ = start_cluster(programs, None, tls)
+    settings = VideoSettings((0.2, 1.0))
+    assert_as_one_by_one(evaluate_videos(videos, settings, tmp_path / "a", address=address, tls=tls), videos, settings)
+    with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
+        evaluate_videos(videos, settings, tmp_path / "b", address=address)
+    with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):
+        TlsFiles(tls.ca, tls.certificate, tmp_path / "none.pem")
 
 
 def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -392,3 +392,21 @@ def test_a_file_that_announces_more_frames_than_it_has(tmp_path: Path) -> None:
     result = evaluate_video(path, fixed())
     n = result.sizes["frame"]
     assert found(result, "video-cut-off") == {"announced": 12, "found": n}
+
+
+@pytest.mark.parametrize("wrong", [5, b"a.mp4", None])
+def test_wrong_types_of_paths_are_refused_before_the_first_frame(tmp_path: Path, wrong: Any) -> None:
+    with pytest.raises(InputError, match=r"the video is .*: give the path of a file"):
+        evaluate_video(wrong, VideoSettings((1.0,), (BRIGHT, DARK)))
+    for name in ("calibration", "camera", "reference"):
+        if wrong is None or (name == "reference" and wrong == 5):
+            continue
+        with pytest.raises(InputError, match=rf"{name} is .*: give the path of a file"):
+            VideoSettings((1.0,), (BRIGHT, DARK), **{name: wrong})
+
+
+def test_paths_may_be_texts(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.avi", scenes(2))
+    settings = VideoSettings((1.0,), (BRIGHT, DARK), "fixed")
+    assert evaluate_video(str(path), settings).identical(evaluate_video(path, settings))
+    assert VideoSettings((1.0,), (BRIGHT, DARK), calibration="a.json").calibration == Path("a.json")

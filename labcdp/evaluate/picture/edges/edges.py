@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ....metrics import Distribution, Epsilon
 from ....metrics.detection import result_of_tally
 from ....metrics.interval import TargetContrast
-from ....metrics.pairs import bright_and_dark, tally_pairs
+from ....metrics.pairs import tally_pairs
 from ....metrics.uncertainty import confidence_interval
 from ....regions.superpixels.segment import Neighbours
 from .noise import MapNoise
@@ -78,11 +78,14 @@ class MapEdges:
     kind : ndarray of int8, shape (n,)
         `EdgeKind`.
     contrast, contrast_standard_uncertainty : ndarray of float, shape (n,)
-        Weber contrast of the means, a fraction; nan where it is not defined.
+        Weber contrast of the means, a fraction; nan where it is not defined. Below 0 where the contrast of the scene is
+        known and reversed in the image.
+    asked_contrast : ndarray of float, shape (n,)
+        Contrast whose CDP is stated: that of the scene where it is known, else `contrast`.
     significant_contrast : ndarray of float, shape (n,)
         Contrast from which on it would be significant.
     cdp, cdp_standard_error, cdp_low, cdp_high : ndarray of float, shape (n,)
-        Probability that a pair of pixels shows the edge's contrast within the tolerance, and its 95 % interval; nan for
+        Probability that a pair of pixels shows `asked_contrast` within the tolerance, and its 95 % interval; nan for
         edges that are noise, saturated, black or small.
     """
 
@@ -93,6 +96,7 @@ class MapEdges:
     kind: NDArray[np.int8]
     contrast: NDArray[np.float64]
     contrast_standard_uncertainty: NDArray[np.float64]
+    asked_contrast: NDArray[np.float64]
     significant_contrast: NDArray[np.float64]
     cdp: NDArray[np.float64]
     cdp_standard_error: NDArray[np.float64]
@@ -108,6 +112,7 @@ def map_edges(
     epsilon: Epsilon,
     minimum_contrast: float,
     detected: float,
+    scene: MapRegions | float | None = None,
 ) -> MapEdges:
     """Judge the edges between regions.
 
@@ -127,20 +132,30 @@ def map_edges(
         Edges of less are `FAINT`.
     detected : float
         CDP from which an edge is `SEEN`.
+    scene : MapRegions, float or None
+        What is known of the scene: the same regions in an image without what took contrast, the contrast of all its
+        objects, or nothing.
     """
     first, second = near.pairs[:, 0], near.pairs[:, 1]
-    swapped = regions.mean[second] > regions.mean[first]
+    known = scene if isinstance(scene, MapRegions) else regions
+    swapped = known.mean[second] > known.mean[first]
     bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
-    kind = _kinds(regions, bright, dark, contrast, least, minimum_contrast)
+    asked, significant = contrast, contrast > least
+    if isinstance(scene, MapRegions):
+        asked, _, least_of_scene = _contrasts(scene, bright, dark, by_calibration, noise.inflation)
+        significant = asked > least_of_scene
+    elif scene is not None:
+        asked = np.full(contrast.size, scene)
+    kind = _kinds(regions, bright, dark, asked, significant, minimum_contrast)
     kind[near.border_px < _SHORTEST_BORDER * regions.size_px] = EdgeKind.SMALL
-    measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (contrast > 0)
-    cdp = _cdps(regions, bright, dark, np.where(measured, contrast, nan), epsilon, by_calibration, noise.inflation)
+    measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (asked > 0)
+    cdp = _cdps(regions, bright, dark, np.where(measured, asked, nan), epsilon, by_calibration, noise.inflation)
     missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < detected)
-    by_noise = _cdp_of_noise(regions, noise.deviation(regions), bright, dark, contrast, epsilon)
+    by_noise = _cdp_of_noise(regions, noise.deviation(regions), bright, dark, asked, epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
     return MapEdges(
@@ -151,6 +166,7 @@ def map_edges(
         kind=kind,
         contrast=contrast,
         contrast_standard_uncertainty=uncertainty,
+        asked_contrast=asked,
         significant_contrast=least,
         cdp=cdp[:, 0],
         cdp_standard_error=cdp[:, 1],
@@ -195,7 +211,7 @@ def _kinds(
     bright: NDArray[np.int32],
     dark: NDArray[np.int32],
     contrast: NDArray[np.float64],
-    least: NDArray[np.float64],
+    significant: NDArray[np.bool_],
     minimum_contrast: float,
 ) -> NDArray[np.int8]:
     """Sort the edges, those that are lost still among those that are seen."""
@@ -207,7 +223,7 @@ def _kinds(
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     with np.errstate(invalid="ignore"):
         kind[contrast < minimum_contrast] = EdgeKind.FAINT
-        kind[~(contrast > least)] = EdgeKind.NOISE
+        kind[~significant] = EdgeKind.NOISE
         kind[~(regions.mean[dark] > 0)] = EdgeKind.BLACK
     kind[either(regions.saturated_share > SATURATED_SHARE)] = EdgeKind.SATURATED
     kind[either(regions.n_pixels < FEWEST_PIXELS)] = EdgeKind.SMALL
@@ -238,12 +254,11 @@ def _cdps(
 
 
 def _cdp(
-    a: Distribution, b: Distribution, contrast: float, epsilon: Epsilon, inflation: float, by_calibration: float
+    bright: Distribution, dark: Distribution, contrast: float, epsilon: Epsilon, inflation: float, by_calibration: float
 ) -> tuple[float, float, float, float]:
     """CDP of an edge with its standard uncertainty and 95 % interval, by pixels and calibration."""
     asked = TargetContrast(contrast, epsilon, "weber")
-    bright, dark, name = bright_and_dark(a, b)
-    result = result_of_tally(tally_pairs(bright, dark, asked.low, asked.high), bright, dark, name, asked, inflation)
+    result = result_of_tally(tally_pairs(bright, dark, asked.low, asked.high), bright, dark, "a", asked, inflation)
     if by_calibration < _LEAST_ERROR:
         return result.cdp, result.standard_error, *result.confidence_interval
     factors = (1 + by_calibration, max(1 - by_calibration, _LEAST_FACTOR))
@@ -252,7 +267,7 @@ def _cdp(
     return (
         result.cdp,
         sqrt(variance),
-        *confidence_interval(result.cdp, variance, min(a.size or 0, b.size or 0) / inflation),
+        *confidence_interval(result.cdp, variance, min(bright.size or 0, dark.size or 0) / inflation),
     )
 
 

@@ -80,6 +80,7 @@ def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) 
             "kind": ("edge", edges.kind, flags),
             "contrast": ("edge", edges.contrast, one),
             "u_contrast": ("edge", edges.contrast_standard_uncertainty, one),
+            "asked_contrast": ("edge", edges.asked_contrast, one),
             "significant_contrast": ("edge", edges.significant_contrast, one),
             "cdp": ("edge", edges.cdp, one),
             "u_cdp": ("edge", edges.cdp_standard_error, one),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
-from ....core.finding import Finding, warning
+from ....core.finding import Finding, info, warning
 from ....core.luminance import LuminanceMap
 from ....metrics import Epsilon
 from ....metrics.interval import TargetContrast
@@ -41,6 +41,8 @@ class ContrastMapSettings:
         Weber contrast from which an edge is one of an object, a fraction above 0.
     detected : float
         Smallest CDP of a detected edge, above 0 and up to 1.
+    contrast : float or None
+        Weber contrast that the objects of the scene have, a fraction above 0; None for that of each edge in the image.
 
     Raises
     ------
@@ -52,6 +54,7 @@ class ContrastMapSettings:
     epsilon: Epsilon = 0.5
     minimum_contrast: float = 0.1
     detected: float = 0.9
+    contrast: float | None = None
 
     def __post_init__(self) -> None:
         if self.size_px < SMALLEST_SIZE_PX:
@@ -63,8 +66,8 @@ class ContrastMapSettings:
             raise InputError(f"the minimum contrast is {self.minimum_contrast}: give a fraction above 0 (1.0 is 100 %)")
         if not 0 < self.detected <= 1:
             raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
-        # Refuses a tolerance that is out of range.
-        TargetContrast(self.minimum_contrast, self.epsilon, "weber")
+        # Refuses a tolerance or contrast that is out of range.
+        TargetContrast(self.minimum_contrast if self.contrast is None else self.contrast, self.epsilon, "weber")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,8 @@ class ContrastMap:
         What the noise is like.
     findings : tuple of Finding
         What a user should know.
+    has_reference : bool
+        Whether edges are asked for the contrast of another image of the scene.
     """
 
     luminance: LuminanceMap
@@ -96,6 +101,7 @@ class ContrastMap:
     edges: MapEdges
     noise: MapNoise
     findings: tuple[Finding, ...]
+    has_reference: bool = False
 
     def count(self, *kinds: EdgeKind) -> int:
         """Count the edges of some kinds."""
@@ -138,7 +144,9 @@ class ContrastMap:
         return judged[np.argsort(self.edges.cdp[judged], kind="stable")][:n]
 
 
-def contrast_map(luminance: LuminanceMap, settings: ContrastMapSettings | None = None) -> ContrastMap:
+def contrast_map(
+    luminance: LuminanceMap, settings: ContrastMapSettings | None = None, reference: LuminanceMap | None = None
+) -> ContrastMap:
     """Measure the contrast between all neighbouring regions of an image, and how probably each is detected.
 
     Parameters
@@ -147,11 +155,15 @@ def contrast_map(luminance: LuminanceMap, settings: ContrastMapSettings | None =
         The image; relative luminance gives the same contrasts.
     settings : ContrastMapSettings or None
         None takes those by default.
+    reference : LuminanceMap or None
+        The same scene from the same place without what took contrast, such as a veil; its edges and their contrasts are
+        asked for.
 
     Raises
     ------
     InputError
-        If the image is smaller than a region, or no pixel is finite.
+        If the image is smaller than a region, no pixel is finite, the reference has another size, or a contrast is
+        asked for as well.
 
     Notes
     -----
@@ -171,13 +183,28 @@ def contrast_map(luminance: LuminanceMap, settings: ContrastMapSettings | None =
             f"regions of {asked.size_px} pixels have {size} of each colour plane of this camera along a side: give "
             f"{SMALLEST_SIZE_PX * step} or more"
         )
-    regions = map_regions(luminance, size)
+    if reference is not None:
+        _check_reference(luminance, reference, asked)
+    regions, *others = (
+        map_regions(luminance, size) if reference is None else map_regions(reference, size, luminance)[::-1]
+    )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
     errors = _errors(luminance, regions)
-    edges = map_edges(regions, near, errors, noise, asked.epsilon, asked.minimum_contrast, asked.detected)
-    found = ContrastMap(luminance, asked, regions, near, edges, noise, ())
+    scene = others[0] if others else asked.contrast
+    edges = map_edges(regions, near, errors, noise, asked.epsilon, asked.minimum_contrast, asked.detected, scene)
+    found = ContrastMap(luminance, asked, regions, near, edges, noise, (), reference is not None)
     return replace(found, findings=_findings(found))
+
+
+def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, asked: ContrastMapSettings) -> None:
+    if asked.contrast is not None:
+        raise InputError("a contrast and a reference image are given: give one of them")
+    if reference.shape != luminance.shape:
+        raise InputError(
+            f"the reference image has {reference.shape[1]} x {reference.shape[0]} pixels, the image "
+            f"{luminance.shape[1]} x {luminance.shape[0]}: give an image of the same camera from the same place"
+        )
 
 
 def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
@@ -195,6 +222,12 @@ def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.flo
 
 def _findings(found: ContrastMap) -> tuple[Finding, ...]:
     findings = []
+    if found.settings.contrast is None and not found.has_reference:
+        findings.append(info("map-of-own-contrast"))
+    least = found.settings.minimum_contrast
+    hidden = found.of_kind(EdgeKind.NOISE) & (found.edges.contrast >= least)
+    if hidden.any():
+        findings.append(info("edges-in-noise", count=int(hidden.sum()), contrast=least, n_edges=hidden.size))
     if found.noise.inflation > _CORRELATED:
         findings.append(warning("correlated-noise", factor=found.noise.inflation**0.5))
     if found.blind_share > _MOSTLY_BLIND:

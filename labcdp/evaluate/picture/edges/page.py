@@ -28,6 +28,12 @@ _MOST_POINTS = 6000
 
 #: Width of the drawing on a usual screen, and margins, in pixels; it is no higher than the screen.
 _WIDTH, _BESIDE, _ABOVE, _HIGHEST = 1040, 90, 90, 600
+_OWN_CONTRAST = (
+    "Each edge is asked for the contrast that it has in this image. The map shows where noise and unevenness hide such "
+    "contrasts; it cannot show contrast that was lost before, as by a veil of glare or fog, or by blur. A reference "
+    "image of the scene, or the contrast of its objects, shows that, too (--reference, --contrast)."
+)
+_ASKED = "Each edge is asked for a contrast of the scene: {asked}. Contrast that a veil or blur took counts as lost."
 _HELP = (
     "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
     "or hides dots; the wheel zooms, dragging moves."
@@ -63,12 +69,17 @@ def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Resu
             lead=[interactive(_figure(found, drawn, source), scroll_zoom=True)],
             findings=result.findings,
             sections=[
-                Section("", [_HELP, *weakest]),
+                Section("", [_meaning(found), _HELP, *weakest]),
                 Section("All edges", [result.table("summary")]),
                 Section("Settings and provenance", [_facts(found, source)], collapsed=True),
             ],
         )
     )
+
+
+def _meaning(found: ContrastMap) -> str:
+    own = found.settings.contrast is None and not found.has_reference
+    return _OWN_CONTRAST if own else _ASKED.format(asked=asked_text(found).rstrip(","))
 
 
 def _cards(found: ContrastMap) -> list[Card]:
@@ -96,7 +107,7 @@ def _facts(found: ContrastMap, source: MapSource) -> Facts:
             ("image", f"{source.file}, {width * luminance.step} x {height * luminance.step} pixels"),
             ("luminance", source.conversion),
             ("regions", f"{found.regions.mean.size} superpixels of about {size} pixels"),
-            ("contrast that counts as detected", f"that of the edge {_tolerance(asked.epsilon)}"),
+            ("contrast that counts as detected", f"{asked_text(found)} {_tolerance(asked.epsilon)}"),
             ("minimum contrast of an object", percent(asked.minimum_contrast)),
             (
                 "significant contrast",
@@ -107,6 +118,14 @@ def _facts(found: ContrastMap, source: MapSource) -> Facts:
             *((one.role, f"{one.path} (SHA-256 {one.sha256})") for one in source.inputs),
         ]
     )
+
+
+def asked_text(found: ContrastMap) -> str:
+    """Say which contrast edges are asked for."""
+    if found.has_reference:
+        return "that of the edge in the reference image"
+    given = found.settings.contrast
+    return "that of the edge in this image" if given is None else f"{percent(given)}, as given for the scene,"
 
 
 def _tolerance(epsilon: Epsilon) -> str:

@@ -67,8 +67,8 @@ class MapRegions:
         return [Distribution.from_array(part) if take else None for part, take in zip(parts, wanted, strict=True)]
 
 
-def map_regions(luminance: LuminanceMap, size_px: int) -> MapRegions:
-    """Cut a luminance map into superpixels of about `size_px` squared pixels and measure each.
+def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) -> list[MapRegions]:
+    """Cut a luminance map into superpixels of about `size_px` squared pixels; measure each there and in other maps.
 
     Raises
     ------
@@ -80,8 +80,16 @@ def map_regions(luminance: LuminanceMap, size_px: int) -> MapRegions:
     Borders that were laid by the noise of the very pixels they are judged by would make contrasts of noise. One half of
     the pixels, as the white squares of a chessboard, finds the regions; the other half alone is measured.
     """
+    labels, measured = map_cut(luminance.luminance_cd_m2, size_px)
+    for other in others:
+        measured &= np.isfinite(other.luminance_cd_m2)
+    return [_measured(one, labels, measured, size_px) for one in (luminance, *others)]
+
+
+def _measured(
+    luminance: LuminanceMap, labels: NDArray[np.int32], measured: NDArray[np.bool_], size_px: int
+) -> MapRegions:
     image = luminance.luminance_cd_m2
-    labels, measured = map_cut(image, size_px)
     n = int(labels.max()) + 1
     order, n_pixels = _by_region(labels, measured, n)
     values = image.ravel()[order].astype(np.float64)

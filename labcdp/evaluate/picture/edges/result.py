@@ -101,6 +101,7 @@ def _configuration(found: ContrastMap, source: MapSource) -> Mapping[str, Any]:
         "region_size_px": asked.size_px,
         "epsilon": [epsilon.below, epsilon.above] if isinstance(epsilon, DetectionInterval) else epsilon,
         "minimum_contrast": asked.minimum_contrast,
+        "contrast": asked.contrast,
         "detected_cdp": asked.detected,
         "false_alarm": FALSE_ALARM,
     }
@@ -138,6 +139,7 @@ def _edges(
         "border_px": edges.border_px[pick] * step,
         "bright_mean": regions.mean[bright],
         "dark_mean": regions.mean[dark],
+        "asked_contrast": edges.asked_contrast[pick],
         **{key: [one[key] for one in contrasts] for key in ("contrast", "expanded_contrast", "u_contrast")},
         "cdp": edges.cdp[pick],
         "cdp_low": edges.cdp_low[pick],
@@ -148,10 +150,11 @@ def _edges(
         "bright_region": bright,
         "dark_region": dark,
     }
-    return Table(name, title, _edge_columns(source.unit, name == "weakest"), data, detail=name == "edges")
+    asked = found.has_reference or found.settings.contrast is not None
+    return Table(name, title, _edge_columns(source.unit, name == "weakest", asked), data, detail=name == "edges")
 
 
-def _edge_columns(unit: str, short: bool) -> tuple[Column, ...]:
+def _edge_columns(unit: str, short: bool, asked: bool) -> tuple[Column, ...]:
     columns = (
         Column("kind", "edge", "", "Whether the edge is detected."),
         Column("x_px", "x", "px", "Middle of the border.", decimals=1),
@@ -160,7 +163,8 @@ def _edge_columns(unit: str, short: bool) -> tuple[Column, ...]:
         Column("bright_mean", "bright side", unit, "Mean of the brighter region."),
         Column("dark_mean", "dark side", unit, "Mean of the darker region."),
         *uncertain(Column("contrast", "contrast", "%", "Weber contrast of the means.")),
-        Column("cdp", "CDP", "", "Probability that a pair of pixels shows the contrast of the edge.",
+        Column("asked_contrast", "asked contrast", "%", "Contrast that is to be detected.", 3, shown=asked),
+        Column("cdp", "CDP", "", "Probability that a pair of pixels shows the contrast asked for.",
                low="cdp_low", high="cdp_high"),
         Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval.", shown=False),
         Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", shown=False),

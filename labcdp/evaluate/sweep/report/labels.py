@@ -22,10 +22,10 @@ _NAMES = {
     "above": "above",
     "mean_contrast": "mean contrast",
     "csnr": "CSNR",
-    "snr_dark": "SNR, dark region",
-    "snr_bright": "SNR, bright region",
-    "snr_dark_standard_error": "u of SNR, dark region",
-    "snr_bright_standard_error": "u of SNR, bright region",
+    "snr_dark": "spatial SNR, dark region",
+    "snr_bright": "spatial SNR, bright region",
+    "snr_dark_standard_error": "u of spatial SNR, dark region",
+    "snr_bright_standard_error": "u of spatial SNR, bright region",
     "saturated_share": "saturated, bright region",
 }
 

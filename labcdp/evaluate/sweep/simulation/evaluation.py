@@ -27,7 +27,8 @@ class RegionRow:
     luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
         Mean and standard deviation of the luminance the stage's values stand for.
     luminance_snr : Estimate
-        Mean over standard deviation of that luminance; unlike `snr` it does not gain from glare or a black level.
+        Mean over standard deviation of that luminance; unlike `snr` it does not gain from a black
+        level, nor from glare that is subtracted.
     saturated_share : float
         Share of the region's pixels that are saturated.
     """

@@ -66,8 +66,9 @@ def _page(
         details += [
             detection,
             "CSNR is the mean over the standard deviation of the contrast, CNR the difference of the mean luminances "
-            "over the noise of the dark region, d' over that of both regions. The SNR of the values gains from glare "
-            "and black level, which carry no information; that of the luminance does not.",
+            "over the noise of the dark region, d' over that of both regions. SNR is spatial, mean over standard "
+            "deviation of the pixels of one frame. That of the values gains from the black level, which carries no "
+            "information; that of the luminance does not.",
             signal,
         ]
     return Page(

@@ -52,10 +52,12 @@ _SIGNAL = (
     Column("quantity", "quantity", meaning="What these values are.", shown=False),
     Column("mean", "mean", meaning="Mean of the values."),
     Column("standard_deviation", "std", meaning="Standard deviation of the values."),
-    *uncertain(Column("snr", "SNR", meaning="Mean over standard deviation of the values; ∞ without noise.")),
-    Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the SNR, as in the 2018 thesis.", decimals=2),
+    *uncertain(Column("snr", "spatial SNR", meaning="Mean over standard deviation of the values; ∞ without noise.")),
+    Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the spatial SNR, as in the 2018 thesis.", decimals=2),
     Column("u_snr_10log10_db", "u of 10 lg SNR", "dB", "Its standard uncertainty.", digits=2, shown=False),
-    Column("snr_20log10_db", "20 lg SNR", "dB", "20 log10 of the SNR, as in EMVA 1288.", decimals=2),
+    Column(
+        "snr_20log10_db", "20 lg SNR", "dB", "20 log10 of the spatial SNR; that of EMVA 1288 is temporal.", decimals=2
+    ),
     Column("u_snr_20log10_db", "u of 20 lg SNR", "dB", "Its standard uncertainty.", digits=2, shown=False),
     Column("scene_cd_m2", "scene", "cd/m²", "Mean luminance of the scene in the region."),
     Column("luminance_cd_m2", "luminance", "cd/m²", "Mean luminance that the values stand for."),
@@ -63,8 +65,8 @@ _SIGNAL = (
     *uncertain(
         Column(
             "luminance_snr",
-            "SNR of luminance",
-            meaning="Mean over standard deviation of that luminance; glare and black level do not raise it.",
+            "spatial SNR of luminance",
+            meaning="Mean over standard deviation of that luminance; black level and subtracted glare do not raise it.",
         )
     ),
     Column("saturated_share", "saturated", "%", "Share of the region's pixels that are saturated.", decimals=2),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....chain import ChainRun, Checkerboard, Signal
+from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
 from ....metrics import (
     Distribution,
@@ -74,7 +75,8 @@ def evaluate_stage(
     scene = run.chain.scene
     masks = {region: mask for region, mask in scene.regions().items() if mask.any()}
     true_means = _true_means(run, masks)
-    luminance = signal.luminance_cd_m2
+    luminance = pixel_means(signal.luminance_cd_m2, signal.oversampling)
+    values = pixel_means(signal.values, signal.oversampling)
     luminance_shown = shown_distribution(luminance)
     seen = {region: Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
     one_pixel = isinstance(scene, Checkerboard) and scene.square_px == 1
@@ -90,12 +92,15 @@ def evaluate_stage(
         if plot_contrasts and row.cdp is not None:
             row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
         pairs.append(row)
-    rows = [_region(region, true_means[region], signal, mask, seen[region]) for region, mask in masks.items()]
+    rows = [
+        _region(region, true_means[region], values[mask], seen[region], _saturated_share(signal, mask))
+        for region, mask in masks.items()
+    ]
     return StageRow(
         name,
         signal.quantity,
         signal.unit,
-        shown_distribution(signal.values),
+        shown_distribution(values),
         luminance_shown,
         tuple(rows),
         tuple(pairs),
@@ -125,16 +130,21 @@ def evaluate_pair(
 def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, float]:
     """Mean luminance of the scene in each region; of uniform regions as they were given."""
     given = {level.name: level.luminance_cd_m2 for level in run.chain.scene.levels()}
-    scene = run["scene"].values
+    scene = pixel_means(run["scene"].values, run["scene"].oversampling)
     return {
         region: given[region] if region in given else float(scene[mask].mean(dtype=np.float64))
         for region, mask in masks.items()
     }
 
 
-def _region(region: str, true_cd_m2: float, signal: Signal, mask: NDArray[np.bool_], seen: Distribution) -> RegionRow:
-    native = Distribution.from_array(signal.values[mask])
-    saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
+def _saturated_share(signal: Signal, mask: NDArray[np.bool_]) -> float:
+    return 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
+
+
+def _region(
+    region: str, true_cd_m2: float, values: NDArray[Any], seen: Distribution, saturated_share: float
+) -> RegionRow:
+    native = Distribution.from_array(values)
     return RegionRow(
         region,
         true_cd_m2,
@@ -146,7 +156,7 @@ def _region(region: str, true_cd_m2: float, signal: Signal, mask: NDArray[np.boo
         seen.mean,
         _deviation(seen),
         snr(seen),
-        saturated,
+        saturated_share,
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ....chain import Chain, Sensor, ThesisSensor, Windscreen
+from ....chain import Chain, Sensor, ThesisSensor, ThesisWindscreen, Windscreen
 from ....chain.predict.chain import predict_chain
 from ....core.errors import InputError
 from ....metrics import cdp_neighbours
@@ -241,9 +241,9 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
         column_dsnu_e=old.column_pattern_e_s * growth,
     )
     screens = {
-        stage: Windscreen(one.transmittance, glare_fraction)
+        stage: Windscreen(one.transmittance, glare_fraction, glare_subtracted=True)
         for stage, one in thesis.before
-        if isinstance(one, Windscreen)
+        if isinstance(one, ThesisWindscreen)
     }
     return replace(
         thesis,

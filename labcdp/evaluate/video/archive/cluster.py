@@ -1,15 +1,15 @@
-"""Processes that work through tasks: of this computer, or of a Dask cluster given by its address."""
+"""Workers of a Dask cluster that work through tasks."""
 
 from __future__ import annotations
 
 import logging
-import os
 import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -164,16 +164,44 @@ class Cluster:
         ]
 
 
-@contextmanager
-def open_cluster(address: str | None, n_workers: int | None, folder: Path) -> Iterator[Cluster]:
-    """Connect to a cluster, or start processes of this computer that end with the context.
+@dataclass(frozen=True)
+class TlsFiles:
+    """Files by which the two sides of a connection know each other and encrypt what they send (PEM).
 
     Parameters
     ----------
-    address : str or None
-        Of a scheduler; None for processes of this computer, one thread each, which listen on loopback only.
-    n_workers : int or None
-        Processes of this computer; None for one a core.
+    ca : Path
+        Certificate of the authority that signed those of scheduler and workers.
+    certificate, key : Path
+        Of this computer.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+
+    ca: Path
+    certificate: Path
+    key: Path
+
+    def __post_init__(self) -> None:
+        for name in ("ca", "certificate", "key"):
+            path = getattr(self, name)
+            if not path.is_file():
+                raise InputError(f"{path} is no file: give the {name} of the cluster as a PEM file")
+
+
+@contextmanager
+def open_cluster(address: str, tls: TlsFiles | None, folder: Path) -> Iterator[Cluster]:
+    """Connect to a cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of a scheduler.
+    tls : TlsFiles or None
+        For an address ``tls://``; None for a cluster without encryption and passwords.
     folder : Path
         Where the workers are to write; made if it does not exist.
 
@@ -182,44 +210,39 @@ def open_cluster(address: str | None, n_workers: int | None, folder: Path) -> It
     InputError
         If the scheduler cannot be reached, or the folder cannot be made.
     """
+    if (tls is not None) != address.startswith("tls://"):
+        raise InputError(
+            f"the cluster is {address}: give its TLS files with an address that begins with tls://, and not else"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
-    from distributed import Client, LocalCluster
+    from distributed import Client
     from distributed.comm.addressing import parse_address
     from distributed.comm.registry import get_backend
+    from distributed.security import Security
 
     with ExitStack() as stack:
         stack.enter_context(_quiet())
-        if address is None:
-            # Videos do not need more memory as they get longer, so no worker is paused or ended because of it.
-            address = stack.enter_context(
-                LocalCluster(
-                    n_workers=n_workers or _cores(),
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    memory_limit=0,
-                    silence_logs=logging.CRITICAL,
-                )
+        security = Security()
+        if tls is not None:
+            security = Security(
+                require_encryption=True,
+                tls_ca_file=str(tls.ca),
+                tls_client_cert=str(tls.certificate),
+                tls_client_key=str(tls.key),
             )
         try:
             # A client for an address of unknown kind leaves a task behind that fails later.
-            if isinstance(address, str):
-                get_backend(parse_address(address)[0])
-            client = stack.enter_context(Client(address, timeout=_ANSWER_S))
+            get_backend(parse_address(address)[0])
+            client = stack.enter_context(Client(address, timeout=_ANSWER_S, security=security))
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
                 f"no Dask scheduler answers at {address}: start one with dask scheduler, or give its address, for "
                 "example tcp://192.0.2.7:8786"
             ) from error
         yield Cluster(client, folder)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def _key(task: ArchiveTask, attempt: int) -> str:

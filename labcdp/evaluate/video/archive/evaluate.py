@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ....core.errors import InputError, LabcdpError
-from ....core.finding import Finding
+from ....core.finding import Finding, warning
 from ....core.json_text import results_json
+from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
-from .cluster import open_cluster
+from .cluster import Cluster, TlsFiles, open_cluster
 from .record import ArchiveTask, finished_values, record_finished
 
 #: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
@@ -116,6 +118,7 @@ def evaluate_archive(
     settings: Mapping[str, Any],
     address: str | None = None,
     n_workers: int | None = None,
+    tls: TlsFiles | None = None,
     progress: Progress | None = None,
     *,
     force: bool = False,
@@ -136,10 +139,11 @@ def evaluate_archive(
     settings : mapping
         All inputs of the results other than the video; JSON.
     address : str or None
-        Of a Dask scheduler, for example tcp://192.0.2.7:8786; None for processes of this computer, which listen on
-        loopback only.
+        Of a Dask scheduler, for example tls://192.0.2.7:8786; None for processes of this computer.
     n_workers : int or None
         Processes of this computer; None for one a core.
+    tls : TlsFiles or None
+        For a cluster at an address ``tls://``.
     progress : callable or None
         See `Progress`.
     force : bool
@@ -177,10 +181,14 @@ def evaluate_archive(
             done(VideoOutcome(task, values, resumed=True))
     findings: tuple[Finding, ...] = ()
     if left:
-        with open_cluster(address, n_workers, _common(tasks)) as cluster:
-            for task, new, error in cluster.run(evaluate_task, left, work, settings, force, tuple(inputs)):
+        with ExitStack() as stack:
+            here: Processes[ArchiveTask] = Processes(n_workers)
+            workers: Cluster | Processes[ArchiveTask] = here
+            if address is not None:
+                workers = stack.enter_context(open_cluster(address, tls, _common(tasks)))
+            for task, new, error in workers.run(evaluate_task, left, work, settings, force, tuple(inputs)):
                 done(VideoOutcome(task, new, "" if error is None else _reason(error)))
-            findings = cluster.findings
+            findings = workers.findings if isinstance(workers, Cluster) else _of_died(here)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -205,6 +213,10 @@ def evaluate_task(
             values = json.loads(results_json(dict(work(task.video, results))))
             record_finished(task, settings, values, results)
     return values
+
+
+def _of_died(processes: Processes[ArchiveTask]) -> tuple[Finding, ...]:
+    return tuple(warning("worker-died", f"process {pid}", video=str(task.video)) for pid, task in processes.died)
 
 
 def _common(tasks: Sequence[ArchiveTask]) -> Path:

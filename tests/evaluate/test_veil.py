@@ -1,0 +1,127 @@
+"""Contrast never survives a veil, whichever way a scene is evaluated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import sqrt
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from labcdp.chain import Chain, Scene, StepChart, Windscreen
+from labcdp.chain.predict.chain import predict_chain
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import LuminanceMap
+from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.edges.edges import EdgeKind
+from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.sweep.simulation.run import evaluate_run
+from labcdp.files.picture.read import read_picture
+from labcdp.metrics.regions.pair import evaluate_pair
+
+GLARES = (0.0, 0.3, 1.0, 4.0)
+
+
+def veiled(glare_fraction: float, scene: Scene | None = None) -> Chain:
+    """A camera behind a windscreen; 20 and 40 cd/m^2 without black level and dark current."""
+    camera = Chain.load("manta-g505").with_(
+        **{"sensor.width": 128, "sensor.height": 96, "scene.square_px": 16, "sensor.black_level_dn": 0.0},
+        **{"sensor.dsnu_e_s": 0.0, "sensor.dark_current_e_s": 0.0, "optics.focal_length_m": None},
+        **{"exposure.exposure_s": 0.005},
+    )
+    screen = ("windscreen", Windscreen(0.9, glare_fraction))
+    return replace(camera, before=(screen, *camera.before), scene=scene or camera.scene)
+
+
+def contrast_left(dark_cd_m2: float, bright_cd_m2: float, mean_cd_m2: float, glare_fraction: float) -> float:
+    return (bright_cd_m2 - dark_cd_m2) / (dark_cd_m2 + glare_fraction * mean_cd_m2)
+
+
+@pytest.mark.parametrize("chart", [None, StepChart(128, 96, (12.0, 24.0, 40.0, 6.0))])
+def test_simulated_contrast_is_what_the_veil_leaves(chart: Scene | None) -> None:
+    for glare_fraction in GLARES:
+        run = veiled(glare_fraction, chart).run(seed=1)
+        scene, levels = run.chain.scene, {one.name: one.luminance_cd_m2 for one in run.chain.scene.levels()}
+        for stage in evaluate_run(run).stages[1:]:
+            for pair in stage.pairs:
+                mean_cd_m2 = float(scene.luminance_map().mean())
+                left = contrast_left(levels[pair.dark], levels[pair.bright], mean_cd_m2, glare_fraction)
+                # Noise of the sensor over 3072 pixels of a region at the least; before it there is none.
+                sigma = 0.0 if stage.name != "sensor" else (1 + left) * sqrt(2 / 3072) / pair.cnr.value * left
+                assert pair.measured_contrast == pytest.approx(left, rel=1e-5, abs=5 * sigma)
+
+
+@pytest.mark.parametrize("by_simulation", [True, False])
+def test_probability_of_detection_falls_with_the_veil(by_simulation: bool) -> None:
+    cdps = []
+    for glare_fraction in GLARES:
+        chain = veiled(glare_fraction)
+        simulated = evaluate_run(chain.run(seed=1)).stages[-1].pairs[0].cdp
+        assert simulated is not None
+        cdps.append(simulated.cdp if by_simulation else float(predict_chain(chain).cdp[0]))
+    assert cdps == sorted(cdps, reverse=True)
+    assert cdps[0] > 0.99
+    assert cdps[-1] < 0.05
+
+
+def test_picture_of_a_veiled_scene_has_the_contrast_that_is_left(tmp_path: Path) -> None:
+    for glare_fraction in GLARES:
+        dn = veiled(glare_fraction).run(seed=1)["sensor"].values
+        path = tmp_path / f"{glare_fraction}.png"
+        cv2.imwrite(str(path), dn.astype(np.uint16))
+        conversion = picture_conversion(None, None, "linear")
+        light = conversion.luminance(read_picture(path, conversion.options))
+        regions = (Roi.rectangle("bright", 17, 1, 14, 14), Roi.rectangle("dark", 1, 1, 14, 14))
+        pair = evaluate_pair(light, *regions, (1.0,))
+        left = contrast_left(20.0, 40.0, 30.0, glare_fraction)
+        assert pair.contrast.value == pytest.approx(left, abs=5 * pair.contrast.standard_error + 1e-3)
+
+
+def test_map_asked_for_the_contrast_of_the_scene_loses_what_the_veil_takes() -> None:
+    scene = np.full((240, 320), 100.0)
+    scene[:, 167:] = 150.0
+    noise = 3 * np.random.default_rng(0).normal(size=(2, *scene.shape))
+    clear, veiled = (light_of(scene + noise[0]), light_of(scene + 200 + noise[1]))
+    by_own, by_reference, by_contrast = (
+        contrast_map(veiled, ContrastMapSettings(30, contrast=given), reference)
+        for given, reference in ((None, None), (None, clear), (0.5, None))
+    )
+    edges = by_own.of_kind(EdgeKind.SEEN)
+    assert edges.sum() > 5
+    assert by_own.count(EdgeKind.LOST) == 0
+    assert by_own.edges.asked_contrast[edges] == pytest.approx(50 / 300, rel=0.02)
+    assert [one.code for one in by_own.findings] == ["map-of-own-contrast"]
+    for found in (by_reference, by_contrast):
+        lost = found.of_kind(EdgeKind.LOST)
+        assert lost.sum() > 5
+        assert found.count(EdgeKind.SEEN, EdgeKind.UNEVEN, EdgeKind.FAINT) == 0
+        assert found.edges.asked_contrast[lost] == pytest.approx(0.5, rel=0.02)
+        assert found.edges.contrast[lost] == pytest.approx(50 / 300, rel=0.02)
+        assert found.edges.cdp[lost] == pytest.approx(0, abs=1e-3)
+    # Of the same picture as its own reference, nothing is lost, and the contrasts are the same.
+    itself = contrast_map(clear, ContrastMapSettings(30), clear)
+    plain = contrast_map(clear, ContrastMapSettings(30))
+    np.testing.assert_array_equal(itself.edges.cdp, plain.edges.cdp)
+    np.testing.assert_array_equal(itself.edges.kind, plain.edges.kind)
+
+
+def light_of(luminance_cd_m2: np.ndarray) -> LuminanceMap:
+    nothing = np.zeros(luminance_cd_m2.shape, np.uint8)
+    return LuminanceMap(luminance_cd_m2, np.full(luminance_cd_m2.shape, 0.01), (), nothing)
+
+
+@pytest.mark.parametrize(
+    ("settings", "shape", "message"),
+    [
+        (ContrastMapSettings(30), (90, 100), "the reference image has 100 x 90 pixels, the image 100 x 80"),
+        (ContrastMapSettings(30, contrast=0.5), (80, 100), "a contrast and a reference image are given: give one"),
+    ],
+)
+def test_reference_that_cannot_be_one_is_refused(
+    settings: ContrastMapSettings, shape: tuple[int, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        contrast_map(light_of(np.ones((80, 100))), settings, light_of(np.ones(shape)))

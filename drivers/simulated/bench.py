@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from ...chain import Chain, ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
@@ -70,6 +72,8 @@ class SimulatedBench:
         Height and width for a smaller sensor; None keeps the camera's own.
     clock : Clock or None
         Clock of drifts, schedules and the devices in this process; None for the system clock.
+    n_records : int
+        What was recorded before with the same seed: a resumed acquisition has other noise than its beginning.
 
     Raises
     ------
@@ -83,7 +87,9 @@ class SimulatedBench:
         devices: BenchDevices,
         sensor_shape: tuple[int, int] | None = None,
         clock: Clock | None = None,
+        n_records: int = 0,
     ) -> None:
+        devices = _resumed(devices, n_records)
         self._clock = SystemClock() if clock is None else clock
         self._configuration = configuration
         self._devices = devices
@@ -242,6 +248,14 @@ class SimulatedBench:
         for item in scheduled:
             self._misfortune.schedule(item)
         return scheduled
+
+
+def _resumed(devices: BenchDevices, n_records: int) -> BenchDevices:
+    """Return the same specimens with the noise that follows after `n_records`."""
+    if n_records == 0:
+        return devices
+    seeds = np.random.SeedSequence((devices.seed, devices.meter.seed, n_records)).generate_state(2)
+    return replace(devices, seed=int(seeds[0]), meter=replace(devices.meter, seed=int(seeds[1])))
 
 
 def _chain(

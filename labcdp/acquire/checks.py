@@ -25,7 +25,7 @@ class CheckFinding:
 
     Parameters
     ----------
-    check : {'saturation', 'darkness', 'light in the dark', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
+    check : str
         What was checked.
     cause : str
         Problem and possible cause, on one line.
@@ -33,7 +33,16 @@ class CheckFinding:
         Measured value and its limit; shares and relative changes as fractions.
     """
 
-    check: Literal["saturation", "darkness", "light in the dark", "flicker", "meter drift", "scatter", "mixed readings"]
+    check: Literal[
+        "saturation",
+        "darkness",
+        "light in the dark",
+        "flicker",
+        "meter drift",
+        "scatter",
+        "mixed readings",
+        "repeated frames",
+    ]
     cause: str
     value: float
     limit: float
@@ -45,7 +54,7 @@ class CheckFinding:
     @property
     def passing(self) -> bool:
         """Whether repeating may solve it without a change at the bench."""
-        return self.check not in ("saturation", "darkness", "light in the dark")
+        return self.check not in ("saturation", "darkness", "light in the dark", "repeated frames")
 
 
 def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
@@ -114,6 +123,27 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
                 )
             ]
     return []
+
+
+def check_repeats(n_repeated: int, n_frames: int) -> list[CheckFinding]:
+    """Find frames that are bit for bit an earlier frame: the noise is measured from what differs between frames.
+
+    Parameters
+    ----------
+    n_repeated, n_frames : int
+        Frames that repeat an earlier one of their exposure, and all frames.
+    """
+    if n_repeated == 0:
+        return []
+    return [
+        CheckFinding(
+            "repeated frames",
+            f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K come out "
+            "too small: is the camera's test pattern on, or its image frozen? if not, choose a format of more bits",
+            n_repeated / n_frames,
+            0.0,
+        )
+    ]
 
 
 def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:

@@ -17,6 +17,9 @@ from ..session import Role
 #: Share of the span from black to saturation below which changes relative to the signal are meaningless.
 _LEAST_SIGNAL_REL = 0.01
 
+#: Distance of the rows and columns by which frames are compared, for speed: few pixels with noise never repeat.
+_SAMPLED = 8
+
 
 @dataclass(frozen=True)
 class PatchNumbers:
@@ -111,10 +114,17 @@ class LiveNumbers:
     ----------
     regions : sequence of Roi
         The visible patches.
+
+    Attributes
+    ----------
+    n_frames, n_repeated : int
+        Frames added, and those that are bit for bit the same as an earlier one.
     """
 
     def __init__(self, regions: Sequence[Roi]) -> None:
         self._patches = [_PatchAccumulator(region) for region in regions]
+        self._seen: set[int] = set()
+        self.n_frames = self.n_repeated = 0
 
     def add(self, frame: Frame) -> tuple[PatchNumbers, ...]:
         """Add a frame and return the statistics so far.
@@ -126,7 +136,16 @@ class LiveNumbers:
         """
         for patch in self._patches:
             patch.add(frame)
+        self._look_for_repeat(frame)
         return self.numbers
+
+    def _look_for_repeat(self, frame: Frame) -> None:
+        """Count a frame whose sampled pixels are all those of an earlier one; a blank frame may be."""
+        sample = frame.dn[::_SAMPLED, ::_SAMPLED]
+        key = hash(sample.tobytes())
+        self.n_frames += 1
+        self.n_repeated += key in self._seen and bool(sample.min() != sample.max())
+        self._seen.add(key)
 
     @property
     def numbers(self) -> tuple[PatchNumbers, ...]:

@@ -14,7 +14,15 @@ from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .before import check_devices, check_room
-from .checks import CheckFinding, check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
+from .checks import (
+    CheckFinding,
+    check_darkness,
+    check_flicker,
+    check_levels,
+    check_meter_drift,
+    check_repeats,
+    check_scatter,
+)
 from .control import Control
 from .lens_cap import LensCap
 from .operator import HandNeededError, Operator
@@ -250,9 +258,11 @@ class _Run:
         if unit.kind in ("light", "patch"):
             numbers = self._frames.numbers(unit.patch)
             findings += check_levels(numbers) + check_flicker(numbers, plan.largest_flicker_rel)
+            findings += check_repeats(*self._frames.repeats(unit.patch, "light"))
         if unit.kind == "dark":
             light = [n for shown in shown_patches(self._session.configuration) for n in self._frames.numbers(shown)]
             findings += check_darkness(self._frames.numbers(None, "dark"), light)
+            findings += check_repeats(*self._frames.repeats(None, "dark"))
         if unit.kind == "readings":
             assert unit.patch is not None
             readings = [r.reading for r in self._session.readings() if r.patch == unit.patch]

@@ -1,6 +1,7 @@
 """Whole acquisitions on the simulated bench, in simulated time."""
 
 import threading
+from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
 
@@ -308,3 +309,26 @@ def test_a_ratio_is_not_recorded(changed, on_bench):
         with pytest.raises(InputError, match="is a ratio in %, not a luminance: set the meter to ABS"):
             on.acquire()
         assert on.counts == (6, 0, 0)
+
+
+class FrozenCamera:
+    """A camera whose image is frozen: frames of an exposure are all the first one."""
+
+    def __init__(self, camera):
+        self._camera, self._first = camera, {}
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def grab(self, *args, **options):
+        for frame in self._camera.grab(*args, **options):
+            yield replace(frame, dn=self._first.setdefault(frame.exposure_s, frame.dn))
+
+
+def test_frames_that_repeat_are_found(changed, on_bench):
+    with on_bench(changed(plan={"exposures_s": (0.002, 0.004), "frames_per_exposure": 3})) as on:
+        on.camera = FrozenCamera(on.camera)
+        on.acquire(Hands(on.bench))
+        (light,) = (check for check in on.events("check") if check["unit"] == "light frames")
+    (found,) = (finding for finding in light["findings"] if finding["check"] == "repeated frames")
+    assert "4 of 6 frames are bit for bit the same as an earlier one" in found["cause"]

@@ -111,6 +111,11 @@ class FrameRecorder:
         exposures_s = self._session.exposures_s or ()
         return [n for t in exposures_s for n in self._live_numbers(role, shown, t).numbers]
 
+    def repeats(self, shown: str | None, role: Role) -> tuple[int, int]:
+        """Return the number of frames that repeat an earlier one of their exposure, and of all, over all exposures."""
+        live = [self._live_numbers(role, shown, exposure_s) for exposure_s in self._session.exposures_s or ()]
+        return sum(numbers.n_repeated for numbers in live), sum(numbers.n_frames for numbers in live)
+
     def regions(self, shown: str | None) -> list[Roi]:
         """Regions of the visible patches."""
         patches = self._session.configuration.target.patches

@@ -158,7 +158,7 @@ def connected(
     if choice.replay is not None:
         opened = _replayed(session, choice.replay, choice.speed, clock)
     elif choice.simulated:
-        opened = _simulated(session.configuration, choice, clock)
+        opened = _simulated(session, choice, clock)
     else:
         opened = _real(session, choice, console)
     with opened as devices:
@@ -230,12 +230,13 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 
 
 @contextmanager
-def _simulated(configuration: SessionConfiguration, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
+def _simulated(session: Session, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
     from ...core.disk import read_text
     from ...drivers.simulated.bench import BenchDevices, SimulatedBench
 
     faults = None if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
-    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock) as bench:
+    configuration, n_records = session.configuration, len(session.records)
+    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock, n_records=n_records) as bench:
         if choice.virtual_clock:
             with bench.in_process_camera(patience_s=choice.patience_s) as camera, bench.in_process_meter() as meter:
                 _schedule(bench, faults, choice.faults)

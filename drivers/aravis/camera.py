@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
 from math import isfinite
-from typing import Any, Self
+from typing import Self
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
@@ -29,7 +29,7 @@ from ..device import Device
 from .connection import Connection
 from .features import execute_feature, read_feature, readable_features, write_feature
 from .settings import configure as change_settings
-from .settings import exposure_range_s, known_formats, read_settings
+from .settings import exposure_range_s, known_formats, read_settings, temperature_c
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
@@ -119,7 +119,7 @@ class AravisCamera(Device):
     @property
     def temperature_c(self) -> float | None:
         """Current temperature of the device in degrees Celsius; None if not available."""
-        return self._connection.ask("its temperature cannot be read", _temperature_c)
+        return self._connection.ask("its temperature cannot be read", temperature_c)
 
     @property
     def statistics(self) -> StreamStatistics:
@@ -287,7 +287,7 @@ class AravisCamera(Device):
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, _temperature_c(camera), self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, temperature_c(camera), self._connection.changes.features)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s)
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
@@ -321,11 +321,6 @@ class AravisCamera(Device):
             raise CameraError(
                 f"{self.identity} is still grabbing: finish that loop, or close its iterator, before {what}"
             )
-
-
-def _temperature_c(camera: Any) -> float | None:
-    name = "DeviceTemperature"
-    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
 
 
 def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:

@@ -197,8 +197,15 @@ class Link:
         del streams
 
 
-def connect(info: CameraInfo) -> Link:
+def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     """Open a camera, take control, and bring it to a known state.
+
+    Parameters
+    ----------
+    info : CameraInfo
+        As discovered.
+    prepare : bool
+        False leaves all its settings as they are.
 
     Raises
     ------
@@ -222,7 +229,8 @@ def connect(info: CameraInfo) -> Link:
         link = Link(camera, info, udp_socket_numbers() - before)
     try:
         _check_who(link)
-        _prepare(link)
+        if prepare:
+            _prepare(link)
     except BaseException:
         link.close()
         raise

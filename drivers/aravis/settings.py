@@ -53,6 +53,12 @@ def read_settings(camera: Any) -> CameraSettings:
     )
 
 
+def temperature_c(camera: Any) -> float | None:
+    """Return the temperature of the device in degrees Celsius, None if it has none; raises errors of Aravis."""
+    name = "DeviceTemperature"
+    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
+
+
 def layout_of(settings: CameraSettings) -> PixelFormat:
     """Return the current pixel format; raises CameraSettingError if labcdp does not support it."""
     try:

@@ -48,7 +48,7 @@ def test_camera_and_meter_of_the_simulated_bench(checked, running_bench):
     _, told = running_bench()
     with MinoltaLS110(told["meter"]["port"]) as meter:
         meter.measure()
-    _, groups = checked("--meter", told["meter"]["port"], "--camera", told["camera"]["serial"])
+    _, groups = checked("--meter", told["meter"]["port"], "--stream-test", told["camera"]["serial"])
     _, camera, meter = groups
     assert told["camera"]["serial"] in camera
     assert groups[camera]["controller"]["state"] == "good"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ..options import METER_MODEL_OPTION
@@ -33,14 +33,19 @@ def doctor(
         None, help="Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked."
     ),
     meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
+    stream_test: str | None = typer.Option(
+        None, metavar="SERIAL", help="Also take some frames with this camera; its settings are restored afterwards."
+    ),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Check this computer, the cameras and the meter; list faults and the commands that fix them.
 
-    Takes a few frames with each camera and one reading with the meter; changes no settings permanently.
+    Cameras are only read, except that of --stream-test. The meter's modes are set, as it cannot report them.
     The exit status is 1 if there is a fault, else 0.
     """
-    groups = [("This computer", _attempt(_host)), *_cameras(camera)]
+    if camera is not None and stream_test is not None:
+        raise InputError("--camera cannot be combined with --stream-test: leave one out")
+    groups = [("This computer", _attempt(_host)), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: _meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
@@ -96,7 +101,7 @@ def _meter(port: str, model: Literal["LS-110", "LS-100"]) -> list[Finding]:
     return check_meter(port, model)
 
 
-def _cameras(selector: str | None) -> list[tuple[str, list[Finding]]]:
+def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding]]]:
     """Check the selected camera, or all cameras found."""
     from ...drivers.aravis.library import CameraInfo, choose, discover
     from ...drivers.camera import CameraError
@@ -119,7 +124,7 @@ def _cameras(selector: str | None) -> list[tuple[str, list[Finding]]]:
 
     def check(info: CameraInfo) -> tuple[str, list[Finding]]:
         name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
-        return name, _attempt(lambda: check_camera(info, known))
+        return name, _attempt(lambda: check_camera(info, known, stream=stream))
 
     return [check(info) for info in found]
 

@@ -131,8 +131,8 @@ class CameraSettings:
         First column and row of the sensor that is read out, in pixels after binning.
     binning : (int, int)
         Columns and rows binned into one pixel.
-    black_level_dn : float
-        DN added to each pixel, as set in the camera; 0 without such a setting.
+    black_level : float
+        Value of the camera's register, in its own unit, which need not be DN of the pixel format; 0 without one.
     frame_rate_hz : float or None
         Frame rate of a free-running camera; None if unknown.
     trigger : Trigger
@@ -147,7 +147,7 @@ class CameraSettings:
     offset_x: int = 0
     offset_y: int = 0
     binning: tuple[int, int] = (1, 1)
-    black_level_dn: float = 0.0
+    black_level: float = 0.0
     frame_rate_hz: float | None = None
     trigger: Trigger = FREE_RUN
 

@@ -140,7 +140,7 @@ class AravisCamera(Device):
         pixel_format: str | None = None,
         region: Region | None = None,
         binning: tuple[int, int] | None = None,
-        black_level_dn: float | None = None,
+        black_level: float | None = None,
         frame_rate_hz: float | None = None,
         trigger: Trigger | None = None,
     ) -> CameraSettings:
@@ -148,8 +148,8 @@ class AravisCamera(Device):
 
         Parameters
         ----------
-        exposure_s, gain_db, black_level_dn, frame_rate_hz : float or None
-            Exposure time, analogue gain, DN added to each pixel, frames per second when free-running.
+        exposure_s, gain_db, black_level, frame_rate_hz : float or None
+            Exposure time, analogue gain, register of the black level, frames per second when free-running.
         pixel_format : str or None
             GenICam PFNC name.
         region : Region or None
@@ -174,7 +174,7 @@ class AravisCamera(Device):
             "pixel_format": pixel_format,
             "region": region,
             "binning": binning,
-            "black_level_dn": black_level_dn,
+            "black_level": black_level,
             "frame_rate_hz": frame_rate_hz,
             "trigger": trigger,
         }

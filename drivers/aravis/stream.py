@@ -275,7 +275,7 @@ class FrameStream:
             gain_db=settings.gain_db,
             bit_depth=layout.bit_depth,
             saturation_dn=2**layout.bit_depth - 1,
-            black_level_dn=settings.black_level_dn,
+            black_level_dn=settings.black_level,
             pixel_format=layout.name,
             colour_filter=layout.colour_filter,
             temperature_c=self._conditions.temperature_c,

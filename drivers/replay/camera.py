@@ -110,7 +110,7 @@ class ReplayCamera(Device):
         self._opened()
         assert self._settings is not None
         first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
-        return replace(self._settings, black_level_dn=float(first.metadata["black_level_dn"]))
+        return replace(self._settings, black_level=float(first.metadata["black_level_dn"]))
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:

@@ -69,7 +69,7 @@ class InProcessCamera(Device):
             "Mono12",
             device.width,
             device.height,
-            black_level_dn=device.black_level_dn,
+            black_level=device.black_level_dn,
             frame_rate_hz=device.frame_rate_hz,
         )
         self._open = False
@@ -149,7 +149,7 @@ class InProcessCamera(Device):
             "ExposureTimeAbs": settings.exposure_s * 1e6,
             "AcquisitionFrameRateAbs": device.frame_rate_hz,
             "Gain": settings.gain_db,
-            "BlackLevel": settings.black_level_dn,
+            "BlackLevel": settings.black_level,
         }
 
     def configure(
@@ -236,7 +236,7 @@ class InProcessCamera(Device):
             gain_db=settings.gain_db,
             bit_depth=12,
             saturation_dn=FULL_SCALE_DN,
-            black_level_dn=settings.black_level_dn,
+            black_level_dn=settings.black_level,
             pixel_format="Mono12",
             colour_filter=None,
             temperature_c=self.temperature_c,

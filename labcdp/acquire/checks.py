@@ -10,6 +10,7 @@ from typing import Literal
 from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 from ..core.errors import InputError
 from ..core.reading import Reading, ReadingSeries
+from .black import measured_black_dn
 from .live import PatchNumbers
 
 #: Standard uncertainties above which a change is significant.
@@ -102,17 +103,23 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
 def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) -> list[CheckFinding]:
     """Find dark frames that show the target: half as bright as the light frames at the brightest patch.
 
+    The black level is that of the light frames, as dark frames without the cap would say a wrong one.
+
     Parameters
     ----------
     dark, light : sequence of PatchNumbers
         All exposures of all patches.
     """
+    black_dn = measured_black_dn((), light)
+    if black_dn is None:
+        # Of one exposure the darkest patch is nearest to black; a single patch says nothing of it.
+        black_dn = min(n.mean_dn for n in light) if len(light) > 1 else 0.0
     for n in light:
         seen = [d for d in dark if (d.patch, d.exposure_s) == (n.patch, n.exposure_s)]
-        brightest = max((m for m in light if m.exposure_s == n.exposure_s), key=lambda m: m.signal_dn)
-        clear = n is brightest and n.signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
-        if clear and seen and seen[0].signal_dn > _LIT_SHARE * n.signal_dn:
-            share = seen[0].signal_dn / n.signal_dn
+        brightest = max((m for m in light if m.exposure_s == n.exposure_s), key=lambda m: m.mean_dn)
+        signal_dn = n.mean_dn - black_dn
+        clear = n is brightest and signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
+        if clear and seen and (share := (seen[0].mean_dn - black_dn) / signal_dn) > _LIT_SHARE:
             return [
                 CheckFinding(
                     "light in the dark",

@@ -35,8 +35,10 @@ class PatchNumbers:
         Number of frames, and of pixels in each.
     mean_dn : float
         Mean over frames and pixels.
-    black_dn, saturation_dn : float
-        The camera's nominal black level and saturation.
+    black_dn : float
+        Black level as measured so far, see `measured_black_dn`; 0 while unknown.
+    saturation_dn : float
+        The camera's saturation.
     saturated_share : float
         Share of the values at saturation or above.
     temporal_noise_dn : float or None
@@ -63,7 +65,7 @@ class PatchNumbers:
 
     @property
     def signal_dn(self) -> float:
-        """Mean above the nominal black level."""
+        """Mean above the black level."""
         return self.mean_dn - self.black_dn
 
     @property
@@ -185,7 +187,7 @@ class _PatchAccumulator:
         self._last: NDArray[np.float32] | None = None
         self._last_mean = 0.0
         self._n = 0
-        self._exposure_s = self._black_dn = self._saturation_dn = 0.0
+        self._exposure_s = self._saturation_dn = 0.0
         # Sums over frames: of means, of means times the frame's index, of saturated shares; over pairs: of
         # variances of the difference, of squared differences of the means.
         self._means = self._weighted = self._saturated = self._variances = self._squares = 0.0
@@ -204,7 +206,7 @@ class _PatchAccumulator:
         self._means += mean
         self._n += 1
         self._exposure_s = frame.exposure_s
-        self._black_dn, self._saturation_dn = frame.black_level_dn, frame.saturation_dn
+        self._saturation_dn = frame.saturation_dn
         self._last, self._last_mean = kept, mean
 
     @property
@@ -221,7 +223,7 @@ class _PatchAccumulator:
             frames=n,
             pixels=self._last.size,
             mean_dn=mean_dn,
-            black_dn=self._black_dn,
+            black_dn=0.0,
             saturation_dn=self._saturation_dn,
             saturated_share=self._saturated / n,
             temporal_noise_dn=sqrt(self._variances / pairs / 2) if pairs else None,

@@ -14,6 +14,7 @@ from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .before import check_devices, check_room
+from .black import measured_black_dn
 from .checks import (
     CheckFinding,
     check_darkness,
@@ -261,7 +262,11 @@ class _Run:
             findings += check_repeats(*self._frames.repeats(unit.patch, "light"))
         if unit.kind == "dark":
             light = [n for shown in shown_patches(self._session.configuration) for n in self._frames.numbers(shown)]
-            findings += check_darkness(self._frames.numbers(None, "dark"), light)
+            dark = self._frames.numbers(None, "dark")
+            findings += check_darkness(dark, light)
+            if measured_black_dn((), light) is None:
+                # Unknown when the light frames were checked.
+                findings += [finding for finding in check_levels(light) if finding.check == "darkness"]
             findings += check_repeats(*self._frames.repeats(None, "dark"))
         if unit.kind == "readings":
             assert unit.patch is not None

@@ -76,6 +76,27 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
         assert counts(session) == (6, 32, 6)
 
 
+@pytest.mark.parametrize(("pixel_format", "black_dn"), [("Mono8", 3.56), ("Mono12", 64.0), ("Mono16", 1024.0)])
+def test_the_black_level_is_measured_in_dn_of_the_pixel_format(
+    aravis, bench, stack, small_configuration, tmp_path, pixel_format, black_dn
+):
+    """The register says 64 whatever the format is."""
+    plan = small_configuration.plan.model_copy(update={"pixel_format": pixel_format})
+    session = stack.enter_context(Session.create(tmp_path / "s", small_configuration.model_copy(update={"plan": plan})))
+    meter = stack.enter_context(bench.in_process_meter(0))
+    stack.enter_context(bench.gige_camera())
+    camera = stack.enter_context(AravisCamera("127.0.0.1"))
+    seen = []
+    acquire(session, camera, meter, bench, lambda progress: seen.append(progress.live))
+    assert camera.settings.black_level == 64
+    last = [live for live in seen if live is not None][-1]
+    assert last.role == "dark"
+    # By the darkest patch of 900 pixels; the 8-bit converter cuts what it cannot show.
+    for numbers in last.patches:
+        assert numbers.black_dn == pytest.approx(black_dn, rel=0.06)
+        assert abs(numbers.signal_dn) < 0.1 * black_dn
+
+
 def test_a_meter_error_in_the_middle_costs_nothing(bench, stack, small_configuration, tmp_path):
     path = tmp_path / "s"
     camera = stack.enter_context(bench.in_process_camera())

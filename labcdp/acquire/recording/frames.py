@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from ...core.clock import Clock
@@ -14,6 +14,7 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...drivers.camera import Camera, CameraLostError, CameraSettings
 from ...session import Role, Session
+from ..black import measured_black_dn
 from ..control import Control
 from ..frames import Refusals, Schedule, take_frames
 from ..live import Live, LiveNumbers, PatchNumbers
@@ -84,6 +85,7 @@ class FrameRecorder:
             If they cannot be recorded, or the camera does not keep an exposure.
         """
         live = {exposure_s: self._live_numbers(role, shown, exposure_s) for exposure_s in lacking}
+        black_dn = self.black_dn(shown)
         done, total = self._done(role)
         self._report(Progress(f"{role} frames", done, total))
         try:
@@ -96,7 +98,7 @@ class FrameRecorder:
                             writer.put(frame, role, shown)
                             self._note_gaps(writer.put_event)
                             done += 1
-                            numbers = live[exposure_s].add(frame)
+                            numbers = _above(black_dn, live[exposure_s].add(frame))
                             now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
                             self._report(Progress(f"{role} frames", done, total, now))
         except CameraLostError as error:
@@ -108,6 +110,13 @@ class FrameRecorder:
 
     def numbers(self, shown: str | None, role: Role = "light") -> list[PatchNumbers]:
         """Return the statistics of all exposures."""
+        return list(_above(self.black_dn(shown), self._counted(role, shown)))
+
+    def black_dn(self, shown: str | None) -> float | None:
+        """Return the black level as measured so far; None if it is unknown."""
+        return measured_black_dn(self._counted("dark", None), self._counted("light", shown))
+
+    def _counted(self, role: Role, shown: str | None) -> list[PatchNumbers]:
         exposures_s = self._session.exposures_s or ()
         return [n for t in exposures_s for n in self._live_numbers(role, shown, t).numbers]
 
@@ -171,3 +180,7 @@ class FrameRecorder:
             rate = went.frames_per_s
             _log.warning("limited by the disk: %.3g frames/s, none was lost", rate)
             self._session.add_event("limited by the disk", asdict(went) | {"frames_per_s": rate})
+
+
+def _above(black_dn: float | None, numbers: Sequence[PatchNumbers]) -> tuple[PatchNumbers, ...]:
+    return tuple(replace(n, black_dn=black_dn or 0.0) for n in numbers)

@@ -1,3 +1,4 @@
+import re
 from contextlib import ExitStack
 
 import pytest
@@ -5,7 +6,7 @@ import pytest
 from labcdp.acquire import acquire, remaining
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraLostError, CameraNotFoundError, IncompleteFrameError
-from labcdp.drivers.meter import MeterReportedError
+from labcdp.drivers.meter import MeterError, MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
@@ -114,6 +115,37 @@ def test_a_meter_error_in_the_middle_costs_nothing(bench, stack, small_configura
         acquire(session, camera, meter, bench, exhaust)
     with Session.open(path, writable=True) as session:
         session.verify()
+        assert counts(session) == (6, 5, 0)
+        acquire(session, camera, meter, bench)
+        assert counts(session) == (6, 32, 6)
+
+
+@pytest.mark.parametrize(
+    ("key", "back", "problem"),
+    [
+        (b"MDS,08", b"MDS,09", "a held peak"),
+        (b"MDS,01", b"MDS,00", "a reading with the correction 'colour', not 'preset'"),
+    ],
+)
+def test_a_mode_changed_at_the_meter_is_refused_when_it_is_read(
+    bench, stack, small_configuration, tmp_path, key, back, problem
+):
+    path = tmp_path / "s"
+    camera = stack.enter_context(bench.in_process_camera())
+    pty = stack.enter_context(bench.pty_meter(0))
+    meter = stack.enter_context(MinoltaLS110(pty.port))
+
+    def press(progress):
+        if (progress.step, progress.done) == ("meter readings", 5):
+            pty._engine.answer(key + b"\r\n")
+
+    with (
+        Session.create(path, small_configuration) as session,
+        pytest.raises(MeterError, match=re.escape(f"the meter gave {problem} (OK00,")),
+    ):
+        acquire(session, camera, meter, bench, press)
+    pty._engine.answer(back + b"\r\n")
+    with Session.open(path, writable=True) as session:
         assert counts(session) == (6, 5, 0)
         acquire(session, camera, meter, bench)
         assert counts(session) == (6, 32, 6)

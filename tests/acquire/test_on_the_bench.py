@@ -11,6 +11,7 @@ import pytest
 from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import CameraLostError, CameraSettingError, IncompleteFrameError
+from labcdp.drivers.meter import MeterError
 
 TWO = ["P12", "lower left"]
 #: Of very different luminance.
@@ -306,7 +307,7 @@ def test_a_ratio_is_not_recorded(changed, on_bench):
 
     with on_bench(changed(patches=TWO)) as on:
         on.meter = Ratio(on.meter)
-        with pytest.raises(InputError, match="is a ratio in %, not a luminance: set the meter to ABS"):
+        with pytest.raises(MeterError, match=r"the meter gave a ratio in % \(.*\): it is not recorded"):
             on.acquire()
         assert on.counts == (6, 0, 0)
 

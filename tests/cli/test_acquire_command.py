@@ -109,6 +109,17 @@ def test_a_plan_that_was_refused_can_be_corrected_in_its_folder(labcdp, fails, c
     assert "own: 4 frames and 2 readings recorded" in done.stderr
 
 
+def test_modes_of_the_configuration_are_set_at_the_meter(labcdp, configuration, tmp_path):
+    meter = 'model = "LS-110"\nserial = "1"\nresponse = "slow"\nrtscts = true\ncorrection = "colour"'
+    done = labcdp("acquire", configuration(meter=meter), "own", "--simulated", "--transcript", "wire.jsonl")
+    assert done.returncode == 0, done.stderr
+    header, *wire = [json.loads(line) for line in (tmp_path / "wire.jsonl").read_text().splitlines()]
+    assert header["rtscts"]
+    # VARI CCF, ABS, SLOW and CONT of the manual.
+    sent = [line["sent"] for line in wire if line.get("sent", "").startswith("MDS")]
+    assert sent == [f"MDS,{mode}\r\n" for mode in ("01", "04", "07", "09")]
+
+
 def test_live_numbers_stand_below_the_bars_of_a_terminal(labcdp_path, configuration, tmp_path):
     screen, terminal = pty.openpty()
     shown = b""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from ...drivers.meter import Meter
-from ...session import Session
+from ...core.reading import Reading
+from ...drivers.meter import Meter, MeterError
+from ...session import MeterConfiguration, Session
 from ..control import Control
 from ..operator import Operator
 from ..progress import Progress, Report
@@ -48,8 +49,8 @@ class ReadingRecorder:
 
         Raises
         ------
-        InputError
-            If the meter gives a ratio in %; it is not recorded, since it is no luminance.
+        MeterError
+            If the meter was in another mode than the configuration's; that reading is not recorded.
         """
         total = sum(readings_wanted(self._session.configuration).values())
         done = total - sum(remaining(self._session).readings.values())
@@ -60,10 +61,26 @@ class ReadingRecorder:
         for _ in range(lacking):
             self._control.checkpoint()
             reading = self._meter.measure()
-            _ = reading.luminance_cd_m2
+            _require_mode(reading, self._session.configuration.meter)
             self._session.add_reading(reading, patch)
             done += 1
             self._report(Progress("meter readings", done, total))
 
     def _recorded(self, patch: str) -> int:
         return sum(record.patch == patch for record in self._session.readings())
+
+
+def _require_mode(reading: Reading, wanted: MeterConfiguration) -> None:
+    """Refuse a reading in another mode: its flags say so, and keys of the meter change modes unnoticed."""
+    problems = {
+        "a ratio in %": reading.unit == "%",
+        "a held peak": reading.peak,
+        f"a reading with the correction {reading.correction!r}, not {wanted.correction!r}": reading.correction
+        not in (None, wanted.correction),
+    }
+    for problem, there in problems.items():
+        if there:
+            raise MeterError(
+                f"the meter gave {problem} ({reading.raw}): it is not recorded; set the mode back at the meter, "
+                "or switch it off and on with F held, then resume"
+            )

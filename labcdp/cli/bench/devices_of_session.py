@@ -291,12 +291,22 @@ def _try(camera: Camera) -> None:
 
 
 def _serial_meter(described: MeterConfiguration, port: str, patience_s: float, transcript: Path | None) -> Meter:
-    from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
+    from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
 
+    corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
+    modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
     # A pseudo-terminal belongs to a program, not to a real meter.
     identity = _identity(described, simulated=realpath(port).startswith("/dev/pts/"))
     driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
-    return driver(port, identity, attempts=_METER_ATTEMPTS, patience_s=patience_s, transcript=transcript)
+    return driver(
+        port,
+        identity,
+        rtscts=described.rtscts,
+        modes=modes,
+        attempts=_METER_ATTEMPTS,
+        patience_s=patience_s,
+        transcript=transcript,
+    )
 
 
 def _identity(described: MeterConfiguration, simulated: bool = False) -> MeterIdentity:

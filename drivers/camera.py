@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
@@ -154,12 +155,13 @@ class CameraSettings:
     def longest_wait_s(self, timeout_s: float | None = None) -> float:
         """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
 
-        The default leaves the frame period and `FRAME_ALLOWANCE_S`.
+        The default leaves the frame period and `FRAME_ALLOWANCE_S`, longer by as much as the computer is overloaded.
         """
         if timeout_s is not None:
             return self.exposure_s + timeout_s
         period_s = 1 / self.frame_rate_hz if self.frame_rate_hz and self.trigger == FREE_RUN else 0.0
-        return self.exposure_s + period_s + FRAME_ALLOWANCE_S
+        overload = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        return self.exposure_s + period_s + FRAME_ALLOWANCE_S * overload
 
 
 @dataclass(frozen=True)

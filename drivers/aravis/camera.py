@@ -242,7 +242,7 @@ class AravisCamera(Device):
             Number of frames.
         timeout_s : float or None
             Longest wait for a frame beyond the exposure time; None for the frame period plus 10 s. A camera that stops
-            answering is always noticed within a second.
+            answering is always noticed within 3 s.
         on_refused : callable or None
             Called for each incomplete frame, which is then repeated, up to 20 consecutive times; None raises the error
             instead.
@@ -254,7 +254,7 @@ class AravisCamera(Device):
         IncompleteFrameError
             If a frame arrives incomplete, with a wrong size or out of order; it is never returned.
         CameraLostError
-            If the camera stops answering, within 1 s after a frame was due; with `patience_s`, if it does not come
+            If the camera stops answering, within 3 s after a frame was due; with `patience_s`, if it does not come
             back.
         CameraError
             If another grab is in progress, or the camera is closed in the meantime.
@@ -287,7 +287,7 @@ class AravisCamera(Device):
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, temperature_c(camera), self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, self._connection.changes.features)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s)
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 from typing import Any
 
@@ -97,6 +99,20 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
     if len(fitting) > 1:
         raise CameraNotFoundError(f"more than one {wanted} answers: give a serial number; found: {listing}")
     return fitting[0]
+
+
+@cache
+def _get_data() -> Any:
+    function = ctypes.CDLL("libaravis-0.8.so.0").arv_buffer_get_data
+    function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+    return function
+
+
+def received_bytes(buffer: Any) -> int:
+    """Return how many bytes of a frame came, by the C function: that of PyGObject copies them."""
+    n_bytes = ctypes.c_size_t()
+    _get_data()(hash(buffer), ctypes.byref(n_bytes))
+    return n_bytes.value
 
 
 @contextlib.contextmanager

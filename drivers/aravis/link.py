@@ -14,7 +14,7 @@ from . import gvcp
 from .known_state import bring_to_known_state
 from .library import CameraInfo, aravis, camera_errors, gerror
 from .sockets import shut_down, udp_socket_numbers
-from .transport import find_packet_size, warn_of_small_receive_buffer
+from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
 _FRESH_S = 0.02
@@ -49,6 +49,8 @@ class Link:
         self.lost = False
         # Destination of the stream, while there is one.
         self.stream_port: int | None = None
+        # Addresses of the other cameras behind the same interface.
+        self.neighbours: tuple[str, ...] = ()
         self._arv = aravis()
         self._is_gige = bool(camera.is_gv_device())
         self._sockets = sockets
@@ -118,7 +120,7 @@ class Link:
         return time.monotonic() - self._alive_at_s
 
     def require_life(self, what: str) -> None:
-        """Check that the camera answers, for up to 0.75 s; raises as `using`."""
+        """Check that the camera answers, for up to 2.5 s; raises as `using`."""
         if not self.answers():
             raise self.give_up(what)
         # Maintained by Aravis' heartbeat, whose signal control-lost arrives seconds later.
@@ -129,7 +131,7 @@ class Link:
             )
 
     def answers(self) -> bool:
-        """Check that the camera answers and is still controlled by this process, for up to 0.75 s."""
+        """Check that the camera answers and is still controlled by this process, for up to 2.5 s."""
         if self.lost or not self._answers():
             return False
         self.seen_alive()
@@ -218,7 +220,7 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     """
     arv = aravis()
     is_gige = info.protocol == "GigEVision"
-    if is_gige and gvcp.announce(info.address) is None:
+    if is_gige and gvcp.announce(info.address, tries=gvcp.PATIENT_TRIES) is None:
         raise CameraNotFoundError(
             f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
             "has an address of its network"
@@ -267,3 +269,5 @@ def _prepare(link: Link) -> None:
         if camera.is_gv_device():
             find_packet_size(camera, link.info.address)
             warn_of_small_receive_buffer(camera.get_payload())
+    if link.info.protocol == "GigEVision":
+        link.neighbours = find_neighbours(link.info.address)

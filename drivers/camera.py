@@ -251,6 +251,10 @@ class Camera(Protocol):
     def gaps(self) -> tuple[Gap, ...]:
         """Interruptions since the camera was opened, after which it was reconnected."""
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """Names of writable features of which labcdp does not know what they do to a picture."""
+
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
 

@@ -28,8 +28,10 @@ from ..camera import (
 from ..device import Device
 from .connection import Connection
 from .features import execute_feature, read_feature, readable_features, write_feature
+from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
+from .snapshot import take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
@@ -225,6 +227,11 @@ class AravisCamera(Device):
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
         return self._connection.ask("its features cannot be read", lambda camera: dict(readable_features(camera)))
+
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """Names of writable features of which labcdp does not know what they do to a picture."""
+        return not_understood(self._connection.retry_after_reconnect(take_snapshot))
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; see `grab`."""

@@ -122,7 +122,9 @@ def _allows(node: Any, letter: str) -> bool:
 
 def _has_value(node: Any) -> bool:
     arv = aravis()
-    return not isinstance(node, arv.GcCommand) and isinstance(node, (arv.GcInteger, arv.GcFloat, arv.GcString))
+    return not isinstance(node, arv.GcCommand) and isinstance(
+        node, (arv.GcInteger, arv.GcBoolean, arv.GcFloat, arv.GcString)
+    )
 
 
 def _value(node: Any) -> FeatureValue:

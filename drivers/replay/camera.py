@@ -136,6 +136,11 @@ class ReplayCamera(Device):
         """Empty: a replay has no interruptions."""
         return ()
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """None: it has no other features."""
+        return ()
+
     def features(self) -> dict[str, FeatureValue]:
         """Return the last recorded GenICam features of the camera; empty if there are none.
 

@@ -135,6 +135,11 @@ class InProcessCamera(Device):
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._link.gaps
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """None: it has no other features."""
+        return ()
+
     def features(self) -> dict[str, FeatureValue]:
         """Return the register values of the camera on the wire, by name."""
         device, settings = self._device, self.settings

@@ -110,7 +110,12 @@ def acquire(
         return ()
     check_room(camera, session)
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
-    session.add_event("camera features", {"features": _json_values(camera.features())})
+    not_understood = list(camera.not_understood)
+    session.add_event(
+        "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
+    )
+    if not_understood:
+        _log.info("features of the camera that are left as they are: %s", ", ".join(not_understood))
     control = control or Control()
     frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
     readings = ReadingRecorder(session, meter, operator, report, control)

@@ -276,3 +276,16 @@ def test_a_busy_computer_gets_more_time(monkeypatch):
     monkeypatch.setattr("os.getloadavg", lambda: (5.0 * os.cpu_count(), 0.0, 0.0))
     assert settings.longest_wait_s() == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
     assert settings.longest_wait_s(0.5) == 2.5
+
+
+def test_features_that_are_not_understood_are_listed(aravis, monkeypatch):
+    analog = genicam._analog
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
+        assert camera.not_understood == ()
+    more = {
+        "Sharpness": genicam.integer("Sharpness", 0x170),
+        "DefectMaskEnable": genicam.switch("DefectMaskEnable", 0x174),
+    }
+    monkeypatch.setattr(genicam, "_analog", lambda: analog() | more)
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
+        assert camera.not_understood == ("Sharpness", "DefectMaskEnable")

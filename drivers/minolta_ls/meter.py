@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import isfinite
 from os import PathLike
+from os.path import realpath
 from typing import Final, Self
 
 from serial.tools import list_ports
@@ -42,6 +43,9 @@ __all__ = [
 _log = logging.getLogger(__name__)
 
 _ON_OPENING: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
+
+#: Where a simulated meter may be, and also a real one behind socat; no other meter is sent the unknown command.
+_PSEUDO_TERMINALS: Final = "/dev/pts/"
 
 
 class MinoltaLS(MemoryCommands, Device):
@@ -148,6 +152,18 @@ class MinoltaLS(MemoryCommands, Device):
             self._modes = self._on_opening
             self._link.connect()
         return self
+
+    def ask_if_simulated(self) -> bool:
+        """Ask a meter on a pseudo-terminal whether it is labcdp's simulated one, and note it in `identity`.
+
+        Raises
+        ------
+        MeterError
+            As `measure`.
+        """
+        if realpath(self._port).startswith(_PSEUDO_TERMINALS):
+            self._identity = replace(self._identity, simulated=self._link.is_simulated())
+        return self._identity.simulated
 
     def close(self) -> None:
         """Close the port; may be called twice."""

@@ -16,7 +16,7 @@ from ..meter import (
     MeterTimeoutError,
 )
 from .line import MeterLine
-from .protocol import parse_acknowledgement
+from .protocol import SIMULATED_COMMAND, SIMULATED_REPLY, parse_acknowledgement
 
 _log = logging.getLogger(__name__)
 
@@ -61,6 +61,14 @@ class MeterLink:
         except BaseException:
             self._line.close()
             raise
+
+    def is_simulated(self) -> bool:
+        """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""
+        try:
+            give_up_s = time.monotonic() + self._line.timeout_s
+            return self._line.exchange(SIMULATED_COMMAND, lambda reply: reply == SIMULATED_REPLY, give_up_s)
+        except (MeterReportedError, MeterTimeoutError):
+            return False
 
     def ask(self, command: str, parse: Callable[[bytes], T]) -> T:
         """Send a command and return its parsed reply; raises MeterError after all retries.

@@ -49,10 +49,15 @@ class BenchDevices:
     seed: int = 0
 
     @classmethod
-    def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006) -> BenchDevices:
-        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %."""
+    def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006, specimen: int = 0) -> BenchDevices:
+        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %.
+
+        Another `specimen` of the camera has another serial number and another fixed pattern.
+        """
         meter = MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed)
-        return cls(Chain.load("manta-g505").camera(), meter, seed=seed)
+        camera = Chain.load("manta-g505").camera()
+        sensor = replace(camera.sensor, device_seed=camera.sensor.device_seed + specimen)
+        return cls(replace(camera, sensor=sensor), meter, seed=seed)
 
 
 class SimulatedBench:

@@ -34,6 +34,7 @@ def meter(
     drivers = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}
     modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
     with drivers[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
+        opened.ask_if_simulated()
         series = measure_series(opened, n)
     print_result(_result(series), as_json)
 

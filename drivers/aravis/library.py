@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 from typing import Any
 
+from ...core.disk.quoting import printable
 from ..camera import CameraError, CameraNotFoundError
 
 
@@ -71,14 +72,23 @@ def discover() -> list[CameraInfo]:
     arv.update_device_list()
     return [
         CameraInfo(
-            vendor=arv.get_device_vendor(i) or "",
-            model=arv.get_device_model(i) or "",
-            serial=arv.get_device_serial_nbr(i) or "",
-            address=arv.get_device_address(i) or "",
-            protocol=arv.get_device_protocol(i) or "",
+            vendor=device_text(arv.get_device_vendor, i),
+            model=device_text(arv.get_device_model, i),
+            serial=device_text(arv.get_device_serial_nbr, i),
+            address=device_text(arv.get_device_address, i),
+            protocol=device_text(arv.get_device_protocol, i),
         )
         for i in range(arv.get_n_devices())
     ]
+
+
+def device_text(get: Callable[..., str | None], *arguments: Any) -> str:
+    """Return a text of a device in printable letters: devices send any bytes, escape sequences among them."""
+    try:
+        text = get(*arguments) or ""
+    except UnicodeDecodeError as error:
+        text = error.object.decode("utf-8", "replace")
+    return printable(text)
 
 
 def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:

@@ -12,7 +12,7 @@ from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
 from . import gvcp
 from .known_state import bring_to_known_state
-from .library import CameraInfo, aravis, camera_errors, gerror
+from .library import CameraInfo, aravis, camera_errors, device_text, gerror
 from .sockets import shut_down, udp_socket_numbers
 from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
@@ -247,7 +247,7 @@ def _check_who(link: Link) -> None:
                 f"camera {info.serial} at {info.address} is controlled by another program: close that program, "
                 "or wait a few seconds if it was killed"
             )
-        serial = camera.get_device_serial_number()
+        serial = device_text(camera.get_device_serial_number)
         if serial != info.serial:
             raise CameraNotFoundError(
                 f"the camera at {info.address} has serial number {serial}, not {info.serial}: two cameras "
@@ -258,8 +258,8 @@ def _check_who(link: Link) -> None:
 
 def _says_simulated(camera: Any) -> bool:
     name = "DeviceManufacturerInfo"
-    text = camera.get_string(name) if camera.is_feature_available(name) else ""
-    return "simulated" in (text or "").lower() or camera.get_vendor_name() == "Aravis"
+    text = device_text(camera.get_string, name) if camera.is_feature_available(name) else ""
+    return "simulated" in text.lower() or device_text(camera.get_vendor_name) == "Aravis"
 
 
 def _prepare(link: Link) -> None:

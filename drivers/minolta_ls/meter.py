@@ -20,6 +20,7 @@ from serial.tools import list_ports
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ..device import Device
+from ..meter import MeterIncident
 from .line import MeterLine, port_settings
 from .memory import MemoryCommands, Reference
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
@@ -164,6 +165,11 @@ class MinoltaLS(MemoryCommands, Device):
         if realpath(self._port).startswith(_PSEUDO_TERMINALS):
             self._identity = replace(self._identity, simulated=self._link.is_simulated())
         return self._identity.simulated
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """Repeated commands, losses and errors."""
+        return self._link.incidents
 
     def close(self) -> None:
         """Close the port; may be called twice."""

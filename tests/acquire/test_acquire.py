@@ -1,4 +1,5 @@
 import re
+import threading
 from contextlib import ExitStack
 
 import pytest
@@ -11,7 +12,7 @@ from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.meter.meter import Fault
-from labcdp.session import Session, example_session
+from labcdp.session import EventRecord, Session, example_session
 
 SHAPE = (400, 480)
 
@@ -96,6 +97,29 @@ def test_the_black_level_is_measured_in_dn_of_the_pixel_format(
     for numbers in last.patches:
         assert numbers.black_dn == pytest.approx(black_dn, rel=0.06)
         assert abs(numbers.signal_dn) < 0.1 * black_dn
+
+
+def test_troubles_of_the_meter_are_in_the_journal(bench, stack, small_configuration, tmp_path):
+    session = stack.enter_context(Session.create(tmp_path / "s", small_configuration))
+    camera = stack.enter_context(bench.in_process_camera())
+    pty = stack.enter_context(bench.pty_meter(0))
+    meter = stack.enter_context(MinoltaLS110(pty.port, timeout_s=1.0, attempts=2, patience_s=60))
+    troubles = {2: lambda: pty.inject(Fault(reply=b"\x00?\r\n")), 4: pty.unplug, 6: lambda: pty.inject(*lost)}
+    lost = [Fault(reply=b"ER30\r\n")]
+
+    def disturb(progress):
+        if progress.step == "meter readings" and progress.done in troubles:
+            troubles.pop(progress.done)()
+            if progress.done == 4:
+                threading.Timer(0.5, pty.plug_in).start()
+
+    with pytest.raises(MeterReportedError):
+        acquire(session, camera, meter, bench, disturb)
+    events = [r for r in session.records if isinstance(r, EventRecord) and r.kind.startswith("meter ")]
+    assert [event.kind for event in events] == ["meter asked again", "meter lost and back", "meter error"]
+    assert events[1].content["duration_s"] > 0.3
+    assert "ER30" in events[2].content["reason"]
+    assert counts(session) == (6, 6, 0)
 
 
 def test_a_meter_error_in_the_middle_costs_nothing(bench, stack, small_configuration, tmp_path):

@@ -35,6 +35,7 @@ class ReadingRecorder:
         self._report = report
         self._control = control
         self._begun = False
+        self._incidents_noted = len(meter.incidents)
 
     def point_and_record(self, patch: str, wanted: int) -> bool:
         """Have the meter pointed and call `record`; returns whether readings were missing."""
@@ -60,11 +61,20 @@ class ReadingRecorder:
             self._report(Progress("meter readings", done, total))
         for _ in range(lacking):
             self._control.checkpoint()
-            reading = self._meter.measure()
+            try:
+                reading = self._meter.measure()
+            finally:
+                self._note_incidents(patch)
             _require_mode(reading, self._session.configuration.meter)
             self._session.add_reading(reading, patch)
             done += 1
             self._report(Progress("meter readings", done, total))
+
+    def _note_incidents(self, patch: str) -> None:
+        for incident in self._meter.incidents[self._incidents_noted :]:
+            self._incidents_noted += 1
+            content = {"patch": patch, "reason": incident.reason, "duration_s": incident.duration_s}
+            self._session.add_event(f"meter {incident.kind}", content | {"at": incident.at.isoformat()})
 
     def _recorded(self, patch: str) -> int:
         return sum(record.patch == patch for record in self._session.readings())

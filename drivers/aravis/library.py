@@ -22,6 +22,8 @@ class CameraInfo:
     ----------
     vendor, model, serial, address, protocol : str
         As the camera announced them.
+    device_id : str
+        Name by which Aravis opens it; of a USB3 Vision camera it is not the serial number.
     """
 
     vendor: str
@@ -29,6 +31,7 @@ class CameraInfo:
     serial: str
     address: str
     protocol: str
+    device_id: str = ""
 
 
 def aravis() -> ModuleType:
@@ -77,6 +80,7 @@ def discover() -> list[CameraInfo]:
             serial=device_text(arv.get_device_serial_nbr, i),
             address=device_text(arv.get_device_address, i),
             protocol=device_text(arv.get_device_protocol, i),
+            device_id=arv.get_device_id(i) or "",
         )
         for i in range(arv.get_n_devices())
     ]

@@ -227,7 +227,7 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
         )
     with _opening, camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
         before = udp_socket_numbers()
-        camera = arv.Camera.new(info.address if is_gige else info.serial)
+        camera = arv.Camera.new(info.address if is_gige else info.device_id)
         link = Link(camera, info, udp_socket_numbers() - before)
     try:
         _check_who(link)

@@ -289,3 +289,16 @@ def test_features_that_are_not_understood_are_listed(aravis, monkeypatch):
     monkeypatch.setattr(genicam, "_analog", lambda: analog() | more)
     with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
         assert camera.not_understood == ("Sharpness", "DefectMaskEnable")
+
+
+def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
+    """Aravis' own fake camera, whose name for opening is not its serial number, as with USB3 Vision."""
+    aravis.enable_interface("Fake")
+    try:
+        (info,) = discover()
+        assert (info.protocol, info.serial, info.device_id) == ("Fake", "1", "Fake_1")
+        with AravisCamera("1") as camera:
+            assert camera.identity.simulated
+            assert camera.snap().shape == (camera.settings.height, camera.settings.width)
+    finally:
+        aravis.disable_interface("Fake")

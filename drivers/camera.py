@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from datetime import datetime
-from typing import Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 from ..core.errors import DeviceError
 from ..core.frame import CameraIdentity, Frame
@@ -109,6 +109,39 @@ class Region:
     y: int
     width: int
     height: int
+
+
+@dataclass(frozen=True)
+class CameraSetup:
+    """Settings of a measurement besides exposure, gain and pixel format; None leaves those after opening.
+
+    Parameters
+    ----------
+    binning : (int, int) or None
+        Columns and rows to bin.
+    region : Region or None
+        Part of the sensor to read out.
+    frame_rate_hz : float or None
+        Frame rate of a free-running camera.
+    black_level : float or None
+        Register of the black level.
+    trigger : Trigger or None
+        Trigger of an exposure.
+    features : mapping of str to bool, int, float or str
+        GenICam features by name, set last.
+    """
+
+    binning: tuple[int, int] | None = None
+    region: Region | None = None
+    frame_rate_hz: float | None = None
+    black_level: float | None = None
+    trigger: Trigger | None = None
+    features: Mapping[str, FeatureValue] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that are given, by name."""
+        return {f.name: v for f in fields(self) if f.name != "features" and (v := getattr(self, f.name)) is not None}
 
 
 #: Tolerated delay of a frame beyond its exposure and period, for a busy computer. A camera that stops answering is
@@ -273,6 +306,15 @@ class Camera(Protocol):
         ------
         CameraSettingError
             If the camera rejects a value; the message states its range.
+        """
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Apply the settings of a measurement, and verify all of them by reading back.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera has no such setting, rejects a value, or keeps another one.
         """
 
     def snap(self, timeout_s: float | None = None) -> Frame:

@@ -18,6 +18,7 @@ from ..camera import (
     CameraLostError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     Gap,
     Refused,
@@ -31,6 +32,7 @@ from .features import execute_feature, read_feature, readable_features, write_fe
 from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
+from .setup import require_kept
 from .snapshot import take_snapshot
 from .stream import AcquisitionState, FrameStream
 
@@ -188,6 +190,20 @@ class AravisCamera(Device):
         if "region" in wanted or "binning" in wanted:
             self._learn_size()
         return self.settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Apply the settings of a measurement, and verify all of them by reading back.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera has no such setting, rejects a value, or keeps another one.
+        """
+        if wanted.settings:
+            self.configure(**wanted.settings)
+        for name, value in wanted.features.items():
+            self.set_feature(name, value)
+        require_kept(self.identity, wanted, self.settings, self.feature)
 
     def feature(self, name: str) -> FeatureValue:
         """Read a GenICam feature.

@@ -20,6 +20,7 @@ from ..camera import (
     CameraNotFoundError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     Gap,
     Refused,
@@ -192,6 +193,9 @@ class ReplayCamera(Device):
             )
         self._settings = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
         return self.settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Do nothing: the settings are those of the recording."""
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Return the next frame recorded with the current settings; never times out.

@@ -15,6 +15,7 @@ from ..camera import (
     CameraError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     FrameTimeoutError,
     Gap,
@@ -188,6 +189,12 @@ class InProcessCamera(Device):
             raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")
         self._settings = replace(old, exposure_s=exposure_us * 1e-6, gain_db=gain)
         return self._settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Accept no settings; raises CameraSettingError for any."""
+        given = [*wanted.settings, *wanted.features]
+        if given:
+            raise CameraSettingError(f"the camera in this process cannot set {given[0]}: use the one on loopback")
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; see `grab`."""

@@ -13,7 +13,7 @@ from ..drivers.camera import Camera, FeatureValue
 from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
-from .before import check_devices, check_room
+from .before import check_devices, check_plan, check_room, prepare_camera
 from .black import measured_black_dn
 from .checks import (
     CheckFinding,
@@ -108,8 +108,11 @@ def acquire(
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
         return ()
+    setup = prepare_camera(camera, session.configuration.camera)
+    check_plan(camera, session.configuration)
     check_room(camera, session)
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
+    session.add_event("camera setup", asdict(setup))
     not_understood = list(camera.not_understood)
     session.add_event(
         "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}

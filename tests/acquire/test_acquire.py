@@ -4,9 +4,15 @@ from contextlib import ExitStack
 
 import pytest
 
-from labcdp.acquire import acquire, remaining
+from labcdp.acquire import Unattended, acquire, remaining
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import CameraLostError, CameraNotFoundError, IncompleteFrameError
+from labcdp.drivers.camera import (
+    CameraLostError,
+    CameraNotFoundError,
+    CameraSettingError,
+    IncompleteFrameError,
+    Trigger,
+)
 from labcdp.drivers.meter import MeterError, MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
@@ -76,6 +82,56 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
         acquire(session, camera, meter, bench)
         session.verify()
         assert counts(session) == (6, 32, 6)
+
+
+def test_settings_of_the_configuration_reach_the_camera_and_are_read_back(
+    aravis, bench, stack, small_configuration, tmp_path
+):
+    features = {"StreamBytesPerSecond": 50_000_000, "BlackLevelAuto": "Off", "ReverseX": True, "Gamma": 1}
+    wanted = {"black_level": 80.0, "frame_rate_hz": 40.0, "binning": (2, 2), "region": (2, 4, 200, 150)}
+    camera_table = small_configuration.camera.model_copy(update={**wanted, "trigger": "Software", "features": features})
+    patch = small_configuration.target.patches[0].model_copy(update={"roi": (20, 20, 30, 30)})
+    target = small_configuration.target.model_copy(update={"patches": (patch,)})
+    configuration = small_configuration.model_copy(update={"camera": camera_table, "target": target, "contrasts": ()})
+    stack.enter_context(bench.gige_camera())
+    meter = stack.enter_context(bench.in_process_meter(0))
+    path = tmp_path / "s"
+    with Session.create(path, configuration) as session, AravisCamera("127.0.0.1") as camera:
+        acquire(session, camera, meter, Unattended())
+        now = camera.settings
+        assert (now.black_level, now.frame_rate_hz, now.binning) == (80, pytest.approx(40, rel=1e-3), (2, 2))
+        assert (now.offset_x, now.offset_y, now.width, now.height) == wanted["region"]
+        assert now.trigger == Trigger("Software")
+        assert {name: camera.feature(name) for name in features} == features
+        assert {session.load(record).shape for record in session.frames()} == {(150, 200)}
+    with Session.open(path) as session:
+        assert session.configuration == configuration
+        (setup,) = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == "camera setup"]
+    assert setup["features"] == features
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"binning": (9, 9)}, "binning of columns is 9: the camera takes 1 to 4"),
+        ({"features": {"Sharpness": 3}}, "the camera has no feature 'Sharpness' now"),
+        ({"features": {"TriggerSource": "Software", "PixelFormat": "Mono8", "Width": 63.5}}, "takes a whole number"),
+        # A later one changes an earlier one.
+        ({"binning": (2, 2), "features": {"BinningHorizontal": 4}}, r"keeps binning at \(4, 2\), not \(2, 2\)"),
+    ],
+)
+def test_settings_that_the_camera_does_not_keep_are_refused_before_the_first_frame(
+    aravis, bench, stack, small_configuration, tmp_path, wanted, message
+):
+    camera_table = small_configuration.camera.model_copy(update=wanted)
+    session = stack.enter_context(
+        Session.create(tmp_path / "s", small_configuration.model_copy(update={"camera": camera_table}))
+    )
+    stack.enter_context(bench.gige_camera())
+    camera = stack.enter_context(AravisCamera("127.0.0.1"))
+    with pytest.raises(CameraSettingError, match=message):
+        acquire(session, camera, stack.enter_context(bench.in_process_meter(0)), bench)
+    assert counts(session) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(("pixel_format", "black_dn"), [("Mono8", 3.56), ("Mono12", 64.0), ("Mono16", 1024.0)])

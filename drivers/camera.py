@@ -248,6 +248,9 @@ class Camera(Protocol):
     A camera is a context manager; its constructor does no I/O, `open` does.
     """
 
+    #: False for a recording, which has no frames but those that were kept.
+    live: bool
+
     def open(self) -> Self:
         """Connect; raises CameraNotFoundError or CameraBusyError."""
 

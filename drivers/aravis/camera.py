@@ -63,6 +63,8 @@ class AravisCamera(Device):
         If `patience_s` is negative or not finite.
     """
 
+    live = True
+
     def __init__(self, selector: str | None = None, *, patience_s: float = 0.0) -> None:
         if not (isfinite(patience_s) and patience_s >= 0):
             raise InputError(f"patience_s is {patience_s}: give 0 or more seconds")

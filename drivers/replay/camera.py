@@ -63,6 +63,8 @@ class ReplayCamera(Device):
         If `speed` is not a number above 0.
     """
 
+    live = False
+
     def __init__(
         self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
     ) -> None:

@@ -51,6 +51,8 @@ class InProcessCamera(Device):
         How long to wait for a lost camera to come back; 0 raises CameraLostError at once.
     """
 
+    live = True
+
     def __init__(
         self,
         device: SimulatedDevice,

@@ -122,6 +122,7 @@ def acquire(
     control = control or Control()
     frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
     readings = ReadingRecorder(session, meter, operator, report, control)
+    frames.warm_up()
     run = _Run(session, operator, frames, readings)
     left: list[Left] = []
     if session.exposures_s is None:

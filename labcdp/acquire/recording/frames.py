@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -26,6 +27,13 @@ _log = logging.getLogger(__name__)
 
 #: Most frames per exposure that a resumed run reads again for its statistics, to limit the time.
 _LOOKED_BACK = 16
+
+
+#: Exposure of the frames that warm a camera up, within its range, and more of them than any warm-up takes.
+_WARM_UP_EXPOSURE_S = 0.01
+_ENDLESS = 10**9
+#: Time over which the temperature must be steady.
+_STEADY_S = 60.0
 
 
 class FrameRecorder:
@@ -62,6 +70,32 @@ class FrameRecorder:
         with closing(take_frames(self._camera, 1, None, self._control, refusals)) as frames:
             return next(frames)
 
+    def warm_up(self) -> None:
+        """Take frames without recording them until the camera's temperature is steady, or for the planned time."""
+        plan, clock = self._plan, self._clock
+        if plan.warm_up_s == 0 or not self._camera.live:
+            return
+        shortest_s, longest_s = self._camera.exposure_range_s
+        self.configure(min(max(_WARM_UP_EXPOSURE_S, shortest_s), longest_s))
+        refusals = Refusals(self._session.add_event, {"role": "warm-up"})
+        began_s, seen = clock.monotonic_s(), deque[tuple[float, float]]()
+        stable = False
+        with closing(take_frames(self._camera, _ENDLESS, None, self._control, refusals)) as frames:
+            for frame in frames:
+                past_s = clock.monotonic_s() - began_s
+                self._report(Progress("warm-up", min(int(past_s), int(plan.warm_up_s)), int(plan.warm_up_s)))
+                if frame.temperature_c is not None:
+                    seen.append((past_s, frame.temperature_c))
+                while seen and past_s - seen[0][0] > _STEADY_S:
+                    seen.popleft()
+                stable = plan.stable_within_c is not None and _steady(seen, plan.stable_within_c)
+                if stable or past_s >= plan.warm_up_s:
+                    break
+        last_c = seen[-1][1] if seen else None
+        self._session.add_event("warm-up", {"duration_s": past_s, "temperature_c": last_c, "stable": stable})
+        if plan.stable_within_c is not None and not stable:
+            _log.warning("the camera's temperature is not steady to %g K after %g s", plan.stable_within_c, past_s)
+
     def configure(self, exposure_s: float) -> CameraSettings:
         """Apply the planned settings with an exposure, and return the settings in effect."""
         plan = self._plan
@@ -85,7 +119,7 @@ class FrameRecorder:
             If they cannot be recorded, or the camera does not keep an exposure.
         """
         live = {exposure_s: self._live_numbers(role, shown, exposure_s) for exposure_s in lacking}
-        black_dn = self.black_dn(shown)
+        black_dn, discard = self.black_dn(shown), self._plan.discard_frames if self._camera.live else 0
         done, total = self._done(role)
         self._report(Progress(f"{role} frames", done, total))
         try:
@@ -93,7 +127,8 @@ class FrameRecorder:
                 for exposure_s, n in lacking.items():
                     self._apply(exposure_s, role, writer)
                     refusals = Refusals(writer.put_event, {"role": role, "exposure_s": exposure_s})
-                    with closing(take_frames(self._camera, n, self._schedule(), self._control, refusals)) as frames:
+                    taking = take_frames(self._camera, n, self._schedule(), self._control, refusals, discard)
+                    with closing(taking) as frames:
                         for taken, frame in enumerate(frames, start=1):
                             writer.put(frame, role, shown)
                             self._note_gaps(writer.put_event)
@@ -184,3 +219,9 @@ class FrameRecorder:
 
 def _above(black_dn: float | None, numbers: Sequence[PatchNumbers]) -> tuple[PatchNumbers, ...]:
     return tuple(replace(n, black_dn=black_dn or 0.0) for n in numbers)
+
+
+def _steady(seen: Sequence[tuple[float, float]], within_c: float) -> bool:
+    temperatures_c = [temperature_c for _, temperature_c in seen]
+    covered = bool(seen) and seen[-1][0] - seen[0][0] >= 0.9 * _STEADY_S
+    return covered and max(temperatures_c) - min(temperatures_c) <= within_c

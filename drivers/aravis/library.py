@@ -116,8 +116,9 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
 
 
 @cache
-def _get_data() -> Any:
-    function = ctypes.CDLL("libaravis-0.8.so.0").arv_buffer_get_data
+def _c_function(name: str) -> Any:
+    """Return a function of a pointer that gives a pointer and a number of bytes."""
+    function = getattr(ctypes.CDLL("libaravis-0.8.so.0"), name)
     function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
     return function
 
@@ -125,8 +126,15 @@ def _get_data() -> Any:
 def received_bytes(buffer: Any) -> int:
     """Return how many bytes of a frame came, by the C function: that of PyGObject copies them."""
     n_bytes = ctypes.c_size_t()
-    _get_data()(hash(buffer), ctypes.byref(n_bytes))
+    _c_function("arv_buffer_get_data")(hash(buffer), ctypes.byref(n_bytes))
     return n_bytes.value
+
+
+def genicam_xml(camera: Any) -> bytes:
+    """Return the GenICam description of a camera, by the C function: that of PyGObject reads beyond its end."""
+    n_bytes = ctypes.c_size_t()
+    text = _c_function("arv_device_get_genicam_xml")(hash(camera.get_device()), ctypes.byref(n_bytes))
+    return ctypes.string_at(text, n_bytes.value) if text else b""
 
 
 @contextlib.contextmanager

@@ -205,6 +205,14 @@ def test_snap_takes_a_frame_to_look_at(labcdp, running_bench, tmp_path):
     pixels = cv2.imread(str(tmp_path / "first.tif"), cv2.IMREAD_UNCHANGED)
     assert pixels.shape == (2056, 2452)
     assert pixels.mean() == pytest.approx(told["mean"])
+    # Beside it what a viewer shows: sRGB (IEC 61966-2-1) of the share of saturation.
+    seen = cv2.imread(str(tmp_path / "first.png"), cv2.IMREAD_UNCHANGED)
+    assert (seen.dtype, seen.shape) == (np.uint8, pixels.shape)
+    linear = np.where(seen <= 10, seen / 255 / 12.92, ((seen / 255 + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear, pixels / 4095, atol=0.005)
+    again = labcdp("snap", "first.tif")
+    assert again.returncode == 1
+    assert "exists" in again.stderr
 
 
 def test_devices_says_so_when_nothing_is_there(labcdp, aravis):

@@ -80,7 +80,7 @@ def discover() -> list[CameraInfo]:
             serial=device_text(arv.get_device_serial_nbr, i),
             address=device_text(arv.get_device_address, i),
             protocol=device_text(arv.get_device_protocol, i),
-            device_id=arv.get_device_id(i) or "",
+            device_id=device_text(arv.get_device_id, i),
         )
         for i in range(arv.get_n_devices())
     ]

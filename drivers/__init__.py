@@ -67,4 +67,6 @@ def open_meter(
         If the port cannot be opened or no meter answers.
     """
     driver = MinoltaLS100 if model == "LS-100" else MinoltaLS110
-    return driver(port, identity).open()
+    meter = driver(port, identity).open()
+    meter.ask_if_simulated()
+    return meter

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from datetime import datetime
-from typing import Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 from ..core.errors import DeviceError
 from ..core.frame import CameraIdentity, Frame
@@ -110,6 +111,39 @@ class Region:
     height: int
 
 
+@dataclass(frozen=True)
+class CameraSetup:
+    """Settings of a measurement besides exposure, gain and pixel format; None leaves those after opening.
+
+    Parameters
+    ----------
+    binning : (int, int) or None
+        Columns and rows to bin.
+    region : Region or None
+        Part of the sensor to read out.
+    frame_rate_hz : float or None
+        Frame rate of a free-running camera.
+    black_level : float or None
+        Register of the black level.
+    trigger : Trigger or None
+        Trigger of an exposure.
+    features : mapping of str to bool, int, float or str
+        GenICam features by name, set last.
+    """
+
+    binning: tuple[int, int] | None = None
+    region: Region | None = None
+    frame_rate_hz: float | None = None
+    black_level: float | None = None
+    trigger: Trigger | None = None
+    features: Mapping[str, FeatureValue] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that are given, by name."""
+        return {f.name: v for f in fields(self) if f.name != "features" and (v := getattr(self, f.name)) is not None}
+
+
 #: Tolerated delay of a frame beyond its exposure and period, for a busy computer. A camera that stops answering is
 #: noticed earlier.
 FRAME_ALLOWANCE_S = 10.0
@@ -131,8 +165,8 @@ class CameraSettings:
         First column and row of the sensor that is read out, in pixels after binning.
     binning : (int, int)
         Columns and rows binned into one pixel.
-    black_level_dn : float
-        DN added to each pixel, as set in the camera; 0 without such a setting.
+    black_level : float
+        Value of the camera's register, in its own unit, which need not be DN of the pixel format; 0 without one.
     frame_rate_hz : float or None
         Frame rate of a free-running camera; None if unknown.
     trigger : Trigger
@@ -147,19 +181,20 @@ class CameraSettings:
     offset_x: int = 0
     offset_y: int = 0
     binning: tuple[int, int] = (1, 1)
-    black_level_dn: float = 0.0
+    black_level: float = 0.0
     frame_rate_hz: float | None = None
     trigger: Trigger = FREE_RUN
 
     def longest_wait_s(self, timeout_s: float | None = None) -> float:
         """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
 
-        The default leaves the frame period and `FRAME_ALLOWANCE_S`.
+        The default leaves the frame period and `FRAME_ALLOWANCE_S`, longer by as much as the computer is overloaded.
         """
         if timeout_s is not None:
             return self.exposure_s + timeout_s
         period_s = 1 / self.frame_rate_hz if self.frame_rate_hz and self.trigger == FREE_RUN else 0.0
-        return self.exposure_s + period_s + FRAME_ALLOWANCE_S
+        overload = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        return self.exposure_s + period_s + FRAME_ALLOWANCE_S * overload
 
 
 @dataclass(frozen=True)
@@ -213,6 +248,9 @@ class Camera(Protocol):
     A camera is a context manager; its constructor does no I/O, `open` does.
     """
 
+    #: False for a recording, which has no frames but those that were kept.
+    live: bool
+
     def open(self) -> Self:
         """Connect; raises CameraNotFoundError or CameraBusyError."""
 
@@ -249,6 +287,10 @@ class Camera(Protocol):
     def gaps(self) -> tuple[Gap, ...]:
         """Interruptions since the camera was opened, after which it was reconnected."""
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """Names of writable features of which labcdp does not know what they do to a picture."""
+
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
 
@@ -267,6 +309,15 @@ class Camera(Protocol):
         ------
         CameraSettingError
             If the camera rejects a value; the message states its range.
+        """
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Apply the settings of a measurement, and verify all of them by reading back.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera has no such setting, rejects a value, or keeps another one.
         """
 
     def snap(self, timeout_s: float | None = None) -> Frame:

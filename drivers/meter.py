@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Self
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal, Protocol, Self
 
 from ..core.errors import DeviceError, InputError
 from ..core.reading import MeterIdentity, Reading, ReadingSeries
@@ -44,6 +46,31 @@ class MeterReportedError(MeterError):
         self.code = code
 
 
+MeterIncidentKind = Literal["asked again", "lost and back", "error"]
+
+
+@dataclass(frozen=True)
+class MeterIncident:
+    """A trouble of a meter, also one that was overcome.
+
+    Parameters
+    ----------
+    kind : {'asked again', 'lost and back', 'error'}
+        Whether a command was repeated, the meter came back after a loss, or the command failed.
+    at : datetime
+        Host time, with time zone.
+    reason : str
+        What was wrong.
+    duration_s : float
+        How long the meter was lost.
+    """
+
+    kind: MeterIncidentKind
+    at: datetime
+    reason: str
+    duration_s: float
+
+
 class Meter(Protocol):
     """Interface of all luminance meters: real, simulated, or replayed.
 
@@ -65,6 +92,10 @@ class Meter(Protocol):
     @property
     def identity(self) -> MeterIdentity:
         """Model, serial number and calibration date."""
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """Troubles since the meter was made."""
 
     def measure(self) -> Reading:
         """Take one reading."""

@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
 from math import isfinite
-from typing import Any, Self
+from typing import Self
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
@@ -18,6 +18,7 @@ from ..camera import (
     CameraLostError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     Gap,
     Refused,
@@ -28,8 +29,11 @@ from ..camera import (
 from ..device import Device
 from .connection import Connection
 from .features import execute_feature, read_feature, readable_features, write_feature
+from .known_state import not_understood
 from .settings import configure as change_settings
-from .settings import exposure_range_s, known_formats, read_settings
+from .settings import exposure_range_s, known_formats, read_settings, temperature_c
+from .setup import require_kept
+from .snapshot import take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
@@ -58,6 +62,8 @@ class AravisCamera(Device):
     InputError
         If `patience_s` is negative or not finite.
     """
+
+    live = True
 
     def __init__(self, selector: str | None = None, *, patience_s: float = 0.0) -> None:
         if not (isfinite(patience_s) and patience_s >= 0):
@@ -119,7 +125,7 @@ class AravisCamera(Device):
     @property
     def temperature_c(self) -> float | None:
         """Current temperature of the device in degrees Celsius; None if not available."""
-        return self._connection.ask("its temperature cannot be read", _temperature_c)
+        return self._connection.ask("its temperature cannot be read", temperature_c)
 
     @property
     def statistics(self) -> StreamStatistics:
@@ -140,7 +146,7 @@ class AravisCamera(Device):
         pixel_format: str | None = None,
         region: Region | None = None,
         binning: tuple[int, int] | None = None,
-        black_level_dn: float | None = None,
+        black_level: float | None = None,
         frame_rate_hz: float | None = None,
         trigger: Trigger | None = None,
     ) -> CameraSettings:
@@ -148,8 +154,8 @@ class AravisCamera(Device):
 
         Parameters
         ----------
-        exposure_s, gain_db, black_level_dn, frame_rate_hz : float or None
-            Exposure time, analogue gain, DN added to each pixel, frames per second when free-running.
+        exposure_s, gain_db, black_level, frame_rate_hz : float or None
+            Exposure time, analogue gain, register of the black level, frames per second when free-running.
         pixel_format : str or None
             GenICam PFNC name.
         region : Region or None
@@ -174,7 +180,7 @@ class AravisCamera(Device):
             "pixel_format": pixel_format,
             "region": region,
             "binning": binning,
-            "black_level_dn": black_level_dn,
+            "black_level": black_level,
             "frame_rate_hz": frame_rate_hz,
             "trigger": trigger,
         }
@@ -186,6 +192,20 @@ class AravisCamera(Device):
         if "region" in wanted or "binning" in wanted:
             self._learn_size()
         return self.settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Apply the settings of a measurement, and verify all of them by reading back.
+
+        Raises
+        ------
+        CameraSettingError
+            If the camera has no such setting, rejects a value, or keeps another one.
+        """
+        if wanted.settings:
+            self.configure(**wanted.settings)
+        for name, value in wanted.features.items():
+            self.set_feature(name, value)
+        require_kept(self.identity, wanted, self.settings, self.feature)
 
     def feature(self, name: str) -> FeatureValue:
         """Read a GenICam feature.
@@ -226,6 +246,11 @@ class AravisCamera(Device):
         """Read all readable GenICam features by name, as a snapshot for a recording."""
         return self._connection.ask("its features cannot be read", lambda camera: dict(readable_features(camera)))
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """Names of writable features of which labcdp does not know what they do to a picture."""
+        return not_understood(self._connection.retry_after_reconnect(take_snapshot))
+
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; see `grab`."""
         (frame,) = self.grab(1, timeout_s)
@@ -242,7 +267,7 @@ class AravisCamera(Device):
             Number of frames.
         timeout_s : float or None
             Longest wait for a frame beyond the exposure time; None for the frame period plus 10 s. A camera that stops
-            answering is always noticed within a second.
+            answering is always noticed within 3 s.
         on_refused : callable or None
             Called for each incomplete frame, which is then repeated, up to 20 consecutive times; None raises the error
             instead.
@@ -254,7 +279,7 @@ class AravisCamera(Device):
         IncompleteFrameError
             If a frame arrives incomplete, with a wrong size or out of order; it is never returned.
         CameraLostError
-            If the camera stops answering, within 1 s after a frame was due; with `patience_s`, if it does not come
+            If the camera stops answering, within 3 s after a frame was due; with `patience_s`, if it does not come
             back.
         CameraError
             If another grab is in progress, or the camera is closed in the meantime.
@@ -287,7 +312,7 @@ class AravisCamera(Device):
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, _temperature_c(camera), self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, self._connection.changes.features)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s)
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
@@ -321,11 +346,6 @@ class AravisCamera(Device):
             raise CameraError(
                 f"{self.identity} is still grabbing: finish that loop, or close its iterator, before {what}"
             )
-
-
-def _temperature_c(camera: Any) -> float | None:
-    name = "DeviceTemperature"
-    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
 
 
 def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from ipaddress import AddressValueError, IPv4Address
 from typing import Any, TypeVar
 
+from ...core.disk.quoting import printable
 from ..camera import CameraError, CameraLostError, Gap
 from . import gvcp
 from .library import CameraInfo, choose, discover
@@ -120,4 +121,4 @@ def _found(selector: str | None) -> CameraInfo:
     seen = gvcp.announce(address)
     if seen is None:
         return choose(discover(), selector)
-    return CameraInfo(seen.vendor, seen.model, seen.serial, address, "GigEVision")
+    return CameraInfo(printable(seen.vendor), printable(seen.model), printable(seen.serial), address, "GigEVision")

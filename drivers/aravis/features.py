@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..camera import CameraSettingError, FeatureValue
-from .library import aravis, gerror
+from .library import aravis, device_text, gerror
 
 
 def read_feature(camera: Any, name: str) -> FeatureValue:
@@ -122,18 +122,20 @@ def _allows(node: Any, letter: str) -> bool:
 
 def _has_value(node: Any) -> bool:
     arv = aravis()
-    return not isinstance(node, arv.GcCommand) and isinstance(node, (arv.GcInteger, arv.GcFloat, arv.GcString))
+    return not isinstance(node, arv.GcCommand) and isinstance(
+        node, (arv.GcInteger, arv.GcBoolean, arv.GcFloat, arv.GcString)
+    )
 
 
 def _value(node: Any) -> FeatureValue:
     arv = aravis()
     value: FeatureValue
     if isinstance(node, arv.GcEnumeration):
-        value = node.get_string_value()
+        value = device_text(node.get_string_value)
     elif isinstance(node, arv.GcBoolean):
         value = bool(node.get_value())
     elif isinstance(node, arv.GcString):
-        value = arv.GcString.get_value(node) or ""
+        value = device_text(arv.GcString.get_value, node)
     elif isinstance(node, arv.GcFloat):
         value = float(arv.GcFloat.get_value(node))
     elif isinstance(node, arv.GcInteger):

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from ...core.pixel_format import PixelFormat
-from ..camera import CameraSettings, IncompleteFrameError
+from ..camera import CameraSettingError, CameraSettings, IncompleteFrameError
 from .library import aravis
 
 _log = logging.getLogger(__name__)
@@ -88,11 +88,20 @@ class FrameCheck:
         self._success = aravis().BufferStatus.SUCCESS
         self._size = (settings.width, settings.height)
         self._layout = layout
+        self._n_bytes = layout.payload_bytes(settings.width * settings.height)
         self._ids = FrameIds(reserves_zero)
         self.n_left_out = 0
 
-    def fault(self, buffer: Any) -> tuple[str, str] | None:
-        """Return status and reason for refusing a frame; None for a complete one."""
+    def require_payload(self, payload_bytes: int) -> None:
+        """Refuse a camera whose PayloadSize is less than its pixels; raises CameraSettingError."""
+        if payload_bytes < self._n_bytes:
+            raise CameraSettingError(
+                f"PayloadSize is {payload_bytes} bytes, but {self._size[0]} x {self._size[1]} pixels of "
+                f"{self._layout.name} are {self._n_bytes}: choose another pixel format or region"
+            )
+
+    def fault(self, buffer: Any, received_bytes: int) -> tuple[str, str] | None:
+        """Return status and reason for refusing a frame of so many bytes; None for a complete one."""
         status = buffer.get_status()
         left_out = self._ids.left_out(buffer.get_frame_id())
         if left_out:
@@ -105,6 +114,8 @@ class FrameCheck:
         if size != self._size:
             wanted = " x ".join(map(str, self._size))
             return "SIZE_MISMATCH", f"it has {size[0]} x {size[1]} pixels, not {wanted}"
+        if received_bytes < self._n_bytes:
+            return "SIZE_MISMATCH", f"{received_bytes} bytes of {self._n_bytes} came"
         code = buffer.get_image_pixel_format()
         if code != self._layout.code:
             return (

@@ -20,6 +20,9 @@ CONTROL_CHANNEL_PRIVILEGE = 0x0A00
 #: Bootstrap register Stream Channel Port: its lower 16 bits are the port that the stream is sent to.
 STREAM_CHANNEL_PORT = 0x0D00
 
+#: Tries of 0.25 s after which a camera is lost: as long as Aravis retries itself (5 x 500 ms).
+PATIENT_TRIES = 10
+
 _KEY = 0x42
 _ACKNOWLEDGE = 0x01
 _DISCOVERY = 0x0002
@@ -104,7 +107,7 @@ def _wait_for(client: socket.socket, command: int, last_id: int, until_s: float)
     return None
 
 
-def read_register(address: str, register: int, timeout_s: float = 0.25, tries: int = 3) -> Answer | None:
+def read_register(address: str, register: int, timeout_s: float = 0.25, tries: int = PATIENT_TRIES) -> Answer | None:
     """Read a register of 32 bits; any answer, even an error, shows that the camera is alive.
 
     Parameters

@@ -5,6 +5,7 @@ Names of the GenICam Standard Features Naming Convention (SFNC 2.7) and the olde
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from ..camera import CameraSettingError, FeatureValue
@@ -26,6 +27,29 @@ _STATE: tuple[tuple[str, FeatureValue], ...] = (
     ("ReverseX", False),
     ("ReverseY", False),
 )
+
+
+#: Names and beginnings of names of what `settings` and the plan set, and of what changes no picture.
+_UNDERSTOOD = (
+    *(name for name, _ in _STATE),
+    "Acquisition",
+    "Binning",
+    "BlackLevel",
+    "Device",
+    "Exposure",
+    "Gain",
+    "Height",
+    "Offset",
+    "PixelFormat",
+    "SyncOut",
+    "Trigger",
+    "Width",
+)
+
+
+def not_understood(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of a camera's writable features of which labcdp does not know what they do to a picture."""
+    return tuple(name for name in names if not name.startswith(_UNDERSTOOD))
 
 
 def bring_to_known_state(camera: Any) -> None:

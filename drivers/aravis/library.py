@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import ctypes
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 from typing import Any
 
+from ...core.disk.quoting import printable
 from ..camera import CameraError, CameraNotFoundError
 
 
@@ -19,6 +22,8 @@ class CameraInfo:
     ----------
     vendor, model, serial, address, protocol : str
         As the camera announced them.
+    device_id : str
+        Name by which Aravis opens it; of a USB3 Vision camera it is not the serial number.
     """
 
     vendor: str
@@ -26,6 +31,7 @@ class CameraInfo:
     serial: str
     address: str
     protocol: str
+    device_id: str = ""
 
 
 def aravis() -> ModuleType:
@@ -69,14 +75,24 @@ def discover() -> list[CameraInfo]:
     arv.update_device_list()
     return [
         CameraInfo(
-            vendor=arv.get_device_vendor(i) or "",
-            model=arv.get_device_model(i) or "",
-            serial=arv.get_device_serial_nbr(i) or "",
-            address=arv.get_device_address(i) or "",
-            protocol=arv.get_device_protocol(i) or "",
+            vendor=device_text(arv.get_device_vendor, i),
+            model=device_text(arv.get_device_model, i),
+            serial=device_text(arv.get_device_serial_nbr, i),
+            address=device_text(arv.get_device_address, i),
+            protocol=device_text(arv.get_device_protocol, i),
+            device_id=device_text(arv.get_device_id, i),
         )
         for i in range(arv.get_n_devices())
     ]
+
+
+def device_text(get: Callable[..., str | None], *arguments: Any) -> str:
+    """Return a text of a device in printable letters: devices send any bytes, escape sequences among them."""
+    try:
+        text = get(*arguments) or ""
+    except UnicodeDecodeError as error:
+        text = error.object.decode("utf-8", "replace")
+    return printable(text)
 
 
 def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
@@ -97,6 +113,28 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
     if len(fitting) > 1:
         raise CameraNotFoundError(f"more than one {wanted} answers: give a serial number; found: {listing}")
     return fitting[0]
+
+
+@cache
+def _c_function(name: str) -> Any:
+    """Return a function of a pointer that gives a pointer and a number of bytes."""
+    function = getattr(ctypes.CDLL("libaravis-0.8.so.0"), name)
+    function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+    return function
+
+
+def received_bytes(buffer: Any) -> int:
+    """Return how many bytes of a frame came, by the C function: that of PyGObject copies them."""
+    n_bytes = ctypes.c_size_t()
+    _c_function("arv_buffer_get_data")(hash(buffer), ctypes.byref(n_bytes))
+    return n_bytes.value
+
+
+def genicam_xml(camera: Any) -> bytes:
+    """Return the GenICam description of a camera, by the C function: that of PyGObject reads beyond its end."""
+    n_bytes = ctypes.c_size_t()
+    text = _c_function("arv_device_get_genicam_xml")(hash(camera.get_device()), ctypes.byref(n_bytes))
+    return ctypes.string_at(text, n_bytes.value) if text else b""
 
 
 @contextlib.contextmanager

@@ -12,9 +12,9 @@ from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
 from . import gvcp
 from .known_state import bring_to_known_state
-from .library import CameraInfo, aravis, camera_errors, gerror
+from .library import CameraInfo, aravis, camera_errors, device_text, gerror
 from .sockets import shut_down, udp_socket_numbers
-from .transport import find_packet_size, warn_of_small_receive_buffer
+from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
 _FRESH_S = 0.02
@@ -49,6 +49,8 @@ class Link:
         self.lost = False
         # Destination of the stream, while there is one.
         self.stream_port: int | None = None
+        # Addresses of the other cameras behind the same interface.
+        self.neighbours: tuple[str, ...] = ()
         self._arv = aravis()
         self._is_gige = bool(camera.is_gv_device())
         self._sockets = sockets
@@ -118,7 +120,7 @@ class Link:
         return time.monotonic() - self._alive_at_s
 
     def require_life(self, what: str) -> None:
-        """Check that the camera answers, for up to 0.75 s; raises as `using`."""
+        """Check that the camera answers, for up to 2.5 s; raises as `using`."""
         if not self.answers():
             raise self.give_up(what)
         # Maintained by Aravis' heartbeat, whose signal control-lost arrives seconds later.
@@ -129,7 +131,7 @@ class Link:
             )
 
     def answers(self) -> bool:
-        """Check that the camera answers and is still controlled by this process, for up to 0.75 s."""
+        """Check that the camera answers and is still controlled by this process, for up to 2.5 s."""
         if self.lost or not self._answers():
             return False
         self.seen_alive()
@@ -197,8 +199,15 @@ class Link:
         del streams
 
 
-def connect(info: CameraInfo) -> Link:
+def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     """Open a camera, take control, and bring it to a known state.
+
+    Parameters
+    ----------
+    info : CameraInfo
+        As discovered.
+    prepare : bool
+        False leaves all its settings as they are.
 
     Raises
     ------
@@ -211,18 +220,19 @@ def connect(info: CameraInfo) -> Link:
     """
     arv = aravis()
     is_gige = info.protocol == "GigEVision"
-    if is_gige and gvcp.announce(info.address) is None:
+    if is_gige and gvcp.announce(info.address, tries=gvcp.PATIENT_TRIES) is None:
         raise CameraNotFoundError(
             f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
             "has an address of its network"
         )
     with _opening, camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
         before = udp_socket_numbers()
-        camera = arv.Camera.new(info.address if is_gige else info.serial)
+        camera = arv.Camera.new(info.address if is_gige else info.device_id)
         link = Link(camera, info, udp_socket_numbers() - before)
     try:
         _check_who(link)
-        _prepare(link)
+        if prepare:
+            _prepare(link)
     except BaseException:
         link.close()
         raise
@@ -237,7 +247,7 @@ def _check_who(link: Link) -> None:
                 f"camera {info.serial} at {info.address} is controlled by another program: close that program, "
                 "or wait a few seconds if it was killed"
             )
-        serial = camera.get_device_serial_number()
+        serial = device_text(camera.get_device_serial_number)
         if serial != info.serial:
             raise CameraNotFoundError(
                 f"the camera at {info.address} has serial number {serial}, not {info.serial}: two cameras "
@@ -248,8 +258,8 @@ def _check_who(link: Link) -> None:
 
 def _says_simulated(camera: Any) -> bool:
     name = "DeviceManufacturerInfo"
-    text = camera.get_string(name) if camera.is_feature_available(name) else ""
-    return "simulated" in (text or "").lower() or camera.get_vendor_name() == "Aravis"
+    text = device_text(camera.get_string, name) if camera.is_feature_available(name) else ""
+    return "simulated" in text.lower() or device_text(camera.get_vendor_name) == "Aravis"
 
 
 def _prepare(link: Link) -> None:
@@ -259,3 +269,5 @@ def _prepare(link: Link) -> None:
         if camera.is_gv_device():
             find_packet_size(camera, link.info.address)
             warn_of_small_receive_buffer(camera.get_payload())
+    if link.info.protocol == "GigEVision":
+        link.neighbours = find_neighbours(link.info.address)

@@ -8,6 +8,7 @@ import time
 from datetime import UTC, datetime
 from typing import Any
 
+from ...core.disk.quoting import printable
 from ..camera import CameraError, CameraLostError, CameraSettingError, FeatureValue, Gap
 from . import gvcp
 from .features import write_feature
@@ -129,7 +130,7 @@ def bring_back(
 def _look_for(info: CameraInfo, everywhere: bool) -> CameraInfo | None:
     if info.protocol == "GigEVision" and not everywhere:
         seen = gvcp.announce(info.address, tries=1)
-        return info if seen is not None and seen.serial == info.serial else None
+        return info if seen is not None and printable(seen.serial) == info.serial else None
     return next((each for each in discover() if each.serial == info.serial), None)
 
 

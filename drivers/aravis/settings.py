@@ -28,7 +28,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
     "exposure_s": (Real, "a number of seconds"),
     "frame_rate_hz": (Real, "a number of frames per second"),
     "gain_db": (Real, "a number of dB"),
-    "black_level_dn": (Real, "a number of DN"),
+    "black_level": (Real, "a number"),
     "trigger": (Trigger, "a Trigger"),
 }
 _TRIGGERS = ("FrameStart", "ExposureStart", "AcquisitionStart")
@@ -47,10 +47,16 @@ def read_settings(camera: Any) -> CameraSettings:
         offset_x=x,
         offset_y=y,
         binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
-        black_level_dn=camera.get_black_level() if camera.is_black_level_available() else 0.0,
+        black_level=camera.get_black_level() if camera.is_black_level_available() else 0.0,
         frame_rate_hz=None if rate is None else camera.get_float(rate),
         trigger=_read_trigger(camera),
     )
+
+
+def temperature_c(camera: Any) -> float | None:
+    """Return the temperature of the device in degrees Celsius, None if it has none; raises errors of Aravis."""
+    name = "DeviceTemperature"
+    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
 
 
 def layout_of(settings: CameraSettings) -> PixelFormat:
@@ -111,7 +117,7 @@ def _check_types(wanted: dict[str, Any]) -> None:
 
 
 def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
-    order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level_dn", "trigger"]
+    order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level", "trigger"]
     # Frame rate and exposure limit each other: change the one that relaxes the other first.
     if wanted.get("exposure_s", 0.0) > now.exposure_s:
         order[3], order[4] = order[4], order[3]
@@ -156,7 +162,7 @@ def change_setting(camera: Any, name: str, value: Any) -> None:
         "exposure_s": _change_exposure,
         "frame_rate_hz": _change_frame_rate,
         "gain_db": _change_gain,
-        "black_level_dn": _change_black_level,
+        "black_level": _change_black_level,
         "trigger": _change_trigger,
     }
     changers[name](camera, value)
@@ -236,17 +242,15 @@ def _change_gain(camera: Any, gain_db: float) -> None:
     camera.set_gain(gain_db)
 
 
-def _change_black_level(camera: Any, black_level_dn: float) -> None:
+def _change_black_level(camera: Any, black_level: float) -> None:
     name = available(camera, "BlackLevel", "BlackLevelRaw")
     if name is None or not writable(camera, name):
-        now_dn = camera.get_black_level() if camera.is_black_level_available() else 0.0
-        if black_level_dn != now_dn:
-            raise CameraSettingError(
-                f"the camera's black level cannot be set: ask for {now_dn:g} DN, not {black_level_dn:g} DN"
-            )
+        now = camera.get_black_level() if camera.is_black_level_available() else 0.0
+        if black_level != now:
+            raise CameraSettingError(f"the camera's black level cannot be set: ask for {now:g}, not {black_level:g}")
         return
-    _check_range("black_level_dn", black_level_dn, camera.get_black_level_bounds(), "DN")
-    camera.set_black_level(black_level_dn)
+    _check_range("black_level", black_level, camera.get_black_level_bounds(), "")
+    camera.set_black_level(black_level)
 
 
 def _change_trigger(camera: Any, trigger: Trigger) -> None:
@@ -292,7 +296,8 @@ def _select_trigger(camera: Any) -> None:
 def _check_range(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
     low, high = limits
     if not low <= value <= high:
-        raise CameraSettingError(f"{name} is {value:g} {unit}: the camera takes {low:g} to {high:g} {unit}")
+        unit = f" {unit}" if unit else ""
+        raise CameraSettingError(f"{name} is {value:g}{unit}: the camera takes {low:g} to {high:g}{unit}")
 
 
 def _check_steps(name: str, value: int, limits: tuple[int, int], step: int) -> None:

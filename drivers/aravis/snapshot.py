@@ -6,25 +6,34 @@ from collections.abc import Mapping
 from math import isclose
 
 from ..camera import CameraSettingError, FeatureValue
-from .features import readable_features, writable, write_feature
+from .features import available, read_feature, readable_features, writable, write_feature
 from .link import Link
 
 #: First letters of features that belong to a connection or an operation and not to the picture: transport and clock
 #: of GigE Vision, events, stored sets, files, locks. `transport` sets those of the stream anew.
 _NOT_OF_THE_PICTURE = ("Gev", "Stream", "DeviceLink", "Ptp", "Event", "UserSet", "File", "Action", "TLParams")
+#: Those of the stream that `transport` sets.
+_OF_THE_STREAM = (
+    "GevSCPSPacketSize",
+    "GevSCPD",
+    "StreamBytesPerSecond",
+    "DeviceLinkThroughputLimitMode",
+    "DeviceLinkThroughputLimit",
+)
 #: Rounds of writing; one feature may be locked, or have another range, until another one is restored.
 _MAX_ROUNDS = 5
 
 Snapshot = Mapping[str, FeatureValue]
 
 
-def take_snapshot(link: Link) -> Snapshot:
-    """Read all writable features that may change a picture, by name in the camera's order."""
+def take_snapshot(link: Link, *, stream: bool = False) -> Snapshot:
+    """Read all writable features that may change a picture, by name in the camera's order; `stream` adds its own."""
     with link.using("its settings cannot be read") as camera:
         return {
             name: value
             for name, value in readable_features(camera)
-            if not name.startswith(_NOT_OF_THE_PICTURE) and writable(camera, name)
+            if (not name.startswith(_NOT_OF_THE_PICTURE) or (stream and name in _OF_THE_STREAM))
+            and writable(camera, name)
         }
 
 
@@ -36,7 +45,8 @@ def restore_snapshot(link: Link, wanted: Snapshot) -> None:
     CameraSettingError
         If some still differ, or are missing; the message names them.
     """
-    different = _different(wanted, take_snapshot(link))
+    now = take_snapshot(link, stream=True)
+    different = _different(wanted, now)
     for _ in range(_MAX_ROUNDS):
         if not different:
             return
@@ -47,14 +57,37 @@ def restore_snapshot(link: Link, wanted: Snapshot) -> None:
                     write_feature(camera, name, wanted[name])
             except CameraSettingError as error:
                 refused = error
-        now = take_snapshot(link)
+        now = take_snapshot(link, stream=True)
         different = _different(wanted, now)
     if different:
         named = ", ".join(f"{name} = {now.get(name, 'missing')}, not {wanted[name]}" for name in different)
         reason = "" if refused is None else f" [{refused}]"
         raise CameraSettingError(
-            f"{link.identity} came back with other settings, which it does not change: {named}{reason}"
+            f"{link.identity} has other settings than before, which it does not change: {named}{reason}"
         )
+
+
+def trigger_modes(link: Link) -> Snapshot:
+    """Read the mode of every trigger that the camera can select."""
+    modes: dict[str, FeatureValue] = {}
+    with link.using("its triggers cannot be read") as camera:
+        if available(camera, "TriggerMode") is None or not writable(camera, "TriggerSelector"):
+            return modes
+        selected = read_feature(camera, "TriggerSelector")
+        for trigger in camera.dup_available_enumerations_as_strings("TriggerSelector"):
+            write_feature(camera, "TriggerSelector", trigger)
+            modes[trigger] = read_feature(camera, "TriggerMode")
+        write_feature(camera, "TriggerSelector", selected)
+    return modes
+
+
+def restore_trigger_modes(link: Link, modes: Snapshot) -> None:
+    """Write the modes of `trigger_modes`; the selection is left at the last one."""
+    with link.using("its triggers cannot be restored") as camera:
+        for trigger, mode in modes.items():
+            write_feature(camera, "TriggerSelector", trigger)
+            if read_feature(camera, "TriggerMode") != mode:
+                write_feature(camera, "TriggerMode", mode)
 
 
 def _different(wanted: Snapshot, now: Snapshot) -> list[str]:

@@ -12,10 +12,10 @@ from ...core.frame import Frame
 from ..camera import CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
 from ..host.stream import StreamFacts, stream_causes
 from .frames import FrameCheck, arrival, refusal
-from .library import aravis
+from .library import aravis, received_bytes
 from .link import Link
 from .pool import BufferPool, pool_size
-from .settings import layout_of
+from .settings import layout_of, temperature_c
 from .sockets import enlarge_receive_buffer, has_packet_sockets
 from .transport import set_up_transport
 
@@ -32,6 +32,9 @@ _ASKED_AFTER_S = 0.15
 
 #: Number of consecutive refused frames after which a grab fails.
 _MOST_REFUSED = 20
+
+#: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
+_TEMPERATURE_EVERY_S = 2.0
 
 #: Most causes named in an error.
 _MOST_CAUSES = 2
@@ -54,14 +57,11 @@ class AcquisitionState:
     ----------
     settings : CameraSettings
         In force.
-    temperature_c : float or None
-        Temperature of the device at the start.
     chosen : frozenset of str
         GenICam features set by the user, which must not be changed.
     """
 
     settings: CameraSettings
-    temperature_c: float | None
     chosen: frozenset[str] = frozenset()
 
 
@@ -97,6 +97,8 @@ class FrameStream:
         self._n_refused = 0
         self._known_causes: str | None = None
         self._granted_bytes: int | None = None
+        self._temperature_c: float | None = None
+        self._temperature_due_s = 0.0
 
     def __enter__(self) -> Self:
         try:
@@ -113,9 +115,11 @@ class FrameStream:
         self._check = FrameCheck(settings, self._layout, reserves_zero=is_gige)
         self._packet_bytes = None
         if is_gige:
-            set_up_transport(camera, self._link.info.address, settings.frame_rate_hz, self._conditions.chosen)
+            link, chosen = self._link, self._conditions.chosen
+            set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, link.neighbours)
             self._packet_bytes = camera.gv_get_packet_size()
         self._payload_bytes = camera.get_payload()
+        self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
         n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz)
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
@@ -164,7 +168,7 @@ class FrameStream:
                 with self._link.using("no trigger can be sent") as camera:
                     camera.software_trigger()
             buffer = self._received()
-            fault = self._check.fault(buffer)
+            fault = self._check.fault(buffer, received_bytes(buffer))
             if fault is None:
                 self._n_refused = 0
                 return self._frame(buffer)
@@ -255,6 +259,16 @@ class FrameStream:
             f"missing packets {counted.missing}, missing frames {self._check.n_left_out}"
         )
 
+    def _temperature_now(self) -> float | None:
+        """Temperature of the device, read anew once it is older than `_TEMPERATURE_EVERY_S`."""
+        now_s = time.monotonic()
+        if now_s >= self._temperature_due_s:
+            self._temperature_due_s = now_s + _TEMPERATURE_EVERY_S
+            # A camera that is lost by now is noticed by the next frame.
+            with contextlib.suppress(CameraError), self._link.using("its temperature cannot be read") as camera:
+                self._temperature_c = temperature_c(camera)
+        return self._temperature_c
+
     def _lender(self) -> BufferPool:
         self._running()
         assert self._pool is not None
@@ -275,10 +289,10 @@ class FrameStream:
             gain_db=settings.gain_db,
             bit_depth=layout.bit_depth,
             saturation_dn=2**layout.bit_depth - 1,
-            black_level_dn=settings.black_level_dn,
+            black_level_dn=settings.black_level,
             pixel_format=layout.name,
             colour_filter=layout.colour_filter,
-            temperature_c=self._conditions.temperature_c,
+            temperature_c=self._temperature_now(),
             timestamp=timestamp,
             camera_timestamp_ns=camera_timestamp_ns,
             frame_id=frame_id,

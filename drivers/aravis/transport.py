@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..host.kernel import may_open_packet_sockets, raise_receive_limit
 from ..host.network import Interface, interface_to, interfaces
+from . import gvcp
 from .features import available, writable
-from .library import aravis
+from .library import aravis, discover
 from .sockets import receive_buffer_limit
 
 _log = logging.getLogger(__name__)
@@ -41,6 +43,8 @@ class TransportFacts:
         Interface that leads to the camera; None if unknown.
     bandwidth_range : (int, int) or None
         Bytes per second that the camera can be limited to; None if it cannot.
+    n_sharing : int
+        Cameras in use behind the interface, this one included.
     """
 
     packet_size_bytes: int
@@ -48,6 +52,7 @@ class TransportFacts:
     frame_rate_hz: float | None
     interface: Interface | None
     bandwidth_range: tuple[int, int] | None
+    n_sharing: int = 1
 
 
 @dataclass(frozen=True)
@@ -72,9 +77,9 @@ class TransportPlan:
 def plan_transport(facts: TransportFacts) -> TransportPlan:
     """Choose packet size, bandwidth and packet delay.
 
-    Packets are never larger than the MTU of the interface. The bandwidth is that of the link; a camera with that
-    setting needs no delay. Other cameras send each frame at full speed whatever the frame rate: a delay then spreads
-    the packets over half the period, to relieve receiver and switches.
+    Packets are never larger than the MTU of the interface. The bandwidth is an equal share of the link; a camera with
+    that setting needs no delay. Other cameras send each frame at full speed whatever the frame rate: a delay then
+    spreads the packets over half the period, to relieve receiver and switches.
 
     Parameters
     ----------
@@ -97,7 +102,7 @@ def plan_transport(facts: TransportFacts) -> TransportPlan:
     if facts.bandwidth_range is not None:
         low, high = facts.bandwidth_range
         carried = wire_bytes_per_s * packet_bytes / (packet_bytes + _ETHERNET_BYTES) * (1 - _RESERVED)
-        return TransportPlan(size, max(low, min(high, int(carried))), 0)
+        return TransportPlan(size, max(low, min(high, int(carried / facts.n_sharing))), 0)
     if not facts.frame_rate_hz:
         return TransportPlan(size)
     # 36 bytes of each packet are headers of IP, UDP and GVSP.
@@ -108,7 +113,11 @@ def plan_transport(facts: TransportFacts) -> TransportPlan:
 
 
 def set_up_transport(
-    camera: Any, address: str, frame_rate_hz: float | None, chosen: frozenset[str] = frozenset()
+    camera: Any,
+    address: str,
+    frame_rate_hz: float | None,
+    chosen: frozenset[str] = frozenset(),
+    neighbours: Sequence[str] = (),
 ) -> TransportPlan:
     """Set a GigE Vision camera's transport as planned; raises errors of Aravis.
 
@@ -122,6 +131,8 @@ def set_up_transport(
         Its frame rate, if known.
     chosen : frozenset of str
         Features set by the user, which are not changed.
+    neighbours : sequence of str
+        Addresses of the other cameras behind the same interface; the link is shared with those that are in use.
 
     Returns
     -------
@@ -136,6 +147,7 @@ def set_up_transport(
         frame_rate_hz=frame_rate_hz,
         interface=interface,
         bandwidth_range=None if bandwidth is None else tuple(camera.get_integer_bounds(bandwidth)),
+        n_sharing=1 + sum(map(_is_controlled, neighbours)),
     )
     plan = plan_transport(facts)
     if plan.packet_size_bytes is not None and "GevSCPSPacketSize" not in chosen:
@@ -151,6 +163,21 @@ def set_up_transport(
     if plan != TransportPlan():
         _log.info("transport from %s by %s: %s", address, interface.name if interface else "?", plan)
     return plan
+
+
+def find_neighbours(address: str) -> tuple[str, ...]:
+    """List the addresses of other cameras behind the same interface, which takes a second; none on loopback."""
+    known = interfaces()
+    own = interface_to(address, known)
+    if own is None or own.is_loopback:
+        return ()
+    others = [info.address for info in discover() if info.protocol == "GigEVision" and info.address != address]
+    return tuple(other for other in others if interface_to(other, known) == own)
+
+
+def _is_controlled(address: str) -> bool:
+    answer = gvcp.read_register(address, gvcp.CONTROL_CHANNEL_PRIVILEGE, tries=1)
+    return answer is not None and bool(answer.register)
 
 
 def find_packet_size(camera: Any, address: str) -> None:

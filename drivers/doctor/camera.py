@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 from ..aravis.camera import AravisCamera
+from ..aravis.features import readable_features
 from ..aravis.library import CameraInfo
-from ..aravis.settings import layout_of
+from ..aravis.link import Link, connect
+from ..aravis.settings import layout_of, read_settings, temperature_c
+from ..aravis.snapshot import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
 from ..camera import (
-    Camera,
     CameraBusyError,
     CameraError,
     CameraSettings,
@@ -47,37 +50,42 @@ class CameraFacts:
 
     Parameters
     ----------
-    address : str
-        Network address; empty if it is not on a network.
-    interface : Interface or None
-        Interface that leads to it, if known.
     settings : CameraSettings
         In force.
     features : mapping
         Its GenICam features by name.
     temperature_c : float or None
         Of the device.
+    address : str
+        Network address; empty if it is not on a network.
+    interface : Interface or None
+        Interface that leads to it, if known.
     statistics : StreamStatistics
         Counters after the frames.
-    came, refused : int
-        Numbers of complete and incomplete frames.
+    came : int or None
+        Number of complete frames; None if none were taken.
+    refused : int
+        Number of incomplete frames.
     problem : CameraError or None
         Error that ended the frames early.
     """
 
-    address: str
-    interface: Interface | None
     settings: CameraSettings
     features: Mapping[str, FeatureValue]
     temperature_c: float | None
-    statistics: StreamStatistics
-    came: int = N_FRAMES
+    address: str = ""
+    interface: Interface | None = None
+    statistics: StreamStatistics = field(default_factory=StreamStatistics)
+    came: int | None = None
     refused: int = 0
     problem: CameraError | None = None
 
     @property
     def payload_bytes(self) -> int:
         """Bytes of a frame."""
+        announced = self.number("PayloadSize")
+        if announced:
+            return int(announced)
         return layout_of(self.settings).payload_bytes(self.settings.width * self.settings.height)
 
     @property
@@ -92,8 +100,10 @@ class CameraFacts:
         return None if value is None or isinstance(value, str | bool) else float(value)
 
 
-def check_camera(info: CameraInfo, known: Sequence[Interface], timeout_s: float | None = None) -> list[Finding]:
-    """Open a camera, take some frames with it, and close it again.
+def check_camera(
+    info: CameraInfo, known: Sequence[Interface], *, stream: bool = False, timeout_s: float | None = None
+) -> list[Finding]:
+    """Open a camera, read it, and close it again.
 
     Parameters
     ----------
@@ -101,6 +111,9 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], timeout_s: float 
         As discovered.
     known : sequence of Interface
         The computer's.
+    stream : bool
+        Whether to take some frames, with the settings of `AravisCamera`; those found are restored. Without,
+        nothing is written to the camera.
     timeout_s : float or None
         Longest wait for a frame beyond its exposure, as of `AravisCamera.grab`.
 
@@ -109,23 +122,47 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], timeout_s: float 
     list of Finding
         Errors of the camera are returned as findings.
     """
-    on_network = info.protocol == "GigEVision"
-    address = info.address if on_network else ""
+    address = info.address if info.protocol == "GigEVision" else ""
+    interface = interface_to(address, known)
     try:
-        with AravisCamera(info.serial or info.address) as camera:
-            facts = camera_facts(camera, address, known, timeout_s)
+        with _opened(info) as link:
+            facts = _read(link)
+            found = (take_snapshot(link, stream=True), trigger_modes(link)) if stream else None
+        if found is not None:
+            try:
+                facts = _streamed(info, facts, timeout_s)
+            finally:
+                with _opened(info) as link:
+                    restore_trigger_modes(link, found[1])
+                    restore_snapshot(link, found[0])
     except CameraBusyError as error:
-        return [Finding.of_error("controller", error), *_network(address, interface_to(address, known))]
+        return [Finding.of_error("controller", error), *_network(address, interface)]
     except CameraError as error:
-        return [Finding.of_error("camera", error), *_network(address, interface_to(address, known))]
-    return camera_findings(facts)
+        return [Finding.of_error("camera", error), *_network(address, interface)]
+    return camera_findings(replace(facts, address=address, interface=interface))
 
 
-def camera_facts(camera: Camera, address: str, known: Sequence[Interface], timeout_s: float | None) -> CameraFacts:
-    """Read an opened camera and take some frames; its exposure is restored afterwards."""
-    before = camera.settings
-    shortest_s, longest_s = camera.exposure_range_s
-    camera.configure(exposure_s=min(max(_EXPOSURE_S, shortest_s), longest_s))
+@contextmanager
+def _opened(info: CameraInfo) -> Iterator[Link]:
+    """Control a camera while the context lasts, without changing it."""
+    link = connect(info, prepare=False)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def _read(link: Link) -> CameraFacts:
+    with link.using("it cannot be read") as camera:
+        return CameraFacts(
+            settings=read_settings(camera),
+            features=dict(readable_features(camera)),
+            temperature_c=temperature_c(camera),
+        )
+
+
+def _streamed(info: CameraInfo, facts: CameraFacts, timeout_s: float | None) -> CameraFacts:
+    """Take some frames."""
     refused: list[IncompleteFrameError] = []
 
     def refuse(error: IncompleteFrameError) -> None:
@@ -134,24 +171,23 @@ def camera_facts(camera: Camera, address: str, known: Sequence[Interface], timeo
             raise error
 
     came, problem = 0, None
-    try:
-        for _ in camera.grab(N_FRAMES, timeout_s, refuse):
-            came += 1
-    except CameraError as error:
-        problem = error
-    statistics = camera.statistics
-    settings = camera.configure(exposure_s=before.exposure_s)
-    return CameraFacts(
-        address=address,
-        interface=interface_to(address, known),
-        settings=settings,
-        features=camera.features(),
-        temperature_c=camera.temperature_c,
-        statistics=statistics,
-        came=came,
-        refused=len(refused),
-        problem=problem,
-    )
+    with AravisCamera(info.serial or info.address) as camera:
+        shortest_s, longest_s = camera.exposure_range_s
+        camera.configure(exposure_s=min(max(_EXPOSURE_S, shortest_s), longest_s))
+        try:
+            for _ in camera.grab(N_FRAMES, timeout_s, refuse):
+                came += 1
+        except CameraError as error:
+            problem = error
+        return replace(
+            facts,
+            settings=camera.settings,
+            features=camera.features(),
+            statistics=camera.statistics,
+            came=came,
+            refused=len(refused),
+            problem=problem,
+        )
 
 
 def camera_findings(facts: CameraFacts) -> list[Finding]:
@@ -263,6 +299,8 @@ def _temperature(facts: CameraFacts) -> Finding | None:
 
 def _frames(facts: CameraFacts) -> Finding:
     statistics = facts.statistics
+    if facts.came is None:
+        return Finding("frames", "unknown", "no frames were taken", "labcdp doctor --stream-test SERIAL takes some")
     counters = f"{statistics.missing} packets missing, {statistics.resent} sent again, {statistics.underruns} underruns"
     text = f"{facts.came} of {N_FRAMES} frames came whole, {facts.refused} incomplete ({counters})"
     if facts.problem is not None:

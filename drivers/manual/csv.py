@@ -13,7 +13,7 @@ from ...core.disk import quoted, read_csv, reason, shortened
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ..device import Device
-from ..meter import MeterError, MeterNotFoundError
+from ..meter import MeterError, MeterIncident, MeterNotFoundError
 from .text import MeterAccuracy, WrittenUnit, parse_unit, parse_written, reading_of
 
 _LUMINANCE: Final[dict[str, WrittenUnit | None]] = {
@@ -93,6 +93,11 @@ class CsvMeter(Device):
                 f"{self._path} has no reading of patch {quoted(patch)}, only of {known}: add it, or correct the name"
             )
         self._patch = patch
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """None: it does not recover."""
+        return ()
 
     def measure(self) -> Reading:
         """Return the next reading of the patch, in the order of the file.

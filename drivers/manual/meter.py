@@ -9,7 +9,7 @@ from typing import Final, Self
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ..device import Device
-from ..meter import MeterError
+from ..meter import MeterError, MeterIncident
 from .text import MeterAccuracy, parse_written, reading_of
 
 _ATTEMPTS: Final = 3
@@ -54,6 +54,11 @@ class ManualMeter(Device):
     def close(self) -> None:
         """Close the meter; may be called twice."""
         self._is_open = False
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """None: it does not recover."""
+        return ()
 
     def measure(self) -> Reading:
         """Ask for one reading, up to three times if the input is not a luminance.

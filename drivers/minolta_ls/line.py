@@ -30,6 +30,7 @@ from .transcript import PortSettings, TranscriptWriter
 _log = logging.getLogger(__name__)
 
 _CRLF: Final = b"\r\n"
+_ACKNOWLEDGED: Final = b"OK00\r\n"
 #: In bytes; the longest reply of the manual has 17.
 LONGEST_REPLY: Final = 64
 #: Longest single read in seconds; the driver's time-outs are checked in between.
@@ -47,7 +48,8 @@ class MeterLine:
     """A port, and its pending replies.
 
     The meter sends one reply to each command it accepts, and accepts none while it measures. The reply of a failed
-    exchange may arrive late; it is awaited and dropped before the next command, unless the same command is repeated.
+    exchange may arrive late; it is awaited and dropped before the next command, unless the same command is repeated. If
+    it has not come by then, a mode is set first: replies keep their order, so that none of before follows its answer.
 
     Parameters
     ----------
@@ -70,6 +72,8 @@ class MeterLine:
         self._one_at_a_time = threading.Lock()
         self._n_due = 0
         self._due_until_s = 0.0  # on the monotonic clock
+        # Whether a reply to another command than the present one is due.
+        self._other_due = False
 
     @property
     def is_open(self) -> bool:
@@ -105,7 +109,9 @@ class MeterLine:
         if self._transcript is not None:
             self._transcript.close()
 
-    def exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, *, again: bool = False) -> T:
+    def exchange(
+        self, command: str, parse: Callable[[bytes], T], until_s: float, mode: str, *, again: bool = False
+    ) -> T:
         """Send one command and return its reply, parsed.
 
         Parameters
@@ -116,6 +122,8 @@ class MeterLine:
             Parses the reply, including CR LF.
         until_s : float
             Latest time on the monotonic clock at which to give up.
+        mode : str
+            Command that sets a mode in force, without CR LF; sent if a late reply may still come.
         again : bool
             True if the same command was sent just before: its late reply is then accepted.
 
@@ -125,14 +133,15 @@ class MeterLine:
             If the port is not open, or as `MinoltaLS110.measure`. If the connection broke, the port is closed.
         """
         with self._one_at_a_time:
-            return self._exchange(command, parse, until_s, again)
+            self._other_due = self._n_due > 0 and (self._other_due or not again)
+            return self._exchange(command, parse, until_s, mode)
 
-    def _exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, again: bool) -> T:
+    def _exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, mode: str) -> T:
         if self._serial is None:
             raise MeterError(f"{self.port}: the meter is not open: call open(), or use it in a with statement")
         try:
-            if not again:
-                self._drop_late_replies(until_s)
+            if self._other_due:
+                self._settle(until_s, mode)
             self._drain()
             allowed_s = min(self.timeout_s, until_s - time.monotonic())
             if allowed_s <= 0:
@@ -170,12 +179,20 @@ class MeterLine:
         self._n_due -= 1
         return result
 
-    def _drop_late_replies(self, until_s: float) -> None:
-        """Wait for pending replies, at most one time-out."""
-        until_s = min(until_s, self._due_until_s, time.monotonic() + self.timeout_s)
-        while self._n_due > 0 and time.monotonic() < until_s:
-            self._n_due -= self._read_line(until_s).endswith(_CRLF)
-        self._n_due = 0
+    def _settle(self, until_s: float, mode: str) -> None:
+        """Drop the replies of earlier commands: those that come within a time-out, and all before that to `mode`."""
+        wait_s = min(until_s, self._due_until_s, time.monotonic() + self.timeout_s)
+        while self._n_due > 0 and time.monotonic() < wait_s:
+            self._n_due -= self._read_line(wait_s).endswith(_CRLF)
+        self._drain()
+        if self._n_due > 0:
+            give_up_s = min(until_s, time.monotonic() + self.timeout_s)
+            self._n_due += 1
+            self._due_until_s = time.monotonic() + 2 * self.timeout_s
+            self._send(mode)
+            while (reply := self._read_line(give_up_s)) != _ACKNOWLEDGED:
+                self._check_whole(reply, mode, self.timeout_s)
+        self._n_due, self._other_due = 0, False
 
     def _drain(self) -> None:
         """Clear both buffers."""

@@ -7,10 +7,12 @@ switch it off and hold F while switching it on; it then shows "C".
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import isfinite
 from os import PathLike
+from os.path import realpath
 from typing import Final, Self
 
 from serial.tools import list_ports
@@ -18,6 +20,7 @@ from serial.tools import list_ports
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ..device import Device
+from ..meter import MeterIncident
 from .line import MeterLine, port_settings
 from .memory import MemoryCommands, Reference
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
@@ -40,7 +43,10 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-_ON_OPENING: Final = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
+_ON_OPENING: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
+
+#: Where a simulated meter may be, and also a real one behind socat; no other meter is sent the unknown command.
+_PSEUDO_TERMINALS: Final = "/dev/pts/"
 
 
 class MinoltaLS(MemoryCommands, Device):
@@ -58,6 +64,8 @@ class MinoltaLS(MemoryCommands, Device):
         failed exchange the next one first waits as long again for a late reply, which is dropped.
     rtscts : bool
         True to use the RTS and CTS lines of the cable LS-A12.
+    modes : sequence of MeterMode
+        Set on opening; PRESET, ABS, FAST and CONT in the groups that it leaves out.
     attempts : int
         Largest number of attempts for a command with a late, incomplete or invalid reply. A command not understood by
         the meter (ER00) is repeated once; other error codes are not retried.
@@ -85,6 +93,7 @@ class MinoltaLS(MemoryCommands, Device):
         *,
         timeout_s: float = 6.0,
         rtscts: bool = False,
+        modes: Sequence[MeterMode] = (),
         attempts: int = 1,
         patience_s: float = 0.0,
         transcript: str | PathLike[str] | None = None,
@@ -97,7 +106,10 @@ class MinoltaLS(MemoryCommands, Device):
             raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
         self._port = port
         self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
-        self._modes: tuple[MeterMode, ...] = _ON_OPENING
+        self._on_opening = _ON_OPENING
+        for mode in modes:
+            self._on_opening = _replaced(self._on_opening, mode)
+        self._modes = self._on_opening
         writer = transcript and TranscriptWriter(
             transcript, self.data_sheet.model, port, port_settings(rtscts), timeout_s
         )
@@ -123,10 +135,10 @@ class MinoltaLS(MemoryCommands, Device):
         return self._modes if self._line.is_open else ()
 
     def open(self) -> Self:
-        """Open the port exclusively, and set PRESET, ABS, FAST and CONT.
+        """Open the port exclusively, and set one mode of each group.
 
-        The meter cannot identify itself and its modes cannot be read back, so one of each group is written; the answers
-        also confirm that a meter is connected. Opening an open meter does nothing.
+        The meter cannot identify itself and its modes cannot be read back, so they are written; the answers also
+        confirm that a meter is connected. Opening an open meter does nothing.
 
         Raises
         ------
@@ -138,9 +150,26 @@ class MinoltaLS(MemoryCommands, Device):
             If the transcript cannot be created.
         """
         if not self._line.is_open:
-            self._modes = _ON_OPENING
+            self._modes = self._on_opening
             self._link.connect()
         return self
+
+    def ask_if_simulated(self) -> bool:
+        """Ask a meter on a pseudo-terminal whether it is labcdp's simulated one, and note it in `identity`.
+
+        Raises
+        ------
+        MeterError
+            As `measure`.
+        """
+        if realpath(self._port).startswith(_PSEUDO_TERMINALS):
+            self._identity = replace(self._identity, simulated=self._link.is_simulated())
+        return self._identity.simulated
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """Repeated commands, losses and errors."""
+        return self._link.incidents
 
     def close(self) -> None:
         """Close the port; may be called twice."""
@@ -155,9 +184,7 @@ class MinoltaLS(MemoryCommands, Device):
             As `measure`.
         """
         self._link.ask(_command(mode), parse_acknowledgement)
-        self._modes = tuple(
-            mode if mode in group else former for group, former in zip(MODE_GROUPS, self._modes, strict=True)
-        )
+        self._modes = _replaced(self._modes, mode)
 
     def measure(self) -> Reading:
         """Take one reading in the modes that are set; in mode RATIO its unit is ``%``.
@@ -254,6 +281,10 @@ class SerialPort:
 def find_meter_ports() -> list[SerialPort]:
     """Return the serial ports by name; only opening one shows whether a meter is connected."""
     return sorted(SerialPort(port.device, port.description) for port in list_ports.comports())
+
+
+def _replaced(modes: tuple[MeterMode, ...], mode: MeterMode) -> tuple[MeterMode, ...]:
+    return tuple(mode if mode in group else former for group, former in zip(MODE_GROUPS, modes, strict=True))
 
 
 def _command(mode: MeterMode) -> str:

@@ -109,6 +109,10 @@ ERROR_CODES: Final = {
 }
 _UNKNOWN_CODE: Final = "the manual does not know this code: switch the meter off, and on again with F held"
 
+#: Not of the manual: asks the simulated meter what it is. A real one answers ER00.
+SIMULATED_COMMAND: Final = "SIM"
+SIMULATED_REPLY: Final = b"OK00,labcdp\r\n"
+
 _READING: Final = re.compile(rb"OK00, *([CP])([cf%])([PLKT ])([MH])([ 0-9.]{6})")
 #: A number in six characters, blanks around it.
 NUMBER: Final = re.compile(r" *([0-9]+\.?[0-9]*|\.[0-9]+) *")

@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from typing import Final, TypeVar
 
 from ..meter import (
     MeterError,
+    MeterIncident,
+    MeterIncidentKind,
     MeterLostError,
     MeterNotFoundError,
     MeterProtocolError,
@@ -16,7 +19,7 @@ from ..meter import (
     MeterTimeoutError,
 )
 from .line import MeterLine
-from .protocol import parse_acknowledgement
+from .protocol import SIMULATED_COMMAND, SIMULATED_REPLY, parse_acknowledgement
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +53,14 @@ class MeterLink:
         self._attempts = attempts
         self._patience_s = patience_s
         self._to_restore = to_restore
+        self.incidents: tuple[MeterIncident, ...] = ()
+
+    @property
+    def _mode(self) -> str:
+        return self._to_restore()[0]
+
+    def _note(self, kind: MeterIncidentKind, error: MeterError, duration_s: float = 0.0) -> None:
+        self.incidents = (*self.incidents, MeterIncident(kind, datetime.now(UTC), str(error), duration_s))
 
     def connect(self) -> None:
         """Open the port and set the modes, within timeout_s * (attempts + 1); raises MeterError, the port closed."""
@@ -62,11 +73,26 @@ class MeterLink:
             self._line.close()
             raise
 
+    def is_simulated(self) -> bool:
+        """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""
+        try:
+            give_up_s = time.monotonic() + self._line.timeout_s
+            return self._line.exchange(SIMULATED_COMMAND, lambda reply: reply == SIMULATED_REPLY, give_up_s, self._mode)
+        except (MeterReportedError, MeterTimeoutError):
+            return False
+
     def ask(self, command: str, parse: Callable[[bytes], T]) -> T:
         """Send a command and return its parsed reply; raises MeterError after all retries.
 
         Takes at most timeout_s * (attempts + 1) + patience_s. A meter that does not come back is closed.
         """
+        try:
+            return self._ask_patiently(command, parse)
+        except MeterError as error:
+            self._note("error", error)
+            raise
+
+    def _ask_patiently(self, command: str, parse: Callable[[bytes], T]) -> T:
         give_up_s = time.monotonic() + self._line.timeout_s * (self._attempts + 1) + self._patience_s
         lost_until_s: float | None = None
         while True:
@@ -88,7 +114,7 @@ class MeterLink:
         attempt = 1
         while True:
             try:
-                return self._line.exchange(command, parse, give_up_s, again=attempt > 1)
+                return self._line.exchange(command, parse, give_up_s, self._mode, again=attempt > 1)
             except MeterReportedError as error:
                 if error.code != _NOT_UNDERSTOOD or not_understood or attempt == self._attempts:
                     raise
@@ -99,10 +125,12 @@ class MeterLink:
                     raise
                 problem = error
             attempt += 1
+            self._note("asked again", problem)
             _log.warning("%s; asking again (attempt %d of %d)", problem, attempt, self._attempts)
 
     def _wait_for_meter(self, lost: MeterError, until_s: float) -> None:
         """Reopen the port and restore the modes; raises MeterLostError if that fails for too long."""
+        began_s = time.monotonic()
         _log.warning("%s; waiting up to %g s for the meter to come back", lost, self._patience_s)
         while True:
             self._line.close()
@@ -119,10 +147,11 @@ class MeterLink:
                 self._line.close()
                 raise
             else:
+                self._note("lost and back", lost, time.monotonic() - began_s)
                 _log.warning("%s: the meter is back, its modes are restored", self._line.port)
                 return
 
     def _reconnect(self, until_s: float) -> None:
         self._line.open()
         for command in self._to_restore():
-            self._line.exchange(command, parse_acknowledgement, until_s)
+            self._line.exchange(command, parse_acknowledgement, until_s, command)

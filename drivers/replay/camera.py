@@ -20,6 +20,7 @@ from ..camera import (
     CameraNotFoundError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     Gap,
     Refused,
@@ -61,6 +62,8 @@ class ReplayCamera(Device):
     InputError
         If `speed` is not a number above 0.
     """
+
+    live = False
 
     def __init__(
         self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
@@ -110,7 +113,7 @@ class ReplayCamera(Device):
         self._opened()
         assert self._settings is not None
         first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
-        return replace(self._settings, black_level_dn=float(first.metadata["black_level_dn"]))
+        return replace(self._settings, black_level=float(first.metadata["black_level_dn"]))
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
@@ -134,6 +137,11 @@ class ReplayCamera(Device):
     @property
     def gaps(self) -> tuple[Gap, ...]:
         """Empty: a replay has no interruptions."""
+        return ()
+
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """None: it has no other features."""
         return ()
 
     def features(self) -> dict[str, FeatureValue]:
@@ -187,6 +195,9 @@ class ReplayCamera(Device):
             )
         self._settings = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
         return self.settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Do nothing: the settings are those of the recording."""
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Return the next frame recorded with the current settings; never times out.

@@ -9,7 +9,7 @@ from ...core.clock import Clock
 from ...core.reading import MeterIdentity, Reading
 from ...session import ReadingRecord, Session
 from ..device import Device
-from ..meter import MeterError, MeterNotFoundError
+from ..meter import MeterError, MeterIncident, MeterNotFoundError
 from .pace import Pace
 
 
@@ -75,6 +75,11 @@ class ReplayMeter(Device):
     def unused(self) -> tuple[ReadingRecord, ...]:
         """Recorded readings not requested so far; none before the first `open`."""
         return tuple(self._recorded[self._given :])
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """None: it does not recover."""
+        return ()
 
     def measure(self) -> Reading:
         """Return the next reading; never times out.

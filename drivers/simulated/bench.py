@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from ...chain import Chain, ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
@@ -47,10 +49,15 @@ class BenchDevices:
     seed: int = 0
 
     @classmethod
-    def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006) -> BenchDevices:
-        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %."""
+    def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006, specimen: int = 0) -> BenchDevices:
+        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %.
+
+        Another `specimen` of the camera has another serial number and another fixed pattern.
+        """
         meter = MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed)
-        return cls(Chain.load("manta-g505").camera(), meter, seed=seed)
+        camera = Chain.load("manta-g505").camera()
+        sensor = replace(camera.sensor, device_seed=camera.sensor.device_seed + specimen)
+        return cls(replace(camera, sensor=sensor), meter, seed=seed)
 
 
 class SimulatedBench:
@@ -70,6 +77,8 @@ class SimulatedBench:
         Height and width for a smaller sensor; None keeps the camera's own.
     clock : Clock or None
         Clock of drifts, schedules and the devices in this process; None for the system clock.
+    n_records : int
+        What was recorded before with the same seed: a resumed acquisition has other noise than its beginning.
 
     Raises
     ------
@@ -83,7 +92,9 @@ class SimulatedBench:
         devices: BenchDevices,
         sensor_shape: tuple[int, int] | None = None,
         clock: Clock | None = None,
+        n_records: int = 0,
     ) -> None:
+        devices = _resumed(devices, n_records)
         self._clock = SystemClock() if clock is None else clock
         self._configuration = configuration
         self._devices = devices
@@ -242,6 +253,14 @@ class SimulatedBench:
         for item in scheduled:
             self._misfortune.schedule(item)
         return scheduled
+
+
+def _resumed(devices: BenchDevices, n_records: int) -> BenchDevices:
+    """Return the same specimens with the noise that follows after `n_records`."""
+    if n_records == 0:
+        return devices
+    seeds = np.random.SeedSequence((devices.seed, devices.meter.seed, n_records)).generate_state(2)
+    return replace(devices, seed=int(seeds[0]), meter=replace(devices.meter, seed=int(seeds[1])))
 
 
 def _chain(

@@ -15,6 +15,7 @@ from ..camera import (
     CameraError,
     CameraSettingError,
     CameraSettings,
+    CameraSetup,
     FeatureValue,
     FrameTimeoutError,
     Gap,
@@ -50,6 +51,8 @@ class InProcessCamera(Device):
         How long to wait for a lost camera to come back; 0 raises CameraLostError at once.
     """
 
+    live = True
+
     def __init__(
         self,
         device: SimulatedDevice,
@@ -69,7 +72,7 @@ class InProcessCamera(Device):
             "Mono12",
             device.width,
             device.height,
-            black_level_dn=device.black_level_dn,
+            black_level=device.black_level_dn,
             frame_rate_hz=device.frame_rate_hz,
         )
         self._open = False
@@ -135,6 +138,11 @@ class InProcessCamera(Device):
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._link.gaps
 
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """None: it has no other features."""
+        return ()
+
     def features(self) -> dict[str, FeatureValue]:
         """Return the register values of the camera on the wire, by name."""
         device, settings = self._device, self.settings
@@ -149,7 +157,7 @@ class InProcessCamera(Device):
             "ExposureTimeAbs": settings.exposure_s * 1e6,
             "AcquisitionFrameRateAbs": device.frame_rate_hz,
             "Gain": settings.gain_db,
-            "BlackLevel": settings.black_level_dn,
+            "BlackLevel": settings.black_level,
         }
 
     def configure(
@@ -183,6 +191,12 @@ class InProcessCamera(Device):
             raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")
         self._settings = replace(old, exposure_s=exposure_us * 1e-6, gain_db=gain)
         return self._settings
+
+    def prepare(self, wanted: CameraSetup) -> None:
+        """Accept no settings; raises CameraSettingError for any."""
+        given = [*wanted.settings, *wanted.features]
+        if given:
+            raise CameraSettingError(f"the camera in this process cannot set {given[0]}: use the one on loopback")
 
     def snap(self, timeout_s: float | None = None) -> Frame:
         """Take one frame; see `grab`."""
@@ -236,7 +250,7 @@ class InProcessCamera(Device):
             gain_db=settings.gain_db,
             bit_depth=12,
             saturation_dn=FULL_SCALE_DN,
-            black_level_dn=settings.black_level_dn,
+            black_level_dn=settings.black_level,
             pixel_format="Mono12",
             colour_filter=None,
             temperature_c=self.temperature_c,

@@ -64,6 +64,7 @@ class SimulatedTarget:
         else:
             _refuse_overlap(self._bounds)
         self._rendered: tuple[str | None, NDArray[np.float32]] | None = None
+        self._kept: tuple[Hashable, NDArray[np.float32]] | None = None
 
     def show(self, patch: str) -> None:
         """Replace the shown patch; does nothing where all are shown together."""
@@ -99,23 +100,38 @@ class SimulatedTarget:
         return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1)
 
     def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
-        """Render exposure number `index`."""
-        return self._chain.expose(
-            0.0 if self.covered else self._electron_rate(),
-            exposure_s,
-            gain_db,
-            temperature_c=self._drifts.temperature_c(),
-            seed=self._seed,
-            exposure_index=index,
+        """Render exposure number `index`, with noise of its own."""
+        from .noise_kernel import QUANTILES, draw_exposure
+
+        sensor = self._chain.sensor
+        key = np.random.SeedSequence(self._seed, spawn_key=(index,)).generate_state(1, np.uint64)[0]
+        return draw_exposure(
+            self._mean_e(exposure_s),
+            sensor.fixed_pattern.offset_e,
+            (sensor.full_well_e, 2.0**sensor.bits - 1),
+            sensor.read_noise_e,
+            sensor.system_gain_dn_per_e(gain_db),
+            sensor.black_level_dn,
+            key,
+            QUANTILES,
         )
 
-    def _electron_rate(self) -> NDArray[np.float32]:
-        shown = self.shown
+    def _mean_e(self, exposure_s: float) -> NDArray[np.float32]:
+        """Mean electrons of each pixel, kept until exposure, light or temperature change."""
+        shown, light_rel, temperature_c = self.shown, self._drifts.light_rel(), self._drifts.temperature_c()
+        kind = self.covered, shown, exposure_s, light_rel, temperature_c
+        if self._kept is None or self._kept[0] != kind:
+            sensor, pattern = self._chain.sensor, self._chain.sensor.fixed_pattern
+            mean_e = pattern.dark_current * np.float32(sensor.dark_current_at(temperature_c) * exposure_s)
+            if not self.covered:
+                mean_e += self._electron_rate(shown) * pattern.photo_response * np.float32(light_rel * exposure_s)
+            self._kept = kind, mean_e
+        return self._kept[1]
+
+    def _electron_rate(self, shown: str | None) -> NDArray[np.float32]:
         if self._rendered is None or self._rendered[0] != shown:
             self._rendered = shown, self._chain.electron_rate(self.scene().luminance_map())
-        rate = self._rendered[1]
-        light_rel = self._drifts.light_rel()
-        return rate if light_rel == 1 else np.float32(light_rel) * rate
+        return self._rendered[1]
 
 
 def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> None:

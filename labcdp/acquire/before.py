@@ -6,9 +6,9 @@ import shutil
 
 from ..core.errors import SessionError
 from ..core.pixel_format import pixel_format
-from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
+from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError, CameraSetup, Region, Trigger
 from ..drivers.meter import Meter
-from ..session import Session, SessionConfiguration
+from ..session import CameraConfiguration, Session, SessionConfiguration
 from .steps import remaining
 
 #: Most bytes of a frame beyond its pixels: header, description, and its line in the journal.
@@ -18,18 +18,14 @@ _RANGE_REL = 1e-9
 
 
 def check_devices(camera: Camera, meter: Meter, configuration: SessionConfiguration) -> None:
-    """Refuse devices that differ from the configuration, and settings and regions impossible for the camera.
+    """Refuse devices that differ from the configuration.
 
     Raises
     ------
     CameraNotFoundError
         If vendor, model or serial number of the camera differ.
-    CameraSettingError
-        If the pixel format is unknown, or an exposure is outside the camera's range.
     SessionError
         If the meter is of another model.
-    InputError
-        If a region of the target lies outside the camera's image or contains no pixel.
     """
     wanted = configuration.camera
     for name in ("vendor", "model", "serial"):
@@ -39,14 +35,26 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
                 f"the camera's {name} is {found!r}, the configuration says {expected!r}: connect that camera or "
                 f"correct camera.{name}"
             )
-    settings = camera.settings
-    for patch in configuration.target.patches:
-        patch.region().mask((settings.height, settings.width))
     if meter.identity.model != configuration.meter.model:
         raise SessionError(
             f"the meter is a {meter.identity.model}, the configuration says {configuration.meter.model}: connect "
             "that meter or correct meter.model"
         )
+
+
+def check_plan(camera: Camera, configuration: SessionConfiguration) -> None:
+    """Refuse settings and regions impossible for the camera as it is prepared.
+
+    Raises
+    ------
+    CameraSettingError
+        If the pixel format is unknown, or an exposure is outside the camera's range.
+    InputError
+        If a region of the target lies outside the camera's image or contains no pixel.
+    """
+    settings = camera.settings
+    for patch in configuration.target.patches:
+        patch.region().mask((settings.height, settings.width))
     pixel_format(configuration.plan.pixel_format)
     shortest_s, longest_s = camera.exposure_range_s
     for exposure_s in configuration.plan.exposures_s or ():
@@ -55,6 +63,21 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
                 f"plan.exposures_s has {exposure_s:g} s, the camera takes {shortest_s:g} to {longest_s:g} s: give an "
                 "exposure within"
             )
+
+
+def prepare_camera(camera: Camera, configured: CameraConfiguration) -> CameraSetup:
+    """Apply the settings of the configuration's ``[camera]``, and return them; raises CameraSettingError."""
+    region, trigger = configured.region, configured.trigger
+    setup = CameraSetup(
+        binning=configured.binning,
+        region=None if region is None else Region(*region),
+        frame_rate_hz=configured.frame_rate_hz,
+        black_level=configured.black_level,
+        trigger=None if trigger is None else Trigger(trigger),
+        features=configured.features or {},
+    )
+    camera.prepare(setup)
+    return setup
 
 
 def check_room(camera: Camera, session: Session) -> None:

@@ -10,6 +10,7 @@ from typing import Literal
 from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 from ..core.errors import InputError
 from ..core.reading import Reading, ReadingSeries
+from .black import measured_black_dn
 from .live import PatchNumbers
 
 #: Standard uncertainties above which a change is significant.
@@ -25,7 +26,7 @@ class CheckFinding:
 
     Parameters
     ----------
-    check : {'saturation', 'darkness', 'light in the dark', 'flicker', 'meter drift', 'scatter', 'mixed readings'}
+    check : str
         What was checked.
     cause : str
         Problem and possible cause, on one line.
@@ -33,7 +34,16 @@ class CheckFinding:
         Measured value and its limit; shares and relative changes as fractions.
     """
 
-    check: Literal["saturation", "darkness", "light in the dark", "flicker", "meter drift", "scatter", "mixed readings"]
+    check: Literal[
+        "saturation",
+        "darkness",
+        "light in the dark",
+        "flicker",
+        "meter drift",
+        "scatter",
+        "mixed readings",
+        "repeated frames",
+    ]
     cause: str
     value: float
     limit: float
@@ -45,7 +55,7 @@ class CheckFinding:
     @property
     def passing(self) -> bool:
         """Whether repeating may solve it without a change at the bench."""
-        return self.check not in ("saturation", "darkness", "light in the dark")
+        return self.check not in ("saturation", "darkness", "light in the dark", "repeated frames")
 
 
 def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
@@ -93,17 +103,23 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
 def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) -> list[CheckFinding]:
     """Find dark frames that show the target: half as bright as the light frames at the brightest patch.
 
+    The black level is that of the light frames, as dark frames without the cap would say a wrong one.
+
     Parameters
     ----------
     dark, light : sequence of PatchNumbers
         All exposures of all patches.
     """
+    black_dn = measured_black_dn((), light)
+    if black_dn is None:
+        # Of one exposure the darkest patch is nearest to black; a single patch says nothing of it.
+        black_dn = min(n.mean_dn for n in light) if len(light) > 1 else 0.0
     for n in light:
         seen = [d for d in dark if (d.patch, d.exposure_s) == (n.patch, n.exposure_s)]
-        brightest = max((m for m in light if m.exposure_s == n.exposure_s), key=lambda m: m.signal_dn)
-        clear = n is brightest and n.signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
-        if clear and seen and seen[0].signal_dn > _LIT_SHARE * n.signal_dn:
-            share = seen[0].signal_dn / n.signal_dn
+        brightest = max((m for m in light if m.exposure_s == n.exposure_s), key=lambda m: m.mean_dn)
+        signal_dn = n.mean_dn - black_dn
+        clear = n is brightest and signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
+        if clear and seen and (share := (seen[0].mean_dn - black_dn) / signal_dn) > _LIT_SHARE:
             return [
                 CheckFinding(
                     "light in the dark",
@@ -114,6 +130,27 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
                 )
             ]
     return []
+
+
+def check_repeats(n_repeated: int, n_frames: int) -> list[CheckFinding]:
+    """Find frames that are bit for bit an earlier frame: the noise is measured from what differs between frames.
+
+    Parameters
+    ----------
+    n_repeated, n_frames : int
+        Frames that repeat an earlier one of their exposure, and all frames.
+    """
+    if n_repeated == 0:
+        return []
+    return [
+        CheckFinding(
+            "repeated frames",
+            f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K come out "
+            "too small: is the camera's test pattern on, or its image frozen? if not, choose a format of more bits",
+            n_repeated / n_frames,
+            0.0,
+        )
+    ]
 
 
 def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:

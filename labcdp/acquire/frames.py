@@ -86,11 +86,12 @@ class Schedule:
 
 
 def take_frames(
-    camera: Camera, n: int, schedule: Schedule | None, control: Control, refusals: Refusals
+    camera: Camera, n: int, schedule: Schedule | None, control: Control, refusals: Refusals, discard: int = 0
 ) -> Generator[Frame, None, None]:
     """Yield `n` complete frames, consecutive without a schedule.
 
-    The stream is off during a pause: otherwise the buffers would overrun.
+    The stream is off during a pause: otherwise the buffers would overrun. The first `discard` frames after each start
+    of the stream are dropped.
 
     Raises
     ------
@@ -105,11 +106,13 @@ def take_frames(
             control.checkpoint()
         else:
             schedule.wait()
-        stream = camera.grab(left if schedule is None else 1, on_refused=refusals.refuse)
+        stream = camera.grab(discard + (left if schedule is None else 1), on_refused=refusals.refuse)
         # Iterators of drivers are generators: closing one stops its stream.
         with closing(cast(Generator[Frame, None, None], stream)) as frames:
-            for frame in frames:
+            for taken, frame in enumerate(frames):
                 refusals.whole()
+                if taken < discard:
+                    continue
                 left -= 1
                 yield frame
                 if control.interrupts:

@@ -17,6 +17,9 @@ from ..session import Role
 #: Share of the span from black to saturation below which changes relative to the signal are meaningless.
 _LEAST_SIGNAL_REL = 0.01
 
+#: Distance of the rows and columns by which frames are compared, for speed: few pixels with noise never repeat.
+_SAMPLED = 8
+
 
 @dataclass(frozen=True)
 class PatchNumbers:
@@ -32,8 +35,10 @@ class PatchNumbers:
         Number of frames, and of pixels in each.
     mean_dn : float
         Mean over frames and pixels.
-    black_dn, saturation_dn : float
-        The camera's nominal black level and saturation.
+    black_dn : float
+        Black level as measured so far, see `measured_black_dn`; 0 while unknown.
+    saturation_dn : float
+        The camera's saturation.
     saturated_share : float
         Share of the values at saturation or above.
     temporal_noise_dn : float or None
@@ -60,7 +65,7 @@ class PatchNumbers:
 
     @property
     def signal_dn(self) -> float:
-        """Mean above the nominal black level."""
+        """Mean above the black level."""
         return self.mean_dn - self.black_dn
 
     @property
@@ -111,10 +116,17 @@ class LiveNumbers:
     ----------
     regions : sequence of Roi
         The visible patches.
+
+    Attributes
+    ----------
+    n_frames, n_repeated : int
+        Frames added, and those that are bit for bit the same as an earlier one.
     """
 
     def __init__(self, regions: Sequence[Roi]) -> None:
         self._patches = [_PatchAccumulator(region) for region in regions]
+        self._seen: set[int] = set()
+        self.n_frames = self.n_repeated = 0
 
     def add(self, frame: Frame) -> tuple[PatchNumbers, ...]:
         """Add a frame and return the statistics so far.
@@ -126,7 +138,16 @@ class LiveNumbers:
         """
         for patch in self._patches:
             patch.add(frame)
+        self._look_for_repeat(frame)
         return self.numbers
+
+    def _look_for_repeat(self, frame: Frame) -> None:
+        """Count a frame whose sampled pixels are all those of an earlier one; a blank frame may be."""
+        sample = frame.dn[::_SAMPLED, ::_SAMPLED]
+        key = hash(sample.tobytes())
+        self.n_frames += 1
+        self.n_repeated += key in self._seen and bool(sample.min() != sample.max())
+        self._seen.add(key)
 
     @property
     def numbers(self) -> tuple[PatchNumbers, ...]:
@@ -166,7 +187,7 @@ class _PatchAccumulator:
         self._last: NDArray[np.float32] | None = None
         self._last_mean = 0.0
         self._n = 0
-        self._exposure_s = self._black_dn = self._saturation_dn = 0.0
+        self._exposure_s = self._saturation_dn = 0.0
         # Sums over frames: of means, of means times the frame's index, of saturated shares; over pairs: of
         # variances of the difference, of squared differences of the means.
         self._means = self._weighted = self._saturated = self._variances = self._squares = 0.0
@@ -185,7 +206,7 @@ class _PatchAccumulator:
         self._means += mean
         self._n += 1
         self._exposure_s = frame.exposure_s
-        self._black_dn, self._saturation_dn = frame.black_level_dn, frame.saturation_dn
+        self._saturation_dn = frame.saturation_dn
         self._last, self._last_mean = kept, mean
 
     @property
@@ -202,7 +223,7 @@ class _PatchAccumulator:
             frames=n,
             pixels=self._last.size,
             mean_dn=mean_dn,
-            black_dn=self._black_dn,
+            black_dn=0.0,
             saturation_dn=self._saturation_dn,
             saturated_share=self._saturated / n,
             temporal_noise_dn=sqrt(self._variances / pairs / 2) if pairs else None,

@@ -13,8 +13,17 @@ from ..drivers.camera import Camera, FeatureValue
 from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
-from .before import check_devices, check_room
-from .checks import CheckFinding, check_darkness, check_flicker, check_levels, check_meter_drift, check_scatter
+from .before import check_devices, check_plan, check_room, prepare_camera
+from .black import measured_black_dn
+from .checks import (
+    CheckFinding,
+    check_darkness,
+    check_flicker,
+    check_levels,
+    check_meter_drift,
+    check_repeats,
+    check_scatter,
+)
 from .control import Control
 from .lens_cap import LensCap
 from .operator import HandNeededError, Operator
@@ -99,12 +108,21 @@ def acquire(
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
         return ()
+    setup = prepare_camera(camera, session.configuration.camera)
+    check_plan(camera, session.configuration)
     check_room(camera, session)
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
-    session.add_event("camera features", {"features": _json_values(camera.features())})
+    session.add_event("camera setup", asdict(setup))
+    not_understood = list(camera.not_understood)
+    session.add_event(
+        "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
+    )
+    if not_understood:
+        _log.info("features of the camera that are left as they are: %s", ", ".join(not_understood))
     control = control or Control()
     frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
     readings = ReadingRecorder(session, meter, operator, report, control)
+    frames.warm_up()
     run = _Run(session, operator, frames, readings)
     left: list[Left] = []
     if session.exposures_s is None:
@@ -250,9 +268,15 @@ class _Run:
         if unit.kind in ("light", "patch"):
             numbers = self._frames.numbers(unit.patch)
             findings += check_levels(numbers) + check_flicker(numbers, plan.largest_flicker_rel)
+            findings += check_repeats(*self._frames.repeats(unit.patch, "light"))
         if unit.kind == "dark":
             light = [n for shown in shown_patches(self._session.configuration) for n in self._frames.numbers(shown)]
-            findings += check_darkness(self._frames.numbers(None, "dark"), light)
+            dark = self._frames.numbers(None, "dark")
+            findings += check_darkness(dark, light)
+            if measured_black_dn((), light) is None:
+                # Unknown when the light frames were checked.
+                findings += [finding for finding in check_levels(light) if finding.check == "darkness"]
+            findings += check_repeats(*self._frames.repeats(None, "dark"))
         if unit.kind == "readings":
             assert unit.patch is not None
             readings = [r.reading for r in self._session.readings() if r.patch == unit.patch]

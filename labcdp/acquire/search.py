@@ -59,13 +59,12 @@ class Look:
         Exposure in effect.
     levels : mapping of str to Level
         Values by patch.
-    black_dn, saturation_dn : float
-        Nominal black level, and saturation.
+    saturation_dn : float
+        Saturation.
     """
 
     exposure_s: float
     levels: Mapping[str, Level]
-    black_dn: float
     saturation_dn: float
 
     @classmethod
@@ -76,7 +75,7 @@ class Look:
             values = RegionPixels(region).of(frame)
             high = float(np.quantile(values, HIGH_QUANTILE, method="higher"))
             levels[region.name] = Level(float(values.mean(dtype=np.float64)), high)
-        return cls(frame.exposure_s, levels, frame.black_level_dn, frame.saturation_dn)
+        return cls(frame.exposure_s, levels, frame.saturation_dn)
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,8 @@ def measure_rates(
 ) -> list[PatchRate]:
     """Measure how fast patches fill the span, from the shortest exposure upwards.
 
-    The camera is assumed to be linear: the mean above black is proportional to the exposure. The nominal black level is
-    used until two frames give it as the intercept of the darkest patch.
+    The camera is assumed to be linear: the mean above black is proportional to the exposure. Black is the intercept of
+    the darkest patch, for which the search starts with two frames.
 
     Parameters
     ----------
@@ -135,19 +134,16 @@ def measure_rates(
         Shortest and longest exposure.
     """
     shortest_s, longest_s = range_s
-    looks = [look(shortest_s)]
+    looks = [look(shortest_s), look(min(2 * shortest_s, longest_s))]
     given_up: set[str] = set()
     while True:
         black_dn = _black_dn(looks)
-        open_ones = [
-            (trace.share_per_s(black_dn), trace)
-            for name in patches
-            if name not in given_up and (trace := _Trace.of(looks, name)).wants_more(black_dn, longest_s)
-        ]
+        traces = [_Trace.of(looks, name, black_dn) for name in patches]
+        open_ones = [trace for trace in traces if trace.patch not in given_up and trace.wants_more(longest_s)]
         if not open_ones:
-            break
-        _, brightest = max(open_ones, key=lambda pair: pair[0])
-        exposure_s = brightest.next_s(black_dn, longest_s)
+            return [trace.rate() for trace in traces]
+        brightest = max(open_ones, key=lambda trace: trace.share / (trace.clear_s or 1.0))
+        exposure_s = brightest.next_s(longest_s)
         if exposure_s is None:
             given_up.add(brightest.patch)
         else:
@@ -155,7 +151,6 @@ def measure_rates(
             if looks[-1].exposure_s in [earlier.exposure_s for earlier in looks[:-1]]:
                 # The camera has no exposure in between.
                 given_up.add(brightest.patch)
-    return [_Trace.of(looks, name).rate(black_dn) for name in patches]
 
 
 def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -> FoundExposures:
@@ -205,58 +200,53 @@ class _Trace:
     clear_s: float | None
     clear: Level | None
     full_s: float | None
+    black_dn: float
     span_dn: float
 
     @classmethod
-    def of(cls, looks: Sequence[Look], patch: str) -> _Trace:
+    def of(cls, looks: Sequence[Look], patch: str, black_dn: float) -> _Trace:
         clear = [look for look in looks if _is_clear(look, patch)]
         full = [look.exposure_s for look in looks if not _is_clear(look, patch)]
         best = max(clear, key=lambda look: look.exposure_s, default=None)
-        span_dn = looks[0].saturation_dn - looks[0].black_dn
-        level = None if best is None else best.levels[patch]
-        return cls(patch, None if best is None else best.exposure_s, level, min(full, default=None), span_dn)
+        clear_s, level = (None, None) if best is None else (best.exposure_s, best.levels[patch])
+        return cls(patch, clear_s, level, min(full, default=None), black_dn, looks[0].saturation_dn - black_dn)
 
-    def share(self, black_dn: float) -> float:
+    @property
+    def share(self) -> float:
         assert self.clear is not None
-        return (self.clear.mean_dn - black_dn) / self.span_dn
+        return (self.clear.mean_dn - self.black_dn) / self.span_dn
 
-    def share_per_s(self, black_dn: float) -> float:
-        assert self.clear_s is not None
-        return self.share(black_dn) / self.clear_s
-
-    def wants_more(self, black_dn: float, longest_s: float) -> bool:
-        if self.clear_s is None or self.share(black_dn) >= _STRONG_SHARE:
+    def wants_more(self, longest_s: float) -> bool:
+        if self.clear_s is None or self.share >= _STRONG_SHARE:
             return False
         return self.clear_s < longest_s / _NARROW
 
-    def next_s(self, black_dn: float, longest_s: float) -> float | None:
+    def next_s(self, longest_s: float) -> float | None:
         assert self.clear_s is not None
-        share = max(self.share(black_dn), _AIM_SHARE / _LARGEST_STEP)
-        wanted_s = min(self.clear_s * _AIM_SHARE / share, longest_s)
+        wanted_s = min(self.clear_s * _AIM_SHARE / max(self.share, _AIM_SHARE / _LARGEST_STEP), longest_s)
         if self.full_s is not None and wanted_s > self.full_s / _NARROW:
             wanted_s = sqrt(self.clear_s * self.full_s)
         return wanted_s if wanted_s > self.clear_s * _NARROW else None
 
-    def rate(self, black_dn: float) -> PatchRate:
-        if self.clear is None:
+    def rate(self) -> PatchRate:
+        if self.clear is None or self.clear_s is None:
             return PatchRate(self.patch, None)
-        signal_dn = self.clear.mean_dn - black_dn
-        high_ratio = (self.clear.high_dn - black_dn) / signal_dn if self.share(black_dn) >= _STRONG_SHARE else 1.0
-        return PatchRate(self.patch, max(self.share_per_s(black_dn), 0.0), max(high_ratio, 1.0))
+        strong = self.share >= _STRONG_SHARE
+        high_ratio = (self.clear.high_dn - self.black_dn) / (self.share * self.span_dn) if strong else 1.0
+        return PatchRate(self.patch, max(self.share / self.clear_s, 0.0), max(high_ratio, 1.0))
 
 
 def _is_clear(look: Look, patch: str) -> bool:
-    limit_dn = look.black_dn + HIGHEST_QUANTILE_SHARE * (look.saturation_dn - look.black_dn)
-    return look.levels[patch].high_dn <= limit_dn
+    return look.levels[patch].high_dn <= HIGHEST_QUANTILE_SHARE * look.saturation_dn
 
 
 def _black_dn(looks: Sequence[Look]) -> float:
-    """Black by the line through the shortest and longest unsaturated frame of the darkest patch, else nominal."""
+    """Black by the line through the shortest and longest unsaturated frame of the darkest patch, else 0."""
     longest = max(looks, key=lambda look: look.exposure_s)
     darkest = min(longest.levels, key=lambda name: longest.levels[name].mean_dn)
     clear = sorted((look for look in looks if _is_clear(look, darkest)), key=lambda look: look.exposure_s)
-    if len(clear) < 2 or clear[-1].exposure_s < 2 * clear[0].exposure_s:
-        return looks[0].black_dn
+    if len(clear) < 2 or clear[-1].exposure_s < _NARROW * clear[0].exposure_s:
+        return 0.0
     (t0, m0), (t1, m1) = ((look.exposure_s, look.levels[darkest].mean_dn) for look in (clear[0], clear[-1]))
     return m0 - (m1 - m0) / (t1 - t0) * t0
 

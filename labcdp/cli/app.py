@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import inspect
 import os
 import sys
@@ -80,6 +81,9 @@ for _group, _members in _COMMANDS.items():
     for _name, _command in _members.items():
         app.command(_name, help=_paragraphs(_command.__doc__), rich_help_panel=_group)(_command)
 
+#: Errors without a file name that come of writing the output.
+_OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
 
 class _Chosen:
     """The command that is run, once it is known."""
@@ -148,6 +152,9 @@ def main() -> None:
         if error.filename is not None:
             name = shortened(os.fsdecode(error.filename), _MOST_CHARACTERS)
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
+            sys.exit(1)
+        if error.errno not in _OUTPUT_ERRORS:
+            say(f"labcdp: the system refuses ({reason(error)}): check network, devices and limits, then repeat")
             sys.exit(1)
         say(f"labcdp: the output cannot be written ({error.strerror}): free some disk space")
         # What is left in the buffer would fail again at exit.

@@ -157,6 +157,9 @@ class Bars:
             elif progress.live.finished:
                 say(live_line(progress.live))
         self.update(progress.step, progress.done, progress.total)
+        if progress.live is not None and progress.live.finished:
+            # Shown however soon the next step follows.
+            self._progress.refresh()
 
     @contextmanager
     def paused(self) -> Iterator[None]:

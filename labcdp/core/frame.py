@@ -60,7 +60,8 @@ class Frame:
     saturation_dn : float
         DN from which a pixel counts as saturated; at most ``2**bit_depth - 1``.
     black_level_dn : float
-        Nominal DN of dark signal set in the camera (EMVA 1288 offset); the measured one comes from dark frames.
+        DN of dark signal that a file states. Of a camera it is the register, which need not be in DN of the pixel
+        format: the dark signal is measured from dark frames.
     pixel_format : str
         GenICam PFNC name the data came in, for example ``Mono12Packed``.
     colour_filter : str or None

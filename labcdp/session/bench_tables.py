@@ -17,6 +17,8 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 Fraction = Annotated[Number, Field(gt=0, le=1)]
+Whole = Annotated[int, Field(strict=True, ge=0)]
+FeatureName = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", max_length=255)]
 Count = Annotated[int, Field(strict=True, ge=1)]
 Several = Annotated[int, Field(strict=True, ge=2)]
 
@@ -66,6 +68,17 @@ class CameraConfiguration(Table):
     serial: Text | None = Field(None, description="the serial number as text, in quotes")
     address: Text | None = Field(None, description="the network address as text")
     pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
+    # Set when the acquisition starts, and read back; what is left out is as after opening.
+    black_level: NotNegative | None = Field(None, description="a value of the camera's register of at least 0")
+    frame_rate_hz: Positive | None = Field(None, description="a frame rate above 0 Hz")
+    region: tuple[Whole, Whole, Count, Count] | None = Field(
+        None, description="[x, y, width, height] in pixels after binning, whole numbers"
+    )
+    binning: tuple[Count, Count] | None = Field(None, description="[columns, rows], whole numbers of at least 1")
+    trigger: Text | None = Field(None, description='"Software", or the name of a line as text, for example "Line1"')
+    features: dict[FeatureName, bool | int | float | str] | None = Field(
+        None, description="a [camera.features] table of GenICam names with true, false, numbers or text"
+    )
     spectral_sensitivity: SpectraConfiguration | None = Field(
         None, description="the name of a CSV file as text: wavelength_nm and R, G, B or one column, for radiant power"
     )

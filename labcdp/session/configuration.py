@@ -26,6 +26,7 @@ from .bench_tables import (
     SourceConfiguration,
     Table,
     Text,
+    Whole,
     with_spectra,
 )
 from .meter_tables import MeterConfiguration
@@ -110,6 +111,11 @@ class PlanConfiguration(Table):
     readings_per_patch: Count = Field(3, description="a whole number of at least 1")
     # From the start of one frame to that of the next; 0 for as fast as the camera is.
     interval_s: NotNegative = Field(0.0, description="a time of at least 0 s")
+    # Before anything is recorded, at each start: at most so long, and shorter if the temperature is steady to so much.
+    warm_up_s: NotNegative = Field(0.0, description="a time of at least 0 s")
+    stable_within_c: Positive | None = Field(None, description="a difference of temperature above 0 degC")
+    # After each start of the camera's stream.
+    discard_frames: Whole = Field(0, description="a whole number of at least 0")
     drift_check: bool = Field(
         False, strict=True, description="true to read the first patch also before the frames, or false"
     )

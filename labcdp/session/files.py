@@ -9,10 +9,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from ..core.disk import open_regular, reason
 from ..core.errors import SessionError
 from ..output.file import Buffer, fsync_folder, is_temporary, temporary_name, write_all
+
+#: Folder of the frames in a session.
+FRAMES = "frames"
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,8 @@ def read_checked(folder: Path, stored: StoredFile) -> bytes:
         If it is missing, shorter or longer than recorded, altered, or cannot be read.
     """
     path = folder / stored.name
+    if not path.exists():
+        raise SessionError(f"{path} is missing: {_again(folder, stored)}")
     with reported(path, "read"), open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read() if size == stored.size else b""
@@ -114,7 +120,15 @@ def read_checked(folder: Path, stored: StoredFile) -> bytes:
         fault = "was altered: its SHA-256 is not the recorded one"
     else:
         return data
-    raise SessionError(f"{path} {fault}; restore it from a copy of the session, or record it again")
+    raise SessionError(f"{path} {fault}; {_again(folder, stored)}")
+
+
+def _again(folder: Path, stored: StoredFile) -> str:
+    remedy = "restore it from a copy of the session"
+    if not stored.name.startswith(f"{FRAMES}/"):
+        return remedy
+    command = f"labcdp acquire {quote(str(folder / 'session.toml'))} {quote(str(folder))} --replace-damaged"
+    return f"{remedy}, or record it again: {command}"
 
 
 @contextmanager

@@ -11,13 +11,12 @@ from pathlib import Path
 from ..core.clock import Clock
 from ..core.errors import SessionError
 from .configuration import SessionConfiguration
-from .files import reported, write_whole
+from .files import FRAMES, reported, write_whole
 from .journal import Journal
 from .journal_text import JOURNAL, JOURNAL_END
 from .readme import README, README_TEXT
 
 CONFIGURATION = "session.toml"
-FRAMES = "frames"
 
 #: Format of the sessions this labcdp writes and reads.
 FORMAT = 1

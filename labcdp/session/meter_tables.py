@@ -63,6 +63,11 @@ class MeterConfiguration(Table):
     model: Text = Field(description="the model's name as text")
     entry: Literal["serial", "by hand", "csv"] = Field("serial", description='"serial", "by hand" or "csv"')
     port: Text | None = Field(None, description="the serial port as text")
+    rtscts: bool = Field(False, strict=True, description="true for a cable that carries RTS and CTS, or false")
+    response: Literal["fast", "slow"] = Field("fast", description='"fast", or "slow" for light that flickers')
+    correction: Literal["preset", "colour", "luminance", "both"] = Field(
+        "preset", description='"preset" for the maker\'s calibration, "colour", "luminance" or "both" for the user\'s'
+    )
     file: Text | None = Field(None, description="the path of a CSV file as text")
     serial: Text = Field(description="the serial number as text, in quotes")
     calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
@@ -95,8 +100,11 @@ class MeterConfiguration(Table):
             if given:
                 raise ValueError(f'has {given[0]}, which belongs to entry = "by hand" or "csv": leave it out')
             return self
-        if self.port is not None:
-            raise ValueError('has port, which belongs to entry = "serial": leave it out')
+        fields = type(self).model_fields
+        of_the_line = ("port", "rtscts", "response", "correction")
+        given = [name for name in of_the_line if getattr(self, name) != fields[name].default]
+        if given:
+            raise ValueError(f'has {given[0]}, which belongs to entry = "serial": leave it out')
         if (self.file is None) == (self.entry == "csv"):
             wrong = "lacks file: give the path of a CSV file" if self.entry == "csv" else "has file: leave it out"
             raise ValueError(f'{wrong} with entry = "{self.entry}"')

@@ -209,6 +209,8 @@ class _SupersededContent(BaseModel):
     model_config = ConfigDict(extra="forbid")
     lines: list[int]
     reason: str
+    # Their files are known to be missing or altered.
+    damaged: bool = False
 
 
 class _ExposuresContent(BaseModel):

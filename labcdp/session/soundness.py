@@ -9,6 +9,7 @@ from ..core.errors import SessionError
 from ..output.file import is_temporary
 from .files import read_checked, reported
 from .journal_text import JOURNAL, JOURNAL_END, Entry, read_journal
+from .records import SUPERSEDED
 
 
 def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
@@ -51,8 +52,14 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
             found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")
     except SessionError as error:
         found.append(str(error))
+    replaced = {
+        line
+        for entry in entries
+        if entry.kind == SUPERSEDED and entry.content.get("damaged")
+        for line in entry.content["lines"]
+    }
     for entry in entries:
-        if entry.file is not None:
+        if entry.file is not None and entry.sequence not in replaced:
             try:
                 read_checked(folder, entry.file)
             except SessionError as error:

@@ -21,8 +21,8 @@ from ..core.frame import Frame
 from ..core.reading import Reading
 from ..output.file import fsync_folder
 from .configuration import SessionConfiguration
-from .files import read_checked, remove_partial, reported, write_several
-from .folder import FORMAT, FRAMES, make_folder, remove_session, require_session
+from .files import FRAMES, read_checked, remove_partial, reported, write_several
+from .folder import FORMAT, make_folder, remove_session, require_session
 from .frame_file import frame_file_name, frame_from_tiff, frame_to_tiff
 from .journal import CLOCK, Journal
 from .journal_text import JOURNAL, Entry, Line, read_journal
@@ -256,8 +256,22 @@ class Session:
                 (self.path / name).unlink(missing_ok=True)
             self._next_number = first
 
-    def supersede(self, records: Sequence[FrameRecord | ReadingRecord], reason: str) -> EventRecord:
+    def damaged(self) -> list[tuple[FrameRecord, str]]:
+        """List the frames that count whose files are missing or altered, each with its fault."""
+        found = []
+        for frame in self.frames():
+            try:
+                read_checked(self.path, frame.file)
+            except SessionError as error:
+                found.append((frame, str(error)))
+        return found
+
+    def supersede(
+        self, records: Sequence[FrameRecord | ReadingRecord], reason: str, *, damaged: bool = False
+    ) -> EventRecord:
         """Let frames and readings no longer count, because they are taken again; they stay on the disk.
+
+        The files of `damaged` ones are not checked any more.
 
         Raises
         ------
@@ -265,7 +279,8 @@ class Session:
             If it cannot be written; the session is then as it was before.
         """
         lines = [record.sequence for record in records]
-        return event_record(self._writer().append(SUPERSEDED, {"lines": lines, "reason": reason}))
+        content = {"lines": lines, "reason": reason} | ({"damaged": True} if damaged else {})
+        return event_record(self._writer().append(SUPERSEDED, content))
 
     def add_reading(self, reading: Reading, patch: str) -> ReadingRecord:
         """Record a reading of the meter, taken on a patch of the target.

@@ -61,7 +61,8 @@ def test_a_patch_saturated_at_every_exposure_is_named_with_the_best_of_them():
 
 @pytest.mark.parametrize(("dark_dn", "found"), [(563.0, False), (565.0, True)])
 def test_dark_frames_half_as_bright_as_the_light_ones_were_taken_without_the_cap(dark_dn, found):
-    light = [NUMBERS, replace(NUMBERS, patch="P02", mean_dn=164.0)]
+    # A black level of 64 DN, by two exposures.
+    light = [NUMBERS, replace(NUMBERS, patch="P02", mean_dn=164.0), replace(NUMBERS, exposure_s=0.005, mean_dn=564.0)]
     # The darker patch says nothing: dark current may well be half of its signal.
     dark = [replace(NUMBERS, mean_dn=dark_dn), replace(NUMBERS, patch="P02", mean_dn=160.0)]
     findings = check_darkness(dark, light)

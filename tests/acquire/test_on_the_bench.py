@@ -1,6 +1,7 @@
 """Whole acquisitions on the simulated bench, in simulated time."""
 
 import threading
+from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
 
@@ -10,6 +11,8 @@ import pytest
 from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import CameraLostError, CameraSettingError, IncompleteFrameError
+from labcdp.drivers.meter import MeterError
+from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
 
 TWO = ["P12", "lower left"]
 #: Of very different luminance.
@@ -305,6 +308,61 @@ def test_a_ratio_is_not_recorded(changed, on_bench):
 
     with on_bench(changed(patches=TWO)) as on:
         on.meter = Ratio(on.meter)
-        with pytest.raises(InputError, match="is a ratio in %, not a luminance: set the meter to ABS"):
+        with pytest.raises(MeterError, match=r"the meter gave a ratio in % \(.*\): it is not recorded"):
             on.acquire()
         assert on.counts == (6, 0, 0)
+
+
+def test_a_camera_warms_up_until_its_temperature_is_steady_and_first_frames_are_dropped(changed, on_bench):
+    plan = {"warm_up_s": 3600.0, "stable_within_c": 0.15, "discard_frames": 3, "exposures_s": (0.002, 0.008)}
+    with on_bench(changed(patches=TWO, plan=plan)) as on:
+        on.bench.run_command("temperature +8 C in 10 min")
+        on.acquire()
+        (warm,) = on.events("warm-up")
+        # 10 minutes of change, of which the last 11 s are within 0.15 degrees, and a minute that is steady.
+        assert 640 < warm["duration_s"] < 665
+        assert (warm["temperature_c"], warm["stable"]) == (pytest.approx(43, abs=0.01), True)
+        ids = [record.metadata["frame_id"] for record in on.session.frames("light")]
+        # Two frames of each exposure, behind three that were dropped.
+        assert [after - before for before, after in pairwise(ids)] == [1, 4, 1]
+        # A recording has neither.
+        with (
+            ReplayCamera(on.session) as camera,
+            ReplayMeter(on.session) as meter,
+            on_bench(on.session.configuration, name="replayed") as replayed,
+        ):
+            replayed.camera, replayed.meter = camera, meter
+            replayed.acquire()
+            assert replayed.counts == on.counts
+
+
+def test_a_warm_up_ends_with_its_time(changed, on_bench):
+    with on_bench(changed(patches=TWO, plan={"warm_up_s": 100.0, "stable_within_c": 0.1})) as on:
+        on.bench.run_command("temperature +8 C in 10 min")
+        on.acquire()
+        (warm,) = on.events("warm-up")
+    assert warm["stable"] is False
+    assert warm["duration_s"] == pytest.approx(100, abs=1)
+
+
+class FrozenCamera:
+    """A camera whose image is frozen: frames of an exposure are all the first one."""
+
+    def __init__(self, camera):
+        self._camera, self._first = camera, {}
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def grab(self, *args, **options):
+        for frame in self._camera.grab(*args, **options):
+            yield replace(frame, dn=self._first.setdefault(frame.exposure_s, frame.dn))
+
+
+def test_frames_that_repeat_are_found(changed, on_bench):
+    with on_bench(changed(plan={"exposures_s": (0.002, 0.004), "frames_per_exposure": 3})) as on:
+        on.camera = FrozenCamera(on.camera)
+        on.acquire(Hands(on.bench))
+        (light,) = (check for check in on.events("check") if check["unit"] == "light frames")
+    (found,) = (finding for finding in light["findings"] if finding["check"] == "repeated frames")
+    assert "4 of 6 frames are bit for bit the same as an earlier one" in found["cause"]

@@ -4,6 +4,7 @@ import json
 import os
 import pty
 import re
+import shlex
 import signal
 import subprocess
 import termios
@@ -107,6 +108,39 @@ def test_a_plan_that_was_refused_can_be_corrected_in_its_folder(labcdp, fails, c
     done = labcdp("acquire", configuration(), "own", *SIMULATED)
     assert done.returncode == 0, done.stderr
     assert "own: 4 frames and 2 readings recorded" in done.stderr
+
+
+def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_offered(
+    labcdp, fails, configuration, tmp_path
+):
+    assert labcdp("acquire", configuration(), "my session", *SIMULATED).returncode == 0
+    lost, damaged = (tmp_path / "my session" / "frames" / name for name in ("0001_light_2ms.tif", "0004_dark_2ms.tif"))
+    lost.unlink()
+    damaged.write_bytes(damaged.read_bytes()[:-7] + b"garbage")
+    line = fails("calibrate", "my session")
+    offered = line.partition("record it again: labcdp ")[2]
+    assert offered == "acquire 'my session/session.toml' 'my session' --replace-damaged"
+    done = labcdp(*shlex.split(offered), *SIMULATED)
+    assert done.returncode == 0, done.stderr
+    assert "Recording 2 missing or damaged frames again" in done.stderr
+    with Session.open(tmp_path / "my session") as session:
+        session.verify()
+        assert [(frame.role, frame.number) for frame in session.frames()] == [
+            *[("light", 2), ("dark", 3), ("light", 5), ("dark", 6)]
+        ]
+        assert len({session.load(frame).dn.tobytes() for frame in session.frames()}) == 4
+    assert "No frame is missing or damaged" in labcdp(*shlex.split(offered), *SIMULATED).stderr
+
+
+def test_modes_of_the_configuration_are_set_at_the_meter(labcdp, configuration, tmp_path):
+    meter = 'model = "LS-110"\nserial = "1"\nresponse = "slow"\nrtscts = true\ncorrection = "colour"'
+    done = labcdp("acquire", configuration(meter=meter), "own", "--simulated", "--transcript", "wire.jsonl")
+    assert done.returncode == 0, done.stderr
+    header, *wire = [json.loads(line) for line in (tmp_path / "wire.jsonl").read_text().splitlines()]
+    assert header["rtscts"]
+    # VARI CCF, ABS, SLOW and CONT of the manual.
+    sent = [line["sent"] for line in wire if line.get("sent", "").startswith("MDS")]
+    assert sent == [f"MDS,{mode}\r\n" for mode in ("01", "04", "07", "09")]
 
 
 def test_live_numbers_stand_below_the_bars_of_a_terminal(labcdp_path, configuration, tmp_path):

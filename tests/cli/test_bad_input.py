@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -136,3 +137,15 @@ def test_a_pipe_is_not_taken_for_a_preset(fails, tmp_path):
 def test_digits_are_those_of_ascii(fails):
     line = fails("simulate", "manta-g505", "--contrast", "\u0665\u0660%")
     assert "give a number with a percent sign" in line
+
+
+def test_an_error_of_the_system_is_not_one_of_the_output(labcdp_path, tmp_path):
+    code = (
+        "import errno, sys; from labcdp.cli import main; from labcdp.drivers.aravis import library;"
+        "library.discover = lambda: (_ for _ in ()).throw(OSError(errno.ENETUNREACH, 'Network is unreachable'));"
+        "sys.argv = ['labcdp', 'devices']; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    line = "labcdp: the system refuses (Network is unreachable): check network, devices and limits, then repeat\n"
+    assert done.stderr == line

@@ -4,8 +4,10 @@ import signal
 import subprocess
 import time
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import cv2
+import numpy as np
 import pytest
 import serial
 import typer
@@ -13,6 +15,8 @@ from jsonschema import Draft202012Validator
 
 from labcdp.chain import Chain
 from labcdp.cli.app import app
+from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.gige.genicam import Address
 from labcdp.report.envelope import schema
 from labcdp.session import Session, SessionConfiguration, example_session
 
@@ -214,7 +218,43 @@ def test_snap_takes_a_frame_to_look_at(labcdp, running_bench, tmp_path):
     pixels = cv2.imread(str(tmp_path / "first.tif"), cv2.IMREAD_UNCHANGED)
     assert pixels.shape == (2056, 2452)
     assert pixels.mean() == pytest.approx(told["mean"])
+    # Beside it what a viewer shows: sRGB (IEC 61966-2-1) of the share of saturation.
+    seen = cv2.imread(str(tmp_path / "first.png"), cv2.IMREAD_UNCHANGED)
+    assert (seen.dtype, seen.shape) == (np.uint8, pixels.shape)
+    linear = np.where(seen <= 10, seen / 255 / 12.92, ((seen / 255 + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear, pixels / 4095, atol=0.005)
+    again = labcdp("snap", "first.tif")
+    assert again.returncode == 1
+    assert "exists" in again.stderr
 
 
 def test_devices_says_so_when_nothing_is_there(labcdp, aravis):
     assert "no camera was found" in labcdp("devices").stderr
+
+
+@pytest.fixture
+def odd_camera(aravis):
+    """A camera beside that of the bench, whose names are no UTF-8 and would colour the terminal."""
+    device = SimulatedDevice("SIM-2", width=64, height=48)
+    flat = SimpleNamespace(state=0, expose=lambda *_: np.full((48, 64), 100, np.uint16))
+    with SimulatedGigECamera(device, flat, "127.0.0.2") as served:
+        served._registers.write(Address.MODEL, int.from_bytes(b"\xff\x1b[3", "big"))
+        served._registers.write(Address.MODEL + 4, int.from_bytes(b"1m\x07\0", "big"))
+        yield served
+
+
+def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running_bench, odd_camera, tmp_path):
+    _, told = running_bench()
+    snaps = [("snap", f"{serial}.tif", "--camera", serial) for serial in (told["camera"]["serial"], "SIM-2")]
+    for command in (("devices",), ("doctor",), *snaps):
+        done = labcdp(*command)
+        assert "Traceback" not in done.stderr
+        assert "\x1b[31m" not in done.stdout + done.stderr
+        assert "\x07" not in done.stdout + done.stderr
+        if command[0] != "doctor":
+            assert done.returncode == 0, done.stderr
+    rows = json.loads(labcdp("devices", "--json").stdout)["tables"]["cameras"]["rows"]
+    assert {(row["serial"], row["model"]) for row in rows} == {
+        (told["camera"]["serial"], "Manta_G-505B"),
+        ("SIM-2", "\ufffd\\x1b[31m\\x07"),
+    }

@@ -5,6 +5,8 @@ import os
 import re
 import subprocess
 import sys
+from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -48,7 +50,7 @@ def test_camera_and_meter_of_the_simulated_bench(checked, running_bench):
     _, told = running_bench()
     with MinoltaLS110(told["meter"]["port"]) as meter:
         meter.measure()
-    _, groups = checked("--meter", told["meter"]["port"], "--camera", told["camera"]["serial"])
+    _, groups = checked("--meter", told["meter"]["port"], "--stream-test", told["camera"]["serial"])
     _, camera, meter = groups
     assert told["camera"]["serial"] in camera
     assert groups[camera]["controller"]["state"] == "good"
@@ -57,6 +59,29 @@ def test_camera_and_meter_of_the_simulated_bench(checked, running_bench):
     assert groups[meter]["unit"]["state"] == "good"
     # The bench has the port, and is named.
     assert groups["This computer"]["UDP port 3956"]["state"] == "notice"
+
+
+def test_a_problem_report_holds_description_features_and_bytes(labcdp, running_bench, tmp_path):
+    _, told = running_bench()
+    done = labcdp("doctor", "--meter", told["meter"]["port"], "--report", "bug.zip")
+    assert "Written: bug.zip" in done.stderr
+    serial = told["camera"]["serial"].replace("-", "_")
+    with ZipFile(tmp_path / "bug.zip") as archive:
+        assert set(archive.namelist()) == {
+            "doctor.json",
+            f"camera-{serial}.json",
+            f"camera-{serial}.xml",
+            "meter.jsonl",
+        }
+        camera = json.loads(archive.read(f"camera-{serial}.json"))
+        description = ElementTree.fromstring(archive.read(f"camera-{serial}.xml"))
+        meter = [json.loads(line) for line in archive.read("meter.jsonl").splitlines()]
+        Draft202012Validator(schema()).validate(json.loads(archive.read("doctor.json")))
+    assert camera["features"]["DeviceID"] == told["camera"]["serial"]
+    assert camera["not understood"] == []
+    assert description.attrib["ModelName"] == "Manta_G-505B"
+    assert "MES\r\n" in [entry.get("sent") for entry in meter]
+    assert labcdp("doctor", "--report", "bug.zip").returncode == 1
 
 
 def test_every_camera_is_checked_without_being_named(checked, running_bench):

@@ -22,7 +22,7 @@ from ...camera import CameraError
 from ...device import Device
 from ..faults.trouble import NO_TROUBLE, CameraTrouble
 from .device import FORMATS, FrameSource, SimulatedDevice
-from .frame_pool import FramePool, Wanted
+from .frame_renderer import FrameRenderer, Wanted
 from .genicam import TEMPERATURE_STEPS_PER_C, Address, description
 from .loopback import ControlPort, check_free
 from .registers import Registers
@@ -46,9 +46,7 @@ _FillPattern = ctypes.CFUNCTYPE(
 class SimulatedGigECamera(Device):
     """Serve a frame source as a GigE Vision camera, from `start` to `stop`.
 
-    Frames are rendered on demand; once `pool_size` of them exist for an exposure, gain and state, they are sent in
-    turn, so that the camera maintains its frame rate. A frame is sent at the first tick of the frame rate after its
-    exposure.
+    Each frame is rendered for itself and sent at the first tick of the frame rate after its exposure.
 
     Parameters
     ----------
@@ -58,8 +56,6 @@ class SimulatedGigECamera(Device):
         Source of the pixels.
     address : str
         Loopback address to serve; one camera each.
-    pool_size : int
-        Number of rendered frames to keep.
     temperature : callable or None
         Returns the temperature of the device in degrees Celsius; None for a constant one.
     """
@@ -69,12 +65,11 @@ class SimulatedGigECamera(Device):
         device: SimulatedDevice,
         source: FrameSource,
         address: str = "127.0.0.1",
-        pool_size: int = 4,
         temperature: Callable[[], float] | None = None,
     ) -> None:
         self.device = device
         self.address = address
-        self._pool = FramePool(source, pool_size)
+        self._renderer = FrameRenderer(source)
         self._temperature = temperature
         self._frame_id: int | None = None
         self._exposing: Hashable = None
@@ -113,7 +108,7 @@ class SimulatedGigECamera(Device):
         trouble, self._trouble = self._trouble, NO_TROUBLE
         if not trouble.gone:
             self._switch_on()
-        self._pool.open()
+        self._renderer.open()
         self._started = True
         self.set_faults(trouble)
         return self
@@ -123,7 +118,7 @@ class SimulatedGigECamera(Device):
         self._started = False
         self._let_go()
         self._switch_off()
-        self._pool.close()
+        self._renderer.close()
 
     def set_packet_loss(self, ratio: float) -> None:
         """Drop this share of the stream's packets, 0 to 1, to simulate a bad network."""
@@ -254,7 +249,7 @@ class SimulatedGigECamera(Device):
         triggered = registers.read(Address.TRIGGER_MODE) != 0
         payload = None
         if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
-            payload = self._pool.next(Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device)))
+            payload = self._renderer.next(Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device)))
         if payload is None:
             self._lose(1.0)
             if triggered:  # repeat

@@ -24,7 +24,7 @@ class FrameSource(Protocol):
 
     @property
     def state(self) -> Hashable:
-        """State that the pixels depend on besides exposure and gain; key for reusing rendered frames."""
+        """State that the pixels depend on besides exposure and gain; frames rendered ahead in another are dropped."""
 
     def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
         """Render exposure number `index`: 12-bit DN, shape (sensor height, sensor width)."""

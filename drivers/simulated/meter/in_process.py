@@ -8,7 +8,7 @@ from typing import Final, Self
 from ....core.clock import Clock
 from ....core.reading import MeterIdentity, Reading
 from ...device import Device
-from ...meter import MeterError, MeterLostError, MeterNotFoundError, MeterTimeoutError
+from ...meter import MeterError, MeterIncident, MeterLostError, MeterNotFoundError, MeterTimeoutError
 from ...minolta_ls.protocol import LSDataSheet, parse_reading
 from .meter import Fault, SimulatedLS
 
@@ -95,6 +95,11 @@ class InProcessMeter(Device):
     def plug_in(self) -> None:
         """Reconnect the cable."""
         self._plugged = True
+
+    @property
+    def incidents(self) -> tuple[MeterIncident, ...]:
+        """None: it does not recover."""
+        return ()
 
     def measure(self) -> Reading:
         """Take one reading; fails like the meter on a port.

@@ -16,7 +16,7 @@ import numpy as np
 from ....core.errors import InputError
 from ....core.reading import CD_M2_PER_FL
 from ...minolta_ls.memory import four_digits
-from ...minolta_ls.protocol import LS110, MODE_GROUPS, LSDataSheet, MeterMode
+from ...minolta_ls.protocol import LS110, MODE_GROUPS, SIMULATED_COMMAND, SIMULATED_REPLY, LSDataSheet, MeterMode
 from .pty import Fault, PtyMeter
 
 __all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
@@ -148,6 +148,7 @@ class SimulatedLS:
             "CLE": self._clear_memory,
             "CMR": lambda: self._tell(self._full_scale_cd_m2),
             "CMS": self._store_full_scale,
+            SIMULATED_COMMAND: lambda: SIMULATED_REPLY.decode("ascii").strip(),
             "LMR": lambda: self._tell(self._user_reference_cd_m2),
             "CCR": lambda: f"OK00,{self._colour_factor:.3f}",
         }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from ...core.clock import Clock
@@ -14,6 +15,7 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...drivers.camera import Camera, CameraLostError, CameraSettings
 from ...session import Role, Session
+from ..black import measured_black_dn
 from ..control import Control
 from ..frames import Refusals, Schedule, take_frames
 from ..live import Live, LiveNumbers, PatchNumbers
@@ -25,6 +27,13 @@ _log = logging.getLogger(__name__)
 
 #: Most frames per exposure that a resumed run reads again for its statistics, to limit the time.
 _LOOKED_BACK = 16
+
+
+#: Exposure of the frames that warm a camera up, within its range, and more of them than any warm-up takes.
+_WARM_UP_EXPOSURE_S = 0.01
+_ENDLESS = 10**9
+#: Time over which the temperature must be steady.
+_STEADY_S = 60.0
 
 
 class FrameRecorder:
@@ -61,6 +70,32 @@ class FrameRecorder:
         with closing(take_frames(self._camera, 1, None, self._control, refusals)) as frames:
             return next(frames)
 
+    def warm_up(self) -> None:
+        """Take frames without recording them until the camera's temperature is steady, or for the planned time."""
+        plan, clock = self._plan, self._clock
+        if plan.warm_up_s == 0 or not self._camera.live:
+            return
+        shortest_s, longest_s = self._camera.exposure_range_s
+        self.configure(min(max(_WARM_UP_EXPOSURE_S, shortest_s), longest_s))
+        refusals = Refusals(self._session.add_event, {"role": "warm-up"})
+        began_s, seen = clock.monotonic_s(), deque[tuple[float, float]]()
+        stable = False
+        with closing(take_frames(self._camera, _ENDLESS, None, self._control, refusals)) as frames:
+            for frame in frames:
+                past_s = clock.monotonic_s() - began_s
+                self._report(Progress("warm-up", min(int(past_s), int(plan.warm_up_s)), int(plan.warm_up_s)))
+                if frame.temperature_c is not None:
+                    seen.append((past_s, frame.temperature_c))
+                while seen and past_s - seen[0][0] > _STEADY_S:
+                    seen.popleft()
+                stable = plan.stable_within_c is not None and _steady(seen, plan.stable_within_c)
+                if stable or past_s >= plan.warm_up_s:
+                    break
+        last_c = seen[-1][1] if seen else None
+        self._session.add_event("warm-up", {"duration_s": past_s, "temperature_c": last_c, "stable": stable})
+        if plan.stable_within_c is not None and not stable:
+            _log.warning("the camera's temperature is not steady to %g K after %g s", plan.stable_within_c, past_s)
+
     def configure(self, exposure_s: float) -> CameraSettings:
         """Apply the planned settings with an exposure, and return the settings in effect."""
         plan = self._plan
@@ -84,6 +119,7 @@ class FrameRecorder:
             If they cannot be recorded, or the camera does not keep an exposure.
         """
         live = {exposure_s: self._live_numbers(role, shown, exposure_s) for exposure_s in lacking}
+        black_dn, discard = self.black_dn(shown), self._plan.discard_frames if self._camera.live else 0
         done, total = self._done(role)
         self._report(Progress(f"{role} frames", done, total))
         try:
@@ -91,12 +127,13 @@ class FrameRecorder:
                 for exposure_s, n in lacking.items():
                     self._apply(exposure_s, role, writer)
                     refusals = Refusals(writer.put_event, {"role": role, "exposure_s": exposure_s})
-                    with closing(take_frames(self._camera, n, self._schedule(), self._control, refusals)) as frames:
+                    taking = take_frames(self._camera, n, self._schedule(), self._control, refusals, discard)
+                    with closing(taking) as frames:
                         for taken, frame in enumerate(frames, start=1):
                             writer.put(frame, role, shown)
                             self._note_gaps(writer.put_event)
                             done += 1
-                            numbers = live[exposure_s].add(frame)
+                            numbers = _above(black_dn, live[exposure_s].add(frame))
                             now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
                             self._report(Progress(f"{role} frames", done, total, now))
         except CameraLostError as error:
@@ -108,8 +145,20 @@ class FrameRecorder:
 
     def numbers(self, shown: str | None, role: Role = "light") -> list[PatchNumbers]:
         """Return the statistics of all exposures."""
+        return list(_above(self.black_dn(shown), self._counted(role, shown)))
+
+    def black_dn(self, shown: str | None) -> float | None:
+        """Return the black level as measured so far; None if it is unknown."""
+        return measured_black_dn(self._counted("dark", None), self._counted("light", shown))
+
+    def _counted(self, role: Role, shown: str | None) -> list[PatchNumbers]:
         exposures_s = self._session.exposures_s or ()
         return [n for t in exposures_s for n in self._live_numbers(role, shown, t).numbers]
+
+    def repeats(self, shown: str | None, role: Role) -> tuple[int, int]:
+        """Return the number of frames that repeat an earlier one of their exposure, and of all, over all exposures."""
+        live = [self._live_numbers(role, shown, exposure_s) for exposure_s in self._session.exposures_s or ()]
+        return sum(numbers.n_repeated for numbers in live), sum(numbers.n_frames for numbers in live)
 
     def regions(self, shown: str | None) -> list[Roi]:
         """Regions of the visible patches."""
@@ -166,3 +215,13 @@ class FrameRecorder:
             rate = went.frames_per_s
             _log.warning("limited by the disk: %.3g frames/s, none was lost", rate)
             self._session.add_event("limited by the disk", asdict(went) | {"frames_per_s": rate})
+
+
+def _above(black_dn: float | None, numbers: Sequence[PatchNumbers]) -> tuple[PatchNumbers, ...]:
+    return tuple(replace(n, black_dn=black_dn or 0.0) for n in numbers)
+
+
+def _steady(seen: Sequence[tuple[float, float]], within_c: float) -> bool:
+    temperatures_c = [temperature_c for _, temperature_c in seen]
+    covered = bool(seen) and seen[-1][0] - seen[0][0] >= 0.9 * _STEADY_S
+    return covered and max(temperatures_c) - min(temperatures_c) <= within_c

@@ -46,6 +46,9 @@ def acquire(
     ),
     patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
     transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
+    replace_damaged: bool = typer.Option(
+        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
+    ),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
@@ -55,7 +58,7 @@ def acquire(
     unattended_operator = _unattended(unattended, lens)
     wanted = SessionConfiguration.load(configuration)
     choice.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, choice, unattended_operator)
+    left, frames, readings = record(session, configuration, wanted, choice, unattended_operator, replace_damaged)
     if as_json:
         print_result(_result(session, frames, readings, left, choice.simulated), as_json)
         return
@@ -88,6 +91,7 @@ def record(
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None = None,
+    replace_damaged: bool = False,
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -103,6 +107,8 @@ def record(
         Which devices.
     unattended_operator : Unattended or None
         Operator of an unattended acquisition.
+    replace_damaged : bool
+        Record frames again whose files are missing or damaged.
 
     Returns
     -------
@@ -112,14 +118,19 @@ def record(
     from ...acquire import AcquisitionStoppedError
 
     try:
-        return _record(path, source, wanted, choice, unattended_operator)
+        return _record(path, source, wanted, choice, unattended_operator, replace_damaged)
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
 
 
 def _record(
-    path: Path, source: Path, wanted: SessionConfiguration, choice: DeviceChoice, unattended_operator: Unattended | None
+    path: Path,
+    source: Path,
+    wanted: SessionConfiguration,
+    choice: DeviceChoice,
+    unattended_operator: Unattended | None,
+    replace_damaged: bool,
 ) -> tuple[tuple[Left, ...], int, int]:
     from ...acquire import Control, is_complete
     from ...acquire import acquire as run
@@ -131,6 +142,8 @@ def _record(
     control = Control()
     left: tuple[Left, ...] = ()
     with _open_or_create(path, source, wanted, clock) as opened:
+        if replace_damaged:
+            _give_up_damaged(opened)
         if not is_complete(opened):
             keys = Keys(control)
             with (
@@ -140,6 +153,16 @@ def _record(
             ):
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
+
+
+def _give_up_damaged(session: Session) -> None:
+    """Let frames whose files are missing or damaged no longer count."""
+    damaged = session.damaged()
+    if not damaged:
+        say("No frame is missing or damaged")
+        return
+    session.supersede([frame for frame, _ in damaged], damaged[0][1], damaged=True)
+    say(f"Recording {len(damaged)} missing or damaged frames again")
 
 
 def _unattended(wanted: bool, lens: str | None) -> Unattended | None:

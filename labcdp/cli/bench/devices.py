@@ -7,7 +7,9 @@ from pathlib import Path
 
 import typer
 
+from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
+from ...core.frame import Frame
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import Result
 from ...core.table import Column, Table
@@ -47,7 +49,7 @@ def devices(as_json: bool = JSON_OPTION) -> None:
 
 
 def snap(
-    file: Path = typer.Argument(help="TIFF file to write."),
+    file: Path = typer.Argument(help="TIFF file to write; an 8-bit PNG to look at is written beside it."),
     camera: str | None = typer.Option(None, help="Serial number, address or model; default: the only one."),
     exposure: str = typer.Option("10ms", help="Exposure time, for example 5ms."),
     pixel_format: str = typer.Option("Mono12", help="GenICam pixel format."),
@@ -59,11 +61,16 @@ def snap(
     from ...output import check_file, write_file
     from ...session.frame_file import frame_to_tiff
 
-    check_file(file, force=force, option="file")
+    picture = file.with_suffix(".png")
+    if picture == file:
+        raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
+    for path in (file, picture):
+        check_file(path, force=force, option="file")
     with AravisCamera(camera) as opened:
         opened.configure(exposure_s=parse_seconds(exposure, "--exposure"), pixel_format=pixel_format)
         frame = opened.snap()
     write_file(file, frame_to_tiff(frame, False), force=force)
+    write_file(picture, _picture(frame), force=force)
     height, width = frame.shape
     quantities = [
         Quantity("width", width, "px"),
@@ -78,4 +85,22 @@ def snap(
     result = Result("snap", str(file), (table,), configuration=frame.metadata(), simulated=frame.camera.simulated)
     print_result(result, as_json)
     if not as_json:
-        say(f"Written: {file}")
+        say(f"Written: {file}, {picture}")
+
+
+def _picture(frame: Frame) -> bytes:
+    """Return an 8-bit PNG that looks like the scene: sRGB of the DN, white at saturation, colours of a Bayer filter."""
+    import cv2
+    import numpy as np
+
+    share = np.minimum(np.arange(2**frame.bit_depth) / frame.saturation_dn, 1.0)
+    srgb = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+    grey = np.rint(255 * srgb).astype(np.uint8)[frame.dn]
+    codes = {
+        "RG": cv2.COLOR_BayerRGGB2BGR,
+        "GB": cv2.COLOR_BayerGBRG2BGR,
+        "GR": cv2.COLOR_BayerGRBG2BGR,
+        "BG": cv2.COLOR_BayerBGGR2BGR,
+    }
+    shown = grey if frame.colour_filter is None else cv2.cvtColor(grey, codes[frame.colour_filter])
+    return bytes(cv2.imencode(".png", shown)[1])

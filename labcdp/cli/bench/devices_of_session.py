@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -158,7 +157,7 @@ def connected(
     if choice.replay is not None:
         opened = _replayed(session, choice.replay, choice.speed, clock)
     elif choice.simulated:
-        opened = _simulated(session.configuration, choice, clock)
+        opened = _simulated(session, choice, clock)
     else:
         opened = _real(session, choice, console)
     with opened as devices:
@@ -190,7 +189,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
         else:
             port = choice.meter or described.port
             assert port is not None, "checked before the session is made"
-            meter = stack.enter_context(_serial_meter(described, port, choice.patience_s, choice.transcript))
+            meter = _serial_meter(stack, described, port, choice)
         yield Devices(camera, meter, ConsoleOperator(console), "Aravis")
 
 
@@ -230,12 +229,13 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 
 
 @contextmanager
-def _simulated(configuration: SessionConfiguration, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
+def _simulated(session: Session, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
     from ...core.disk import read_text
     from ...drivers.simulated.bench import BenchDevices, SimulatedBench
 
     faults = None if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
-    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock) as bench:
+    configuration, n_records = session.configuration, len(session.records)
+    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock, n_records=n_records) as bench:
         if choice.virtual_clock:
             with bench.in_process_camera(patience_s=choice.patience_s) as camera, bench.in_process_meter() as meter:
                 _schedule(bench, faults, choice.faults)
@@ -258,7 +258,8 @@ def simulated_devices(
     """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails."""
     with ExitStack() as stack:
         pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
-        meter = stack.enter_context(_serial_meter(configuration.meter, pty.port, patience_s, transcript))
+        choice = DeviceChoice(patience_s=patience_s, transcript=transcript)
+        meter = _serial_meter(stack, configuration.meter, pty.port, choice)
         camera, transport = _simulated_camera(bench, stack, patience_s)
         yield Devices(camera, meter, bench, transport)
 
@@ -289,20 +290,30 @@ def _try(camera: Camera) -> None:
         camera.snap()
 
 
-def _serial_meter(described: MeterConfiguration, port: str, patience_s: float, transcript: Path | None) -> Meter:
-    from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
+def _serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, choice: DeviceChoice) -> Meter:
+    from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
 
-    # A pseudo-terminal belongs to a program, not to a real meter.
-    identity = _identity(described, simulated=realpath(port).startswith("/dev/pts/"))
+    corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
+    modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
     driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
-    return driver(port, identity, attempts=_METER_ATTEMPTS, patience_s=patience_s, transcript=transcript)
+    meter = driver(
+        port,
+        _identity(described),
+        rtscts=described.rtscts,
+        modes=modes,
+        attempts=_METER_ATTEMPTS,
+        patience_s=choice.patience_s,
+        transcript=choice.transcript,
+    )
+    stack.enter_context(meter).ask_if_simulated()
+    return meter
 
 
-def _identity(described: MeterConfiguration, simulated: bool = False) -> MeterIdentity:
+def _identity(described: MeterConfiguration) -> MeterIdentity:
     from ...core.reading import MeterIdentity
 
     date = described.calibration_date
-    return MeterIdentity(described.model, described.serial, None if date is None else date.isoformat(), simulated)
+    return MeterIdentity(described.model, described.serial, None if date is None else date.isoformat())
 
 
 def _accuracy(described: MeterConfiguration) -> MeterAccuracy:

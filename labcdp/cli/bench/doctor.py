@@ -6,16 +6,21 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import typer
 
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
+from ...output import check_file, write_file
 from ..options import METER_MODEL_OPTION
-from ..terminal import JSON_OPTION, print_result
+from ..terminal import JSON_OPTION, print_result, say
 
 if TYPE_CHECKING:
     from ...drivers.host.finding import Finding
@@ -33,21 +38,35 @@ def doctor(
         None, help="Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked."
     ),
     meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
+    stream_test: str | None = typer.Option(
+        None, metavar="SERIAL", help="Also take some frames with this camera; its settings are restored afterwards."
+    ),
+    report: Path | None = typer.Option(
+        None, help="New .zip file for a problem report: findings, GenICam description and features, bytes of the meter."
+    ),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Check this computer, the cameras and the meter; list faults and the commands that fix them.
 
-    Takes a few frames with each camera and one reading with the meter; changes no settings permanently.
+    Cameras are only read, except that of --stream-test. The meter's modes are set, as it cannot report them.
     The exit status is 1 if there is a fault, else 0.
     """
-    groups = [("This computer", _attempt(_host)), *_cameras(camera)]
+    if camera is not None and stream_test is not None:
+        raise InputError("--camera cannot be combined with --stream-test: leave one out")
+    if report is not None:
+        check_file(report, option="--report")
+    groups = [("This computer", _attempt(_host)), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: _meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
+    result = _result(groups, counts)
     if as_json:
-        print_result(_result(groups, counts), as_json)
+        print_result(result, as_json)
     else:
         _print(groups, counts)
+    if report is not None:
+        write_file(report, _report(result, stream_test or camera, meter, meter_model))
+        say(f"Written: {report}")
     if counts["fault"]:
         raise typer.Exit(1)
 
@@ -69,6 +88,28 @@ def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Re
         [{"state": state, "count": counts[state]} for state in states],
     )
     return Result("doctor", "Bench", (Table.of_rows("checks", "Checks", columns, rows), count))
+
+
+def _report(result: Result, selector: str | None, meter: str | None, model: Literal["LS-110", "LS-100"]) -> bytes:
+    """Make the archive of a problem report; what cannot be read is left out, as the findings say why."""
+    from ...drivers.aravis.library import choose, discover
+    from ...drivers.camera import CameraError
+    from ...drivers.doctor.collect import camera_files, meter_files
+    from ...report.envelope import envelope_json
+
+    files = {"doctor.json": envelope_json(result).encode()}
+    with suppress(CameraError):
+        found = discover()
+        for info in found if selector is None else [choose(found, selector)]:
+            with suppress(CameraError):
+                files |= camera_files(info)
+    if meter is not None:
+        files |= meter_files(meter, model)
+    buffer = BytesIO()
+    with ZipFile(buffer, "w", ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return buffer.getvalue()
 
 
 def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
@@ -96,7 +137,7 @@ def _meter(port: str, model: Literal["LS-110", "LS-100"]) -> list[Finding]:
     return check_meter(port, model)
 
 
-def _cameras(selector: str | None) -> list[tuple[str, list[Finding]]]:
+def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding]]]:
     """Check the selected camera, or all cameras found."""
     from ...drivers.aravis.library import CameraInfo, choose, discover
     from ...drivers.camera import CameraError
@@ -119,7 +160,7 @@ def _cameras(selector: str | None) -> list[tuple[str, list[Finding]]]:
 
     def check(info: CameraInfo) -> tuple[str, list[Finding]]:
         name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
-        return name, _attempt(lambda: check_camera(info, known))
+        return name, _attempt(lambda: check_camera(info, known, stream=stream))
 
     return [check(info) for info in found]
 

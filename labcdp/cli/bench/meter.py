@@ -32,11 +32,9 @@ def meter(
     from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
 
     drivers = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}
-    with drivers[model](port or _only_port(), transcript=transcript) as opened:
-        if slow:
-            opened.set_mode(MeterMode.SLOW)
-        if peak:
-            opened.set_mode(MeterMode.PEAK)
+    modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
+    with drivers[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
+        opened.ask_if_simulated()
         series = measure_series(opened, n)
     print_result(_result(series), as_json)
 

@@ -7,13 +7,14 @@ import select
 import signal
 import sys
 from collections.abc import Iterator
+from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ..terminal import JSON_OPTION, print_result, say
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def simulate_bench(
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     else:
         loaded = SessionConfiguration.load(configuration)
-    bench = SimulatedBench(loaded, BenchDevices.standard(seed))
+    bench = SimulatedBench(loaded, BenchDevices.standard(seed, specimen=_specimen(address)))
     schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
     parse_schedule(schedule, str(faults))
     with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:
@@ -56,6 +57,14 @@ def simulate_bench(
         if not as_json:
             say(_help())
         _serve(bench)
+
+
+def _specimen(address: str) -> int:
+    """Return the number of the camera: those on several loopback addresses are several cameras."""
+    try:
+        return max(0, int(IPv4Address(address)) - int(IPv4Address("127.0.0.1")))
+    except AddressValueError:
+        raise InputError(f"--address is {address!r}: give an IPv4 address such as 127.0.0.2") from None
 
 
 def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Result:

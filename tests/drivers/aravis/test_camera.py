@@ -6,21 +6,24 @@ import numpy as np
 import pytest
 
 from labcdp.core.errors import InputError
+from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.camera import (
+    FRAME_ALLOWANCE_S,
     FREE_RUN,
     CameraBusyError,
     CameraError,
     CameraNotFoundError,
     CameraSettingError,
+    CameraSettings,
     IncompleteFrameError,
 )
 from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige import genicam
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 
-from ..conftest import Ramp
+from ..conftest import SMALL, Ramp
 
 _CONTROLLER = """
 import time
@@ -255,3 +258,47 @@ def test_an_opening_that_fails_releases_the_camera(camera_on_loopback, monkeypat
             AravisCamera("127.0.0.1").open()
     with AravisCamera("127.0.0.1") as camera:
         assert camera.snap().shape == (48, 64)
+
+
+def test_each_frame_has_the_temperature_of_its_time(aravis, monkeypatch):
+    monkeypatch.setattr(stream, "_TEMPERATURE_EVERY_S", 0.0)
+    warming = iter(range(200, 1200))
+    with SimulatedGigECamera(SMALL, Ramp(), temperature=lambda: next(warming) / 10), AravisCamera() as camera:
+        seen = [frame.temperature_c for frame in camera.grab(20)]
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 5
+
+
+def test_a_busy_computer_gets_more_time(monkeypatch):
+    settings = CameraSettings(2.0, 0.0, "Mono12", 64, 48, frame_rate_hz=0.5)
+    monkeypatch.setattr("os.getloadavg", lambda: (0.1, 0.0, 0.0))
+    assert settings.longest_wait_s() == 2.0 + 2.0 + FRAME_ALLOWANCE_S
+    monkeypatch.setattr("os.getloadavg", lambda: (5.0 * os.cpu_count(), 0.0, 0.0))
+    assert settings.longest_wait_s() == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
+    assert settings.longest_wait_s(0.5) == 2.5
+
+
+def test_features_that_are_not_understood_are_listed(aravis, monkeypatch):
+    analog = genicam._analog
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
+        assert camera.not_understood == ()
+    more = {
+        "Sharpness": genicam.integer("Sharpness", 0x170),
+        "DefectMaskEnable": genicam.switch("DefectMaskEnable", 0x174),
+    }
+    monkeypatch.setattr(genicam, "_analog", lambda: analog() | more)
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
+        assert camera.not_understood == ("Sharpness", "DefectMaskEnable")
+
+
+def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
+    """Aravis' own fake camera, whose name for opening is not its serial number, as with USB3 Vision."""
+    aravis.enable_interface("Fake")
+    try:
+        (info,) = discover()
+        assert (info.protocol, info.serial, info.device_id) == ("Fake", "1", "Fake_1")
+        with AravisCamera("1") as camera:
+            assert camera.identity.simulated
+            assert camera.snap().shape == (camera.settings.height, camera.settings.width)
+    finally:
+        aravis.disable_interface("Fake")

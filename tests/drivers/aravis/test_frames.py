@@ -1,8 +1,12 @@
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.drivers.aravis.frames import FrameIds
+from labcdp.core.pixel_format import pixel_format
+from labcdp.drivers.aravis.frames import FrameCheck, FrameIds
+from labcdp.drivers.camera import CameraSettingError, CameraSettings
 
 
 def _told(ids, reserves_zero=True):
@@ -37,3 +41,24 @@ def test_ids_left_out_are_counted_through_the_wrap(first, steps):
     for step in steps:
         ids.append((ids[-1] - 1 + step) % 65535 + 1)
     assert _told(ids) == [0] + [step - 1 for step in steps]
+
+
+@pytest.mark.parametrize(
+    ("name", "n_bytes"), [("Mono8", 64 * 48), ("Mono12Packed", 64 * 48 * 3 // 2), ("Mono12", 64 * 48 * 2)]
+)
+def test_frames_with_fewer_bytes_than_their_pixels_are_refused(aravis, name, n_bytes):
+    layout = pixel_format(name)
+    check = FrameCheck(CameraSettings(0.01, 0.0, name, 64, 48), layout, reserves_zero=True)
+    # Aravis says SUCCESS of a frame whose last packets the camera never announced.
+    buffer = SimpleNamespace(
+        get_status=lambda: aravis.BufferStatus.SUCCESS,
+        get_frame_id=lambda: 7,
+        get_image_width=lambda: 64,
+        get_image_height=lambda: 48,
+        get_image_pixel_format=lambda: layout.code,
+    )
+    assert check.fault(buffer, n_bytes - 1) == ("SIZE_MISMATCH", f"{n_bytes - 1} bytes of {n_bytes} came")
+    buffer.get_frame_id = lambda: 8
+    assert check.fault(buffer, n_bytes) is None
+    with pytest.raises(CameraSettingError, match=f"PayloadSize is {n_bytes - 1} bytes, but 64 x 48 pixels of {name}"):
+        check.require_payload(n_bytes - 1)

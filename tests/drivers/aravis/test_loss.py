@@ -103,7 +103,8 @@ def test_loss_during_a_grab_is_noticed_soon_and_nothing_left_behind(camera_on_lo
         assert len(os.listdir("/proc/self/task")) <= threads
         assert len(os.listdir("/proc/self/fd")) <= files
         # Within 1 s on a free machine; Aravis alone takes 2.5 s to give up, and 5 s more to close.
-        if noticed_s < 2.4 and closed_s < 4.5:
+        # Ten requests of 0.25 s, as long as Aravis itself tries.
+        if noticed_s < 4.5 and closed_s < 6.5:
             return
     pytest.fail(f"the last loss was noticed after {noticed_s:.1f} s, and the camera closed after {closed_s:.1f} s")
 
@@ -135,7 +136,7 @@ def test_a_grab_is_restored_after_a_loss_with_all_settings(camera_on_loopback, m
 def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, mend_when_missed):
     """A camera keeps settings until it is switched off, and a program that reads them relies on them."""
     with AravisCamera("127.0.0.1") as earlier:
-        earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level_dn=50)
+        earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:
         before = camera.settings
         everything = camera.features()
@@ -146,21 +147,34 @@ def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_lo
         assert len(camera.gaps) == 1
         assert camera.settings == before
         assert camera.features() == everything
-    assert (before.pixel_format, before.gain_db, before.black_level_dn) == ("Mono8", 6.0, 50)
+    assert (before.pixel_format, before.gain_db, before.black_level) == ("Mono8", 6.0, 50)
     assert {(frame.pixel_format, frame.gain_db, frame.bit_depth) for frame in taken} == {("Mono8", 6.0, 8)}
 
 
 def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, mend_when_missed, monkeypatch):
     with AravisCamera("127.0.0.1") as earlier:
-        earlier.configure(black_level_dn=50)
+        earlier.configure(black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:
         frames = camera.grab(20)
         next(frames)
         # A replaced or reset device: what it had is out of its range now.
         monkeypatch.setattr(genicam, "BLACK_LEVEL_RANGE_DN", (8, 9))
         camera_on_loopback.set_faults(CameraTrouble(gone=True))
-        with pytest.raises(CameraSettingError, match=r"came back with other settings.*BlackLevel = 7.0, not 50.0"):
+        with pytest.raises(CameraSettingError, match=r"has other settings than before.*BlackLevel = 7.0, not 50.0"):
             list(frames)
+
+
+def test_a_short_silence_is_bridged(camera_on_loopback, later):
+    """1.2 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
+    with AravisCamera("127.0.0.1") as camera:
+        frames = camera.grab(30)
+        taken = [next(frames)]
+        camera_on_loopback.set_faults(CameraTrouble(frozen=True))
+        later(1.2, lambda: camera_on_loopback.set_faults(NO_TROUBLE))
+        taken.extend(frames)
+        assert camera.gaps == ()
+        assert camera.configure(exposure_s=0.004).exposure_s == 0.004
+    assert len(taken) == 30
 
 
 def test_frames_after_a_gap_are_new(camera_on_loopback, mend_when_missed):

@@ -23,14 +23,14 @@ def test_all_settings_at_once_are_applied_and_reported(camera):
         pixel_format="Mono8",
         region=Region(4, 6, 16, 12),
         binning=(2, 2),
-        black_level_dn=20,
+        black_level=20,
         frame_rate_hz=40,
         trigger=Trigger("Line1", "FallingEdge"),
     )
     assert settings == camera.settings
     assert (settings.exposure_s, settings.gain_db, settings.pixel_format) == (0.002, 3.5, "Mono8")
     assert (settings.offset_x, settings.offset_y, settings.width, settings.height) == (4, 6, 16, 12)
-    assert (settings.binning, settings.black_level_dn) == ((2, 2), 20)
+    assert (settings.binning, settings.black_level) == ((2, 2), 20)
     assert settings.frame_rate_hz == pytest.approx(40)
     assert settings.trigger == Trigger("Line1", "FallingEdge")
 
@@ -57,7 +57,7 @@ def test_what_the_camera_does_not_take_is_refused_and_nothing_changed(camera):
         ({"region": Region(60, 0, 8, 8)}, r"x is 60: the camera takes 0 to 56"),
         ({"region": Region(0, -1, 8, 8)}, r"y is -1: the camera takes 0 to 16"),
         ({"binning": (9, 1)}, r"binning of columns is 9: the camera takes 1 to 4"),
-        ({"black_level_dn": 300}, r"black_level_dn is 300 DN: the camera takes 0 to 255 DN"),
+        ({"black_level": 300}, r"black_level is 300: the camera takes 0 to 255"),
         ({"frame_rate_hz": 5000}, r"frame_rate_hz is 5000 Hz: the camera takes .* to 1000 Hz"),
         ({"trigger": Trigger("Line7")}, r"no trigger source 'Line7': choose one of Line1, Software"),
     ):

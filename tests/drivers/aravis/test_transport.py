@@ -27,6 +27,26 @@ def test_jumbo_frames_carry_more_up_to_the_cameras_limit():
     assert plan_transport(ten_gigabit).bytes_per_s == 124_000_000
 
 
+def test_two_cameras_share_their_interface(aravis, monkeypatch):
+    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: _GIGABIT)
+    with (
+        SimulatedGigECamera(SMALL, Ramp()),
+        SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2"),
+        AravisCamera("SIM-1") as first,
+    ):
+        first.snap()
+        alone = first.feature("StreamBytesPerSecond")
+        with AravisCamera("SIM-2") as second:
+            first.snap()
+            second.snap()
+            shares = [camera.feature("StreamBytesPerSecond") for camera in (first, second)]
+        first.snap()
+        assert first.feature("StreamBytesPerSecond") == alone
+    packet_bytes = min(9000, _GIGABIT.mtu_bytes)
+    assert alone == int(125e6 * packet_bytes / (packet_bytes + 38) * 0.95)
+    assert shares == [int(125e6 * packet_bytes / (packet_bytes + 38) * 0.95 / 2)] * 2
+
+
 @pytest.mark.parametrize("interface", [None, replace(_GIGABIT, name="lo", is_loopback=True, speed_mbit_s=None)])
 def test_what_is_not_known_to_need_it_is_left_alone(interface):
     facts = replace(_MANTA, packet_size_bytes=9000, interface=interface)

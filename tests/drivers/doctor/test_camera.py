@@ -5,7 +5,10 @@ from ipaddress import IPv4Interface
 
 import pytest
 
+from labcdp.drivers.aravis.camera import AravisCamera
+from labcdp.drivers.aravis.features import readable_features
 from labcdp.drivers.aravis.library import discover
+from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import CameraSettings, StreamStatistics
 from labcdp.drivers.doctor.camera import CameraFacts, camera_findings, check_camera
 from labcdp.drivers.host.network import Interface, interfaces
@@ -18,6 +21,7 @@ MANTA = CameraFacts(
     features={"GevSCPSPacketSize": 8996, "StreamBytesPerSecond": 115_000_000, "GevLinkSpeed": 1000},
     temperature_c=41.0,
     statistics=StreamStatistics(completed=5),
+    came=5,
 )
 
 
@@ -87,16 +91,39 @@ def test_frames_that_came_incomplete():
 # On the wire
 
 
-def test_a_simulated_camera_is_in_order_and_closed_again(camera_on_loopback):
+#: Settings of another program that opening changes.
+LEFT = {
+    "ExposureAuto": "Continuous",
+    "ReverseX": True,
+    "TriggerMode": "On",
+    "BinningHorizontal": 2,
+    "Width": 20,
+    "OffsetX": 4,
+    "PixelFormat": "Mono8",
+    "StreamBytesPerSecond": 50_000_000,
+}
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_a_camera_is_left_as_it_was_found(camera_on_loopback, stream):
+    def features(camera):
+        return {name: value for name, value in camera.features().items() if name != "DeviceTemperature"}
+
     (info,) = discover()
-    for _ in range(2):
-        found = check_camera(info, interfaces())
-        assert {one.state for one in found} == {"good"}, found
-        topics = [one.topic for one in found]
-        assert topics[0] == "controller"
-        assert topics[-1] == "frames"
-        assert {"network", "temperature"} <= set(topics)
-    assert found[-1].cause.startswith("5 of 5 frames came whole, 0 incomplete")
+    with AravisCamera("SIM-1") as camera:
+        for name, value in LEFT.items():
+            camera.set_feature(name, value)
+        before = features(camera)
+    found = {one.topic: one for one in check_camera(info, interfaces(), stream=stream)}
+    assert found["frames"].state == ("good" if stream else "unknown"), found
+    assert {"controller", "network", "temperature"} <= found.keys()
+    link = connect(info, prepare=False)
+    try:
+        with link.using("it cannot be read") as opened:
+            after = dict(readable_features(opened))
+    finally:
+        link.close()
+    assert {name: after[name] for name in before} == before
 
 
 def test_a_camera_that_another_program_controls(camera_on_loopback, start_python):

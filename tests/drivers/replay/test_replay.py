@@ -113,9 +113,9 @@ def assert_same(frame, other):
 def test_the_recorded_procedure_uses_all_frames(recorded):
     with ReplayCamera(recorded) as camera:
         assert camera.identity == CAMERA
-        assert camera.settings == CameraSettings(0.004998, 0.0, "Mono12", 4, 3, black_level_dn=16)
+        assert camera.settings == CameraSettings(0.004998, 0.0, "Mono12", 4, 3, black_level=16)
         got = list(camera.grab(2))
-        assert camera.configure(exposure_s=0.02) == CameraSettings(0.020003, 0.0, "Mono12", 4, 3, black_level_dn=16)
+        assert camera.configure(exposure_s=0.02) == CameraSettings(0.020003, 0.0, "Mono12", 4, 3, black_level=16)
         got.append(camera.snap())
         camera.configure(exposure_s=0.005)
         got.append(camera.snap(timeout_s=0.1))

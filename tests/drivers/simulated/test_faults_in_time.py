@@ -120,7 +120,7 @@ def test_light_drifts_for_camera_and_meter(bench, clock, camera, meter, small_co
     assert bench.light_rel == pytest.approx(1.0)
 
 
-def test_temperature_drifts_in_steps_that_renew_the_pool(bench, clock, camera):
+def test_temperature_drifts_in_steps_that_renew_frames(bench, clock, camera):
     states = {bench._source.state}
     bench.run_command("temperature +8 C in 10 min")
     for _ in range(60):

@@ -8,6 +8,7 @@ import time
 import pytest
 import serial
 
+from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
 
 SETTINGS = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "timeout": 2}
@@ -90,3 +91,15 @@ def test_closing_leaves_no_thread_and_no_descriptor():
     assert threading.active_count() <= threads
     assert len(os.listdir("/proc/self/fd")) <= descriptors
     assert not os.path.exists(path)
+
+
+def test_a_simulated_meter_says_so_and_a_real_one_behind_a_pseudo_terminal_does_not(port):
+    with MinoltaLS110(port.port) as driver:
+        assert driver.ask_if_simulated()
+        assert driver.measure().meter.simulated
+    engine = meter()
+    # The manual knows no such command.
+    del engine._plain["SIM"]
+    with PtyMeter(engine, response_time_s=0) as real, MinoltaLS110(real.port) as driver:
+        assert not driver.ask_if_simulated()
+        assert not driver.measure().meter.simulated

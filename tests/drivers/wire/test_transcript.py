@@ -69,9 +69,9 @@ def test_every_byte_is_written_as_it_happens(tmp_path):
 def test_silence_late_cut_and_unasked_bytes_are_written(tmp_path):
     path = tmp_path / "wire.jsonl"
     with opened(path) as (port, meter):
-        port.inject(
-            Fault(reply=b""), Fault(n_bytes=7), Fault(delay_s=1.5 * TIMEOUT_S), Fault(reply=b"\xff?\r\nOK00\r\n")
-        )
+        # A mode is set where a reply is missing.
+        silent, cut, late = Fault(reply=b""), Fault(n_bytes=7), Fault(delay_s=1.5 * TIMEOUT_S)
+        port.inject(silent, Fault(), cut, Fault(), late, Fault(reply=b"\xff?\r\nOK00\r\n"))
         for _ in range(4):
             with suppress(Exception):
                 meter.measure()
@@ -80,8 +80,12 @@ def test_silence_late_cut_and_unasked_bytes_are_written(tmp_path):
         meter.measure()
     assert wire(path)[8:] == [
         ("sent", b"MES\r\n"),
+        ("sent", b"MDS,00\r\n"),
+        ("received", b"OK00\r\n"),
         ("sent", b"MES\r\n"),
         ("received", b"OK00,Cc"),
+        ("sent", b"MDS,00\r\n"),
+        ("received", b"OK00\r\n"),
         ("sent", b"MES\r\n"),
         ("received", b"OK00,CcPH 83.02\r\n"),
         ("sent", b"MES\r\n"),
@@ -90,7 +94,7 @@ def test_silence_late_cut_and_unasked_bytes_are_written(tmp_path):
         ("sent", b"MES\r\n"),
         ("received", b"OK00,CcPH 83.02\r\n"),
     ]
-    asked, late = lines_of(path)[12:14]
+    asked, late = lines_of(path)[16:18]
     assert late["t_s"] - asked["t_s"] > TIMEOUT_S
 
 

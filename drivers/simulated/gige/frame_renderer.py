@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .device import FORMATS, FrameSource, Readout
 from .genicam import GAIN_STEPS_PER_DB
+
+#: Frames rendered ahead: one to send while the next is made.
+_AHEAD: Final = 2
 
 #: A frame as bytes, with the state of the source that it shows; None if the state changed while it was rendered.
 _Rendered = tuple[Hashable, NDArray[np.uint8] | None]
@@ -34,25 +39,21 @@ class Wanted:
     readout: Readout
 
 
-class FramePool:
-    """Rendered frames of one kind, sent in turn once there are enough.
+class FrameRenderer:
+    """Frames rendered ahead, each sent once.
 
     Parameters
     ----------
     source : FrameSource
         Source of the pixels.
-    size : int
-        Number of frames rendered per kind.
     """
 
-    def __init__(self, source: FrameSource, size: int) -> None:
+    def __init__(self, source: FrameSource) -> None:
         self._source = source
-        self._size = size
         self._executor: ThreadPoolExecutor | None = None
         self._kind: Hashable = None
-        self._frames: tuple[NDArray[np.uint8], ...] = ()
-        self._coming: Future[_Rendered] | None = None
-        self._n_sent = 0
+        self._coming: deque[Future[_Rendered]] = deque()
+        self._n_begun = 0
 
     def open(self) -> None:
         """Start the rendering thread."""
@@ -62,30 +63,25 @@ class FramePool:
         """Stop rendering; may be called twice."""
         if self._executor is not None:
             self._executor.shutdown(cancel_futures=True)
-            self._executor = self._coming = None
+            self._executor = None
+            self._coming.clear()
 
     def next(self, wanted: Wanted) -> NDArray[np.uint8] | None:
         """Return the next frame, or None if it is not rendered yet."""
         state = self._source.state
         if (state, wanted) != self._kind:
-            self._kind, self._frames, self._coming = (state, wanted), (), None
-        if len(self._frames) < self._size:
-            frame = self._arrived(state)
-            if frame is not None:
-                self._frames = (*self._frames, frame)
-                self._n_sent += 1
-            if self._coming is None and self._executor is not None and len(self._frames) < self._size:
-                self._coming = self._executor.submit(self._render, wanted, self._n_sent)
-            return frame
-        self._n_sent += 1
-        return self._frames[(self._n_sent - 1) % self._size]
-
-    def _arrived(self, state: Hashable) -> NDArray[np.uint8] | None:
-        if self._coming is None or not self._coming.done():
-            return None
-        coming, self._coming = self._coming, None
-        shown, frame = coming.result()
-        return frame if shown == state else None
+            self._kind = (state, wanted)
+            for outdated in self._coming:
+                outdated.cancel()
+            self._coming.clear()
+        frame = None
+        if self._coming and self._coming[0].done():
+            shown, rendered = self._coming.popleft().result()
+            frame = rendered if shown == state else None
+        while len(self._coming) < _AHEAD and self._executor is not None:
+            self._coming.append(self._executor.submit(self._render, wanted, self._n_begun))
+            self._n_begun += 1
+        return frame
 
     def _render(self, wanted: Wanted, index: int) -> _Rendered:
         state = self._source.state

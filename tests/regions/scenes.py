@@ -35,7 +35,7 @@ def picture(matrix, value_at, rng, *, shape=SHAPE, blur_px=0.8, noise=1.0, uneve
     return cv2.GaussianBlur(values * light, (0, 0), blur_px) + rng.normal(0, noise, shape)
 
 
-def board(rows, columns, light=200.0, dark=50.0, around=120.0):
+def board(rows, columns, around=120.0, light=200.0, dark=50.0):
     def value_at(u, v):
         inside = (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
         # The upper left square is light.

@@ -1,4 +1,4 @@
-"""Shapes as regions: which pixels they hold, and what is refused."""
+"""Shapes and polygons as regions: which pixels they hold, what a margin leaves, and which are the same."""
 
 import numpy as np
 import pytest
@@ -7,23 +7,37 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, inset, require_simple, rois_of
-
-SHAPE = (100, 100)
+from labcdp.regions import EllipseShape, GridShape, RectangleShape, inset, new_shapes
 
 
-def pixels(roi, shape=SHAPE):
+def pixels(roi, shape):
+    """Pixels that a region holds; none, where it is refused for that."""
     whole = np.zeros(shape, dtype=bool)
-    whole[roi.window(shape)] = roi.mask(shape)
+    try:
+        whole[roi.window(shape)] = roi.mask(shape)
+    except InputError as error:
+        assert "holds no pixel: make it larger" in str(error)  # noqa: PT017 - that it may hold none is the point
     return whole
 
 
-def test_a_rectangle_holds_the_pixels_it_covers():
-    (roi,) = RectangleShape("r", 10, 20, 5, 4).rois()
-    held = np.argwhere(pixels(roi))
-    assert held.min(axis=0).tolist() == [20, 10]
-    assert held.max(axis=0).tolist() == [23, 14]
-    assert len(held) == 20
+halves = st.integers(0, 60).map(lambda n: n / 2)
+
+
+@settings(max_examples=100)
+@given(st.lists(st.tuples(halves | st.floats(0, 30), halves | st.floats(0, 30)), min_size=3, max_size=12))
+def test_a_pixel_is_held_if_its_ray_crosses_an_odd_number_of_edges(corners):
+    y, x = np.mgrid[:30, :30] + 0.5
+    expected = np.zeros((30, 30), dtype=bool)
+    for (xa, ya), (xb, yb) in zip(corners, corners[1:] + corners[:1], strict=True):
+        rows = (ya > y[:, 0]) != (yb > y[:, 0])
+        expected[rows] ^= x[rows] < xa + (y[rows] - ya) * (xb - xa) / (yb - ya)
+    assert np.array_equal(pixels(Roi("any", tuple(corners)), (30, 30)), expected)
+
+
+def test_moving_a_region_moves_its_pixels():
+    image = np.arange(400.0).reshape(20, 20)
+    roi = Roi("r", ((1, 1), (6, 2), (4, 7)))
+    assert np.array_equal(roi.moved(3, 5).select(image), roi.select(image) + 5 * 20 + 3)
 
 
 def test_a_positive_angle_turns_clockwise_as_the_image_is_seen():
@@ -32,14 +46,11 @@ def test_a_positive_angle_turns_clockwise_as_the_image_is_seen():
     assert roi.corners[0] == pytest.approx((5, 5 - 50**0.5))
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    width=st.floats(1.5, 1000),
-    height=st.floats(1.5, 1000),
-    angle=st.floats(-180, 180),
-    dx=st.floats(0, 1),
-    dy=st.floats(0, 1),
-)
+sides, shifts = st.floats(1.5, 1000), st.floats(0, 1)
+
+
+@settings(max_examples=25)
+@given(width=sides, height=sides, angle=st.floats(-180, 180), dx=shifts, dy=shifts)
 def test_an_ellipse_holds_the_pixels_whose_centres_are_within_it(width, height, angle, dx, dy):
     size = int(np.hypot(width, height)) + 4
     x0, y0 = (size - width) / 2 + dx, (size - height) / 2 + dy
@@ -50,60 +61,13 @@ def test_an_ellipse_holds_the_pixels_whose_centres_are_within_it(width, height, 
     u, v = x * np.cos(t) + y * np.sin(t), y * np.cos(t) - x * np.sin(t)
     # An ellipse that is 0.02 pixels smaller on each side holds no pixel more, one that is larger none less.
     smaller, larger = ((u / (width / 2 + d)) ** 2 + (v / (height / 2 + d)) ** 2 <= 1 for d in (-0.02, 0.02))
-    try:
-        held = pixels(roi, (size, size))
-    except InputError:
-        held = np.zeros((size, size), dtype=bool)
+    held = pixels(roi, (size, size))
     assert not (smaller & ~held).any()
     assert not (held & ~larger).any()
 
 
-def test_a_grid_has_its_rectangles_row_by_row_with_gaps_between():
-    rois = GridShape("board", 10, 20, 32, 20, rows=2, columns=3, gap=4).rois()
-    assert [roi.name for roi in rois] == [f"board-r{r}c{c}" for r in (1, 2) for c in (1, 2, 3)]
-    assert rois[0].bounds == (10, 20, 18, 28)
-    assert rois[5].bounds == (34, 32, 42, 40)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: RectangleShape("r", 0, 0, 0, 4), r"region 'r': width is 0: give a number of pixels above 0"),
-        (lambda: EllipseShape("e", 0, float("nan"), 3, 4), r"region 'e': y is nan: give a finite number"),
-        (
-            lambda: PolygonShape("p", ((0, 0), (1, 1))),
-            r"region 'p': corners is \(\(0, 0\), \(1, 1\)\): give a list of 3",
-        ),
-        (
-            lambda: PolygonShape(" p", ((0, 0), (1, 1), (1, 0))),
-            r"the name of a region is ' p': give 1 to 100 printable characters",
-        ),
-        (lambda: GridShape("g", 0, 0, 10, 10, 0, 2), r"region 'g': rows is 0: give a whole number of at least 1"),
-        (lambda: GridShape("g", 0, 0, 10, 10, 200, 200), r"200 rows of 200 columns are 40000 regions: give at most"),
-        (lambda: GridShape("g", 0, 0, 10, 10, 2, 3, 5), r"gaps of 5 pixels leave nothing of 2 x 3 rectangles"),
-        (lambda: GridShape("g", 0, 0, 10, 10, 2, 3, -1), r"region 'g': gap is -1: give at least 0"),
-    ],
-)
-def test_a_shape_that_cannot_be_is_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
-
-
-def test_regions_need_names_of_their_own():
-    with pytest.raises(InputError, match=r"2 regions have the name 'a': give each its own"):
-        rois_of([RectangleShape("a", 0, 0, 2, 2), EllipseShape("a", 5, 5, 2, 2)])
-
-
-def test_crossing_edges_are_reported_with_their_place():
-    with pytest.raises(InputError, match=r"region 'x' crosses itself at x 5, y 5: give its corners in order"):
-        require_simple(Roi("x", ((0, 0), (10, 10), (10, 0), (0, 10))))
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    radii=st.lists(st.floats(5, 45), min_size=3, max_size=9),
-    margin=st.floats(0, 6),
-)
+@settings(max_examples=40)
+@given(radii=st.lists(st.floats(5, 45), min_size=3, max_size=9), margin=st.floats(0, 6))
 def test_what_is_left_keeps_the_margin_from_all_edges(radii, margin):
     angles = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
     roi = Roi("star", tuple((50 + r * np.cos(t), 50 + r * np.sin(t)) for r, t in zip(radii, angles, strict=True)))
@@ -112,8 +76,19 @@ def test_what_is_left_keeps_the_margin_from_all_edges(radii, margin):
     except InputError:
         # Nothing is left, or several pieces.
         return
-    assert left.name == "star"
     a, b = np.array(roi.corners), np.roll(roi.corners, -1, axis=0)
     for corner in left.corners:
         along = np.clip(((corner - a) * (b - a)).sum(1) / ((b - a) ** 2).sum(1), 0, 1)[:, None]
         assert np.hypot(*(a + along * (b - a) - corner).T).min() >= margin - 1e-6
+
+
+def test_regions_coincide_from_nine_tenths_of_their_joint_area_on():
+    known = RectangleShape("a", 10, 10, 40, 40), RectangleShape("b", 60, 10, 40, 40)
+    # Common to squares of side 40, one of them moved by d: (40 - d) / (40 + d); 0.905 for 2, 0.860 for 3.
+    for shift_px, new in ((0, False), (2, False), (3, True), (-40, True)):
+        found = RectangleShape("found", 10 + shift_px, 10, 40, 40)
+        assert new_shapes((found,), known[:1]) == ((found,) if new else ())
+    # A shape is there if all its regions are.
+    grid = GridShape("g", 10, 10, 90, 40, 1, 2, gap=10)
+    assert new_shapes((grid,), known) == new_shapes(known, (grid,)) == ()
+    assert new_shapes((grid,), known[:1]) == (grid,)

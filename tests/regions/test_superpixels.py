@@ -1,111 +1,128 @@
+"""Superpixels, their neighbours, and the regions that are proposed from them."""
+
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, label
 
+from labcdp.regions import require_simple
+from labcdp.regions.superpixels.proposals import propose_regions
 from labcdp.regions.superpixels.segment import inner, neighbours, superpixel_labels
 
 
-def _neighbours_one_by_one(labels):
-    lengths, places = {}, {}
-    height, width = labels.shape
-    for y in range(height):
-        for x in range(width):
-            for dy, dx in ((0, 1), (1, 0)):
-                if y + dy < height and x + dx < width and labels[y, x] != labels[y + dy, x + dx]:
-                    pair = tuple(sorted((int(labels[y, x]), int(labels[y + dy, x + dx]))))
-                    lengths[pair] = lengths.get(pair, 0) + 1
-                    places.setdefault(pair, []).append((x + (1 if dx else 0.5), y + (1 if dy else 0.5)))
-    return lengths, places
-
-
-def _crossed(labels, x):
-    """Pixels on the wrong side of a border at column x, per row: those a superpixel has on its smaller side."""
-    left = np.bincount(labels[:, :x].ravel(), minlength=labels.max() + 1)
+def astray(labels, inside):
+    """Pixels on the wrong side of an outline: those a superpixel has on its smaller side."""
     whole = np.bincount(labels.ravel())
-    return np.minimum(left, whole - left).sum() / labels.shape[0]
+    of_object = np.bincount(labels[inside], minlength=labels.max() + 1)
+    return np.minimum(of_object, whole - of_object).sum()
 
 
 @settings(max_examples=15)
 @given(
-    height=st.integers(12, 60),
-    width=st.integers(12, 60),
-    size=st.integers(6, 12),
-    scale=st.floats(-6, 6),
-    half=st.booleans(),
-    seed=st.integers(0, 1000),
-)
-def test_labels_are_counted_from_0_and_connected(height, width, size, scale, half, seed):
-    image = 10**scale * np.random.default_rng(seed).lognormal(0, 1.5, (height, width))
-    labels = superpixel_labels(image, size, half=half)
-    assert labels.shape == (height, width)
-    assert labels.dtype == np.int32
-    assert np.array_equal(np.unique(labels), np.arange(labels.max() + 1))
-    assert all(label(labels == one)[1] == 1 for one in range(labels.max() + 1))
-    assert np.array_equal(labels, superpixel_labels(image, size, half=half))
-
-
-def test_labels_do_not_depend_on_the_number_of_threads():
-    import cv2
-
-    image = np.random.default_rng(0).normal(100, 10, (300, 400))
+    shape=st.tuples(st.integers(12, 60), st.integers(12, 60)), size=st.integers(6, 12), scale=st.floats(-6, 6),
+    half=st.booleans(), seed=st.integers(0, 1000),
+)  # fmt: skip
+def test_labels_are_counted_from_0_connected_and_the_same_with_any_number_of_threads(shape, size, scale, half, seed):
+    image = 10**scale * np.random.default_rng(seed).lognormal(0, 1.5, shape)
     threads = cv2.getNumThreads()
-    found = []
     try:
-        for n in (1, 3):
-            cv2.setNumThreads(n)
-            found.append(superpixel_labels(image, 20))
+        cv2.setNumThreads(1)
+        labels = superpixel_labels(image, size, half=half)
     finally:
         cv2.setNumThreads(threads)
-    assert np.array_equal(*found)
+    assert np.array_equal(labels, superpixel_labels(image, size, half=half))
+    assert (labels.shape, labels.dtype) == (shape, np.int32)
+    assert np.array_equal(np.unique(labels), np.arange(labels.max() + 1))
+    assert all(label(labels == one)[1] == 1 for one in range(labels.max() + 1))
 
 
 @pytest.mark.parametrize("half", [False, True])
-@pytest.mark.parametrize(("contrast", "ratio", "crossed"), [(0.1, 5, 0.2), (0.3, 2, 0.5), (10.0, 3, 0.5)])
-def test_borders_follow_a_step_in_noise_within_a_pixel(contrast, ratio, crossed, half):
-    image = np.full((240, 320), 10.0)
-    image[:, 133:] *= 1 + contrast
-    noise = 10 * contrast / ratio / np.sqrt(2)
-    image += noise * np.random.default_rng(3).normal(size=image.shape)
+@pytest.mark.parametrize(
+    ("level", "contrast", "ratio", "crossed"),
+    [(10, 0.1, 5, 0.2), (10, 0.3, 2, 0.5), (10, 10.0, 3, 0.5), (1e-3, 0.2, 7, 0.1), (1e4, 0.2, 7, 0.1)],
+)
+def test_borders_follow_a_step_in_noise_within_a_pixel_at_any_level(level, contrast, ratio, crossed, half):
+    left = np.arange(320) < np.full((240, 1), 133)
+    image = level * np.where(left, 1, 1 + contrast)
+    image += level * contrast / ratio / np.sqrt(2) * np.random.default_rng(3).normal(size=image.shape)
     labels = superpixel_labels(image, 40, half=half)
-    assert _crossed(labels, 133) < crossed
+    assert astray(labels, left) / 240 < crossed
     # Away from the step they are about as large as asked for.
     assert 0.6 * 1600 < np.median(np.bincount(labels.ravel())) < 1.4 * 1600
-
-
-@pytest.mark.parametrize("level", [1e-3, 1.0, 1e4])
-def test_steps_of_one_contrast_are_found_at_any_level(level):
-    image = np.full((200, 200), level)
-    image[:, 71:] *= 1.2
-    image *= np.random.default_rng(0).normal(1, 0.02, image.shape)
-    assert _crossed(superpixel_labels(image, 30), 71) < 0.1
 
 
 @given(seed=st.integers(0, 1000), n=st.integers(1, 6))
 def test_neighbours_are_those_of_a_walk_over_all_pixels(seed, n):
     labels = np.random.default_rng(seed).integers(0, n, (7, 9)).astype(np.int32)
+    places = {}
+    for y, x in np.ndindex(labels.shape):
+        for v, u in ((y, x + 1), (y + 1, x)):
+            if v < 7 and u < 9 and labels[y, x] != labels[v, u]:
+                pair = tuple(sorted((int(labels[y, x]), int(labels[v, u]))))
+                places.setdefault(pair, []).append(((x + u + 1) / 2, (y + v + 1) / 2))
     found = neighbours(labels)
-    lengths, places = _neighbours_one_by_one(labels)
-    assert {tuple(pair): length for pair, length in zip(found.pairs.tolist(), found.border_px, strict=True)} == lengths
-    for pair, middle in zip(found.pairs.tolist(), found.middle_px, strict=True):
-        own = np.array(places[tuple(pair)])
+    pairs = [tuple(pair) for pair in found.pairs.tolist()]
+    assert dict(zip(pairs, found.border_px, strict=True)) == {pair: len(own) for pair, own in places.items()}
+    for pair, middle in zip(pairs, found.middle_px, strict=True):
+        own = np.array(places[pair])
         distances = np.linalg.norm(own - own.mean(axis=0), axis=1)
-        assert tuple(middle) in places[tuple(pair)]
+        assert tuple(middle) in places[pair]
         assert np.linalg.norm(middle - own.mean(axis=0)) == pytest.approx(distances.min(), abs=1e-6)
 
 
 @pytest.mark.parametrize(("contrast", "crossed"), [(10, 1.5), (100, 2.5)])
 def test_a_strong_edge_that_the_lens_has_blurred_makes_no_strips(contrast, crossed):
-    image = np.full((300, 400), 1.0)
-    image[80:220, 120:280] = 1 + contrast
-    image = gaussian_filter(image, 1.2) + 0.02 * np.random.default_rng(0).normal(size=image.shape)
-    labels = superpixel_labels(image, 36)
+    inside = np.zeros((300, 400), dtype=bool)
+    inside[80:220, 120:280] = True
+    image = gaussian_filter(np.where(inside, 1.0 + contrast, 1.0), 1.2)
+    labels = superpixel_labels(image + 0.02 * np.random.default_rng(0).normal(size=image.shape), 36)
     deep = np.bincount(labels[inner(labels, 3)], minlength=labels.max() + 1) / np.bincount(labels.ravel())
     assert deep.min() > 0.2
-    inside = np.zeros(image.shape, dtype=bool)
-    inside[80:220, 120:280] = True
-    of_object = np.bincount(labels[inside], minlength=labels.max() + 1)
-    wrong = np.minimum(of_object, np.bincount(labels.ravel()) - of_object).sum()
     # The outline is 600 pixels long; half the logarithm is reached outside of it.
-    assert wrong / 600 < crossed
+    assert astray(labels, inside) / 600 < crossed
+
+
+def proposed(image, size):
+    """Proposals as regions: simple polygons inside the image, none over another, named in order."""
+    found = propose_regions(image, size)
+    covered = np.zeros(image.shape, dtype=int)
+    rois = [roi for shape in found for roi in shape.rois()]
+    for roi in rois:
+        require_simple(roi)
+        window = covered[roi.window(image.shape)]
+        window += roi.mask(image.shape)
+    assert covered.max() <= 1
+    assert [shape.name for shape in found] == [f"region {n}" for n in range(1, len(found) + 1)]
+    return rois
+
+
+def test_patches_are_proposed_whole_and_inside_their_outlines():
+    """Dark ground with three patches, one of which is a ring around another."""
+    truth = np.zeros((240, 320), dtype=int)
+    for patch, window in enumerate((np.s_[40:140, 30:120], np.s_[60:200, 170:300], np.s_[100:160, 210:260]), start=1):
+        truth[window] = patch
+    image = gaussian_filter(np.array([20.0, 60.0, 120.0, 30.0])[truth], 0.7)
+    rois = proposed(image + 2 * np.random.default_rng(0).normal(size=image.shape), 24)
+    held = np.array([np.bincount(roi.select(truth), minlength=4) for roi in rois])
+    # An outline strays a pixel here and there.
+    assert (held.max(axis=1) / held.sum(axis=1)).min() > 0.98
+    # All but a margin: 3 pixels around the smallest are a fifth of it.
+    assert (held.sum(axis=0) / np.bincount(truth.ravel()))[1:].min() > 0.7
+    # Joined, not a superpixel each: 4 areas, of which the ground and the ring are cut at their holes.
+    assert len(rois) < 15
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 1000), size=st.integers(8, 20), noise=st.floats(0, 30))
+def test_every_proposal_is_a_simple_polygon_inside_the_image(seed, size, noise):
+    rng = np.random.default_rng(seed)
+    proposed(gaussian_filter(rng.normal(size=(70, 90)), 6) * 600 + 100 + noise * rng.normal(size=(70, 90)), size)
+
+
+def test_light_that_changes_slowly_is_not_joined_from_end_to_end():
+    image = np.linspace(100, 200, 300) * np.ones((80, 1))
+    rois = proposed(image, 20)
+    assert len(rois) > 5
+    assert max(np.ptp(roi.select(image)) for roi in rois) < 40

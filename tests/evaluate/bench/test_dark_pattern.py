@@ -16,44 +16,37 @@ from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.report.envelope import envelope
 from labcdp.session import Session
 
+from .synthetic import again
+
 HOT = ((30, 70), (150, 300))  # row and column: one inside P01, one outside of all patches
-OFFSET_DN, RATE_DN_S, REPEATS = 6.0, 400.0, 4
+SHAPE, REPEATS = (400, 480), 4
 
 
 @pytest.fixture(scope="module")
-def pattern(recorded):
+def pattern():
     """Offset in DN and growth in DN/s of each pixel."""
-    shape = recorded.load(recorded.frames()[0]).shape
     rng = np.random.default_rng(1)
-    offset, rate = rng.normal(0, OFFSET_DN, shape), rng.normal(0, RATE_DN_S, shape)
-    for place in HOT:
-        offset[place] = 900.0
+    offset, rate = rng.normal(0, 6.0, SHAPE), rng.normal(0, 400.0, SHAPE)
+    offset[tuple(zip(*HOT, strict=True))] = 900.0
     return offset, rate
 
 
 @pytest.fixture(scope="module")
-def path(recorded, pattern, tmp_path_factory):
-    """The example recorded with a sensor with a dark pattern, each frame with new noise `REPEATS` times."""
-    path = tmp_path_factory.mktemp("pattern") / "session"
+def session(recorded, pattern, tmp_path_factory):
+    """The example recorded with a sensor with a dark pattern, each dark frame with new noise `REPEATS` times."""
     offset, rate = pattern
     rng = np.random.default_rng(2)
-    with Session.create(path, recorded.configuration) as session:
-        for record in recorded.frames():
-            frame = recorded.load(record)
-            for repeat in range(REPEATS if record.role == "dark" else 1):
+
+    def seen(frames):
+        for frame, role in frames:
+            for repeat in range(REPEATS if role == "dark" else 1):
                 # Further dark frames: those of the example in another order have the right noise.
-                dn = frame.dn.ravel()[rng.permutation(frame.dn.size)].reshape(frame.shape) if repeat else frame.dn
-                seen = dn + offset + rate * frame.exposure_s + rng.uniform(-0.5, 0.5, frame.shape)
-                batch = frame.with_pixels(np.clip(np.rint(seen), 0, 4095).astype(np.uint16))
-                session.add_frames([(replace(batch, frame_id=1000 * repeat + frame.frame_id), record.role, None)])
-        for record in recorded.readings():
-            session.add_reading(record.reading, record.patch)
-    return path
+                dn = rng.permutation(frame.dn.ravel()).reshape(SHAPE) if repeat else frame.dn
+                dn = dn + offset + rate * frame.exposure_s + rng.uniform(-0.5, 0.5, SHAPE)
+                one = frame.with_pixels(np.clip(np.rint(dn), 0, 4095).astype(np.uint16))
+                yield replace(one, frame_id=1000 * repeat + frame.frame_id), role, None
 
-
-@pytest.fixture(scope="module")
-def session(path):
-    with Session.open(path) as opened:
+    with Session.open(again(tmp_path_factory.mktemp("pattern") / "s", recorded, seen)) as opened:
         yield opened
 
 
@@ -63,17 +56,24 @@ def corrections(session):
 
 
 @pytest.fixture(scope="module")
-def calibrated(session, corrections):
-    return calibrate_session(observe_session(session, corrections=corrections))
+def corrected(session, corrections):
+    return observe_session(session, corrections=corrections)
+
+
+@pytest.fixture(scope="module")
+def calibrated(corrected):
+    return calibrate_session(corrected)
+
+
+def region_of(observed, name):
+    return next(patch.region() for patch in observed.configuration.target.patches if patch.name == name)
 
 
 def test_pattern_and_hot_pixels_are_found(corrections, pattern):
-    own = corrections[None]
+    own, (offset, rate) = corrections[None], pattern
     assert {*zip(own.defects.rows.tolist(), own.defects.columns.tolist(), strict=True)} == set(HOT)
-    offset, rate = pattern
-    sound = ~own.defects.mask(offset.shape)
     for t in (0.002, 0.032):
-        error = (own.dark_library.pattern_dn(offset.shape, t) - (offset + rate * t))[sound]
+        error = (own.dark_library.pattern_dn(SHAPE, t) - (offset + rate * t))[~own.defects.mask(SHAPE)]
         assert error.std() == pytest.approx(own.dark_library.noise_dn(t), rel=0.1)
 
 
@@ -81,8 +81,7 @@ def test_luminances_of_pixels_come_nearer(session, calibrated, observed):
     """Spread over the darkest patch in one frame, against what is stated, with the library and without."""
     plain = calibrate_session(observe_session(session, corrections=corrections_of_lens(session)))
     frame = session.load(max(session.frames("light"), key=lambda record: record.exposure_s))
-    (region,) = [p.region() for p in observed.configuration.target.patches if p.name == "P01"]
-    spreads = []
+    region, spreads = region_of(observed, "P01"), []
     for calibration in (plain, calibrated):
         seen = calibration.to_luminance(frame)
         values, valid = region.select(seen.luminance_cd_m2), region.select(seen.invalid) & Invalid.DEFECT == 0
@@ -94,33 +93,27 @@ def test_luminances_of_pixels_come_nearer(session, calibrated, observed):
     assert without > 1.5 * stated_without
 
 
-def test_the_pattern_is_taken_off_once_everywhere(session, corrections, calibrated, observed, pattern):
+def test_the_pattern_is_taken_off_once_everywhere(session, corrections, corrected, calibrated, observed):
     """The mean over a patch is the same by the map and by the observation; both without the pattern."""
-    corrected = observe_session(session, corrections=corrections)
-    frames = [session.load(r) for r in session.frames("light") if r.exposure_s == 0.032]
-    dark_dn = calibrated.dark.mean_dn(0.032)
-    r = calibrated.responsivity.responsivity_dn_s_cd_m2
+    maps = [calibrated.to_luminance(session.load(r)) for r in session.frames("light") if r.exposure_s == 0.032]
+    dn_per_cd_m2 = calibrated.responsivity.responsivity_dn_s_cd_m2 * 0.032
     for name in ("P01", "P02", "P03"):
-        (own,) = [o for o in corrected.patches[name] if o.exposure_s == 0.032]
-        (even,) = [o for o in observed.patches[name] if o.exposure_s == 0.032]
-        region = next(p.region() for p in corrected.configuration.target.patches if p.name == name)
-        maps = [calibrated.to_luminance(frame) for frame in frames]
-        sound = ~region.select(calibrated.defects.mask(maps[0].luminance_cd_m2.shape))
+        own, even = (next(o for o in one.patches[name] if o.exposure_s == 0.032) for one in (corrected, observed))
+        region = region_of(observed, name)
+        sound = ~region.select(calibrated.defects.mask(SHAPE))
         by_map = np.mean([region.select(m.luminance_cd_m2)[sound].mean(dtype=float) for m in maps])
-        assert by_map * r * 0.032 == pytest.approx(own.net_dn(dark_dn), abs=1e-3)
+        net_dn = own.net_dn(calibrated.dark.mean_dn(0.032))
+        assert by_map * dn_per_cd_m2 == pytest.approx(net_dn, abs=1e-3)
         # What the sensor's pattern adds to the region's mean is gone, but for the library's noise over its pixels.
         noise = corrections[None].dark_library.noise_dn(0.032) / np.sqrt(own.n_pixels)
-        assert own.net_dn(dark_dn) == pytest.approx(even.net_dn(observed.darks[-1].mean_dn), abs=5 * noise + 0.1)
+        assert net_dn == pytest.approx(even.net_dn(observed.darks[-1].mean_dn), abs=5 * noise + 0.1)
 
 
-def test_it_is_saved_and_evaluation_uses_it(session, calibrated, tmp_path):
+def test_it_is_saved_and_evaluation_uses_it(session, corrected, calibrated, tmp_path):
     save(calibrated, tmp_path / "calibration.json")
     loaded = load(tmp_path / "calibration.json")
-    assert loaded.dark_library == calibrated.dark_library
-    assert loaded.defects == calibrated.defects
-    results = [
-        evaluate_session(session, observe_session(session, corrections=corrections_of(c)), c)
-        for c in (calibrated, loaded)
-    ]
-    assert envelope(session_result(results[0])) == envelope(session_result(results[1]))
-    assert results[0].map.invalid[HOT[0]] & Invalid.DEFECT
+    assert (loaded.dark_library, loaded.defects) == (calibrated.dark_library, calibrated.defects)
+    first = evaluate_session(session, corrected, calibrated)
+    other = evaluate_session(session, observe_session(session, corrections=corrections_of(loaded)), loaded)
+    assert envelope(session_result(first)) == envelope(session_result(other))
+    assert first.map.invalid[HOT[0]] & Invalid.DEFECT

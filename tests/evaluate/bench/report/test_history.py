@@ -6,7 +6,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from openpyxl import load_workbook
 
-from labcdp.calibration.verify.history import HistoryPoint, histories
+from labcdp.calibration.verify.history import histories
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.evaluate.bench.history.page import write_history
@@ -23,22 +23,18 @@ def mono(evaluation):
 def planes(mono):
     """Two measurements of four planes; blue lost a tenth, and the second one found nothing of red."""
     (one,) = mono
-    first = one.points[0]
-    made = []
-    for plane, weight in zip(PLANES, (0.2, 0.45, 0.45, -0.1), strict=True):
-        second: HistoryPoint = replace(
-            first,
-            source="v.json",
-            measured=first.measured.replace(year=first.measured.year + 1),
-            verdict="undecided",
-            weight=None,
-            k_dn_per_e=None,
-            responsivity=(first.responsivity[0] * (0.9 if plane == "B" else 1.0), *first.responsivity[1:]),
+    (first,) = one.points
+    later = {"source": "v.json", "measured": first.measured.replace(year=first.measured.year + 1)}
+    later |= {"verdict": "undecided", "weight": None, "k_dn_per_e": None}
+    r, *others = first.responsivity
+    found = {"R": None, "Gr": (r, *others), "Gb": (r, *others), "B": (0.9 * r, *others)}
+    weights = dict(zip(PLANES, (0.2, 0.45, 0.45, -0.1), strict=True))
+    return [
+        replace(
+            one, plane=p, points=(replace(first, weight=weights[p]), replace(first, responsivity=found[p], **later))
         )
-        if plane == "R":
-            second = replace(second, responsivity=None)
-        made.append(replace(one, plane=plane, points=(replace(first, weight=weight), second)))
-    return made
+        for p in PLANES
+    ]
 
 
 def test_planes_of_a_camera_are_one_camera(planes, mono):
@@ -49,7 +45,7 @@ def test_planes_of_a_camera_are_one_camera(planes, mono):
     assert len(by_camera([*planes, *mono])) == 2
 
 
-def test_points_by_time_with_weights_and_verdicts(planes):
+def test_points_by_time_with_weights_and_verdicts_on_page_picture_and_sheet(planes, mono, tmp_path):
     result = history_result(planes)
     Draft202012Validator(schema()).validate(envelope(result))
     rows = list(result.table("history").rows())
@@ -57,13 +53,9 @@ def test_points_by_time_with_weights_and_verdicts(planes):
     assert [row["weight"] for row in rows[:4]] == [0.2, 0.45, 0.45, -0.1]
     assert {row["by"] for row in rows[4:]} == {"verification: undecided"}
     assert rows[4]["responsivity"] is rows[4]["expanded_r"] is None
-
-
-def test_page_picture_and_sheet(planes, mono, tmp_path):
     for name in ("h.html", "h.png", "h.xlsx"):
-        write_history(planes, history_result(planes), tmp_path / name)
+        write_history(planes, result, tmp_path / name)
     page = (tmp_path / "h.html").read_text()
-    assert page.count("data:image/png;base64,") == 1
     assert page.index("changed</span>") < page.index("data:image/png")
     assert load_workbook(tmp_path / "h.xlsx").sheetnames == ["cameras", "history", "about"]
     both = [*planes, *mono]

@@ -12,11 +12,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from ipaddress import ip_address
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
 from ..core.errors import InputError
 from .gate import TOKEN, Gate, guard
+from .results import results_route
 
 _log = logging.getLogger(__name__)
 
@@ -95,6 +97,8 @@ class Site:
         Receives errors of background work.
     lifetime_s : float
         How long a disconnected tab can reconnect.
+    results : function
+        Return the folder that is served under ``/report/``, or None.
     """
 
     title: str
@@ -102,6 +106,7 @@ class Site:
     begin: Callable[[], None]
     warn: Callable[[Exception], None]
     lifetime_s: float = 600.0
+    results: Callable[[], Path | None] = lambda: None
 
 
 class Server:
@@ -155,7 +160,7 @@ class Server:
             build_applications({"/": self._tab}, title=site.title, location=False),
             # The gate checks the origin of every request, also behind a tunnel with another port.
             extra_websocket_origins=["*"],
-            extra_patterns=get_static_routes({}),
+            extra_patterns=[*get_static_routes({}), results_route(site.results)],
             websocket_max_message_size_bytes=_MOST_BYTES,
             use_index=False,
             unused_session_lifetime_milliseconds=round(1000 * site.lifetime_s),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,25 +17,15 @@ from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say
 if TYPE_CHECKING:
     from ...core.result import Result
     from ...drivers.camera import Camera
-    from ...drivers.meter import Meter
     from ...session import SessionConfiguration
     from ...web.bench.live_bench import LiveBench
-    from ...web.bench.measured import Target
+    from ...web.bench.measured import BenchOfPage, Target
     from ...web.regions.files import DrawingFiles
     from ...web.regions.workspace import Start
     from ...web.server import Address
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
 _LIFETIME_S = 5.0
-
-
-@dataclass(frozen=True)
-class _Devices:
-    """Camera and meter of the page, and how the simulated meter is pointed."""
-
-    camera: Camera
-    meter: Meter | None
-    point: Callable[[str], None] | None = None
 
 
 def bench(
@@ -94,20 +83,21 @@ def bench(
         opened = _simulated(configuration)
     else:
         opened = _real(configuration, camera, meter, meter_model)
-    with locked(roi) as tell_others, opened as devices:
-        _serve(devices, configuration, calibration, roi, target, (address, port, open_page, tell_others), as_json)
+    with locked(roi) as tell_others, opened as (device, devices):
+        _serve(device, devices, calibration, roi, target, (address, port, open_page, tell_others), as_json)
 
 
 @contextmanager
-def _simulated(configuration: SessionConfiguration) -> Iterator[_Devices]:
+def _simulated(configuration: SessionConfiguration) -> Iterator[tuple[Camera, BenchOfPage]]:
     from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ...web.bench.measured import BenchOfPage
     from .devices_of_session import simulated_devices
 
     with (
         SimulatedBench(configuration, BenchDevices.standard()) as bench,
         simulated_devices(configuration, bench) as opened,
     ):
-        yield _Devices(opened.camera, opened.meter, bench.point_meter)
+        yield opened.camera, BenchOfPage(opened.meter, configuration, bench)
 
 
 @contextmanager
@@ -116,9 +106,10 @@ def _real(
     camera: str | None,
     meter: str | None,
     model: Literal["LS-110", "LS-100"],
-) -> Iterator[_Devices]:
+) -> Iterator[tuple[Camera, BenchOfPage]]:
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
+    from ...web.bench.measured import BenchOfPage
 
     wanted = None if configuration is None else configuration.camera
     selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
@@ -126,12 +117,12 @@ def _real(
     with ExitStack() as stack:
         opened = stack.enter_context(AravisCamera(selector))
         driver = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}[model]
-        yield _Devices(opened, None if port is None else stack.enter_context(driver(port)))
+        yield opened, BenchOfPage(None if port is None else stack.enter_context(driver(port)), configuration)
 
 
 def _serve(
-    devices: _Devices,
-    configuration: SessionConfiguration | None,
+    camera: Camera,
+    devices: BenchOfPage,
     calibration: Path | None,
     roi: Path,
     target: Target,
@@ -148,16 +139,16 @@ def _serve(
 
     address, port, open_page, tell_others = place
     conversion = picture_conversion(calibration, None, None)
-    settings = _settings(configuration)
-    devices.camera.configure(**settings)
-    frame = devices.camera.snap()
-    devices.camera.close()
+    settings = _settings(devices.plan)
+    camera.configure(**settings)
+    frame = camera.snap()
+    camera.close()
     server = Server(address, port)
-    live = LiveBench(LiveCamera(devices.camera, settings), conversion, devices.meter, devices.point, server, target)
+    live = LiveBench(LiveCamera(camera, settings), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
-    workspace = Workspace(live.measurements(frame), files, _start(files, configuration), server.elsewhere)
+    workspace = Workspace(live.measurements(frame), files, _start(files, devices.plan), server.elsewhere)
     tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)
-    site = Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S)
+    site = Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S, lambda: live.results)
 
     def ready(where: Address) -> None:
         tell_others(where.place)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.errors import CalibrationError, LabcdpError
+from ...core.errors import CalibrationError, InputError, LabcdpError
 from ...core.frame import Frame
 from ...drivers.meter import Meter
 from ..regions.measurements import Evaluated, Measurements
@@ -20,8 +21,10 @@ from ..regions.workspace import Workspace
 from .exposure import better_exposure_s
 from .focus import sharpness
 from .live_camera import LiveCamera
-from .measured import LiveMeasurements, MeterReading, Target
+from .measured import BenchOfPage, LiveMeasurements, MeterReading, Target
 from .pair import PairPoint, pair_point
+from .plan import with_regions
+from .recording import PageOperator, Recording
 
 if TYPE_CHECKING:
     from ...evaluate.picture.light.picture import PictureConversion
@@ -46,10 +49,8 @@ class LiveBench:
         Not started.
     conversion : PictureConversion
         To cd/m^2, or to relative luminance.
-    meter : Meter or None
-        Open.
-    point : function or None
-        Point the simulated meter at a patch; None where a person does.
+    devices : BenchOfPage
+        Meter, plan and the simulated bench, as far as there are any.
     server : Server
         Runs the page.
     target : Target
@@ -60,22 +61,22 @@ class LiveBench:
         self,
         camera: LiveCamera,
         conversion: PictureConversion,
-        meter: Meter | None,
-        point: Callable[[str], None] | None,
+        devices: BenchOfPage,
         server: Server,
         target: Target,
     ) -> None:
-        self.camera, self.meter = camera, meter
+        self.camera, self.meter, self.plan = camera, devices.meter, devices.plan
+        self.recording: Recording | None = None
         self.target = target
         self.readings: tuple[MeterReading, ...] = ()
         self.trace: tuple[PairPoint, ...] = ()
-        self.busy = ""
-        self.notice = ""
+        #: Work in progress, what to tell the person, and why there is no cd/m^2 with a calibration.
+        self.busy, self.notice, self.mismatch = "", "", ""
         self.paused = False
         #: Sharpness of the newest image, and the largest of the same part so far.
         self.focus = (0.0, 0.0)
         self._focus_of: str | None = None
-        self._conversion, self._point, self._server = conversion, point, server
+        self._conversion, self._hands, self._server = conversion, devices.hands, server
         self._workspace: Workspace | None = None
         self._seen: Evaluated | None = None
         self._bit_depth = 16
@@ -98,12 +99,12 @@ class LiveBench:
         self._bit_depth = frame.bit_depth
         try:
             image = PageImage.of_frame("live", frame, self._conversion)
-            self.notice = ""
+            self.mismatch = ""
         except CalibrationError as error:
             from ...evaluate.picture.light.picture import picture_conversion
 
             image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
-            self.notice = f"The calibration does not apply: {error}"
+            self.mismatch = f"The calibration does not apply: {error}"
         return LiveMeasurements(image, contrasts, self.target.epsilon)
 
     def begin(self, workspace: Workspace) -> None:
@@ -115,7 +116,9 @@ class LiveBench:
         self._thread.start()
 
     def end(self) -> None:
-        """Release the camera."""
+        """Stop a recording, and release the camera."""
+        if self.recording is not None:
+            self.recording.stop()
         self.camera.stop()
 
     def aim(self, **changes: float | None) -> None:
@@ -135,6 +138,41 @@ class LiveBench:
         """Take a reading that a person typed, of another meter, for the selected region."""
         self._note(luminance_cd_m2, self.workspace.selected or "")
         self.workspace.changed()
+
+    def record(self, name: str) -> None:
+        """Record the plan with the regions of the page, into a folder of the current one."""
+        if self.busy:
+            return
+        try:
+            if self.plan is None or self.meter is None:
+                raise InputError("a plan and a meter are needed: start labcdp bench with PLAN and --meter")
+            if not name or Path(name).name != name or name.startswith("."):
+                raise InputError("the session needs a plain name of a folder")
+            plan = with_regions(self.plan, self.workspace.drawing.rois)
+        except LabcdpError as error:
+            self._say(str(error))
+            self.workspace.changed()
+            return
+        self.notice = ""
+        recording = self.recording = Recording(Path(name), plan, PageOperator(self._ask, self._hands))
+        self._work(f"Recording {name}", recording.run(self.camera, self.meter, self._tell))
+
+    @property
+    def results(self) -> Path | None:
+        """Folder of the last report."""
+        report = None if self.recording is None else self.recording.report
+        return None if report is None else report.parent
+
+    def _tell(self) -> None:
+        self._server.call(self.workspace.changed)
+
+    def _ask(self) -> None:
+        """Show the question of the acquisition, and select the patch that it is about."""
+        question = None if self.recording is None else self.recording.operator.question
+        patch = question.patch if question is not None else ""
+        if patch:
+            self._server.call(partial(self.workspace.select, patch))
+        self._tell()
 
     def fit_exposure(self) -> None:
         """Fit the exposure to the regions, or to the whole image if there are none."""
@@ -156,8 +194,8 @@ class LiveBench:
 
     def _readings(self, meter: Meter, region: str) -> Iterator[str]:
         try:
-            if self._point is not None and region:
-                self._point(region)
+            if self._hands is not None and region:
+                self._hands.point_meter(region)
             self._note(meter.measure().luminance_cd_m2, region)
             yield ""
         except LabcdpError as error:

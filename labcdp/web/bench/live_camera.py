@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from time import monotonic
-from typing import cast
+from typing import Any, cast
 
 from ...core.errors import LabcdpError
 from ...core.frame import Frame
@@ -41,6 +41,8 @@ class Live:
         When the newest frame arrived, by the monotonic clock.
     streaming : bool
         Whether the camera is open.
+    lent : bool
+        Whether an acquisition has the camera.
     error : str
         Why there are no frames, or why a setting was rejected.
     """
@@ -53,12 +55,13 @@ class Live:
     rate_hz: float = 0.0
     received_s: float = 0.0
     streaming: bool = False
+    lent: bool = False
     error: str = ""
 
     @property
     def overdue(self) -> bool:
         """Whether the next frame should have arrived more than a second ago."""
-        if not self.streaming or self.settings is None:
+        if not self.streaming or self.lent or self.settings is None:
             return False
         period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
         return monotonic() - self.received_s > 1 + max(self.settings.exposure_s, period_s)
@@ -83,6 +86,8 @@ class LiveCamera:
         self._changed = Condition()
         self._live = Live()
         self._n_viewers = 0
+        #: Held by who has the camera open.
+        self._open = Lock()
         self._ended = False
         #: Settings requested since the camera was configured, and all that were accepted before.
         self._requested: dict[str, float | str] = {}
@@ -128,22 +133,33 @@ class LiveCamera:
         """Whether it was stopped."""
         return self._ended
 
+    @contextmanager
+    def lent(self) -> Iterator[Camera]:
+        """Give the camera, open, to an acquisition; its frames are shown meanwhile."""
+        self._publish(lent=True)
+        try:
+            with self._open, self._camera as camera:
+                self._publish(settings=camera.settings, streaming=True, error="")
+                yield cast(Camera, _Watched(camera, self._receive))
+        finally:
+            self._publish(streaming=False, rate_hz=0.0, lent=False)
+
     def _count_viewers(self, more: int) -> None:
         with self._changed:
             self._n_viewers += more
             self._changed.notify_all()
 
     def _going(self) -> bool:
-        return self._n_viewers > 0 and not self._ended
+        return self._n_viewers > 0 and not self._ended and not self._live.lent
 
     def _run(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._going() or self._ended)
-            if not self._going():
+            if self._ended:
                 return
             try:
-                with self._camera as camera:
+                with self._open, self._camera as camera:
                     self._stream(camera)
             except LabcdpError as error:
                 self._publish(error=str(error), streaming=False, rate_hz=0.0)
@@ -197,3 +213,33 @@ class LiveCamera:
         with self._changed:
             self._live = replace(self._live, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
+
+
+class _Watched:
+    """A camera whose frames are also shown.
+
+    Parameters
+    ----------
+    camera : Camera
+        Open.
+    show : function
+        Receives each frame.
+    """
+
+    def __init__(self, camera: Camera, show: Callable[[Frame], None]) -> None:
+        self._camera, self._show = camera, show
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._camera, name)
+
+    def snap(self, timeout_s: float | None = None) -> Frame:
+        """Take one frame."""
+        frame = self._camera.snap(timeout_s)
+        self._show(frame)
+        return frame
+
+    def grab(self, *arguments: Any, **options: Any) -> Iterator[Frame]:
+        """Take frames."""
+        for frame in self._camera.grab(*arguments, **options):
+            self._show(frame)
+            yield frame

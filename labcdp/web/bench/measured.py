@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ...acquire import Operator
+from ...drivers.meter import Meter
+from ...session import SessionConfiguration
 from ..regions.drawing import Drawing
 from ..regions.measurements import Evaluated, Evaluation, Measurements
 
@@ -26,6 +29,25 @@ class Target:
     contrast: float | None = None
     epsilon: float = 0.5
     limit: float = 0.9
+
+
+@dataclass(frozen=True)
+class BenchOfPage:
+    """What stands on the bench beside the camera.
+
+    Parameters
+    ----------
+    meter : Meter or None
+        Open.
+    plan : SessionConfiguration or None
+        What is to be recorded.
+    hands : Operator or None
+        The simulated bench, which does what a person does at a real one.
+    """
+
+    meter: Meter | None = None
+    plan: SessionConfiguration | None = None
+    hands: Operator | None = None
 
 
 @dataclass(frozen=True)

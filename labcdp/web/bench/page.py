@@ -18,6 +18,7 @@ from ..regions.display import DisplayScale
 from ..regions.page import Page
 from ..regions.wording import warning_list
 from .live_bench import TRACE_S, LiveBench
+from .record_tab import RecordTab
 from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
 
 _WIDTH = 440
@@ -55,6 +56,7 @@ class BenchPage:
 
         names = ("strip", "settings", "table", "notice", "findings")
         self._strip, self._settings, self._table, self._notice, self._findings = map(html, names)
+        self._record = RecordTab(bench, html)
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
         self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
         self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
@@ -95,7 +97,13 @@ class BenchPage:
             scroll="y",
             margin=0,
         )
-        side = pn.Tabs(("Live", live), ("Regions", self._regions.side()), width=_WIDTH, sizing_mode="stretch_height")
+        side = pn.Tabs(
+            ("Live", live),
+            ("Regions", self._regions.side()),
+            ("Record", self._record.layout()),
+            width=_WIDTH,
+            sizing_mode="stretch_height",
+        )
         row = pn.Row(self._regions.picture_pane(), side, sizing_mode="stretch_both", min_height=380, margin=0)
         return pn.Column(self._strip, row, sizing_mode="stretch_both", margin=0), self._picture.script()
 
@@ -110,7 +118,8 @@ class BenchPage:
         workspace = bench.workspace
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
-        words = bench.busy or bench.notice
+        self._record.update()
+        words = bench.busy or bench.notice or bench.mismatch
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         now_s = monotonic()
         points = bench.trace
@@ -183,12 +192,8 @@ class BenchPage:
 
     def _buttons(self) -> list[Any]:
         buttons = []
-        actions: tuple[tuple[str, Callable[[], None], str], ...] = (
-            ("Fit exposure", self.bench.fit_exposure, "Bring the brightest region to 80 % of the range"),
-            ("Read meter", self.bench.take_reading, "Take a reading for the selected region"),
-        )
-        for name, action, tip in actions:
-            button = pn.widgets.Button(name=name, description=tip, margin=(3, 4))
+        for name, action in (("Fit exposure", self.bench.fit_exposure), ("Read meter", self.bench.take_reading)):
+            button = pn.widgets.Button(name=name, margin=(3, 4))
             button.on_click(lambda _event, action=action: action())
             buttons.append(button)
         return buttons

@@ -24,9 +24,12 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "…", "open", "opening")
     if bench.paused:
         return _card("Camera", "paused", "open", "the image stands still; the camera goes on")
+    if live.lent and not live.streaming:
+        return _card("Camera", "recording", "good", "waits for the recording")
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
-    lines = [f"{exposure(live.settings.exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
+    exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
+    lines = [f"{exposure(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
     now, best = bench.focus
     lines += [f"sharpness {100 * now / best:.0f} % of the best"] if best else []
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []

@@ -150,6 +150,10 @@ class Workspace:
             return False
         return True
 
+    def select(self, name: str) -> None:
+        """Select a region, if there is one of this name."""
+        self.do({"do": "select", "name": name})
+
     def begin(self) -> None:
         """Measure the initial drawing and show initial proposals."""
         if self._proposals:

@@ -1,0 +1,207 @@
+"""Record the plan of a session, guided by the page: the same acquisition as on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Condition
+from typing import TYPE_CHECKING
+
+from ...acquire import AcquisitionStoppedError, Control, acquire
+from ...core.errors import LabcdpError
+from ...drivers.meter import Meter
+from ...session import Session, SessionConfiguration
+from .live_camera import LiveCamera
+
+if TYPE_CHECKING:
+    from ...acquire import CheckFinding, Operator
+    from ...acquire.progress import Progress
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the person at the bench is asked.
+
+    Parameters
+    ----------
+    text : str
+        One sentence.
+    patch : str
+        Patch it is about; empty if none.
+    answers : tuple of str
+        Buttons; the first one goes on.
+    findings : tuple of str
+        What was found and why it is asked.
+    """
+
+    text: str
+    patch: str = ""
+    answers: tuple[str, ...] = ("Done",)
+    findings: tuple[str, ...] = ()
+
+
+class PageOperator:
+    """The person at the bench, asked on the page.
+
+    Parameters
+    ----------
+    changed : function
+        Called when there is another question.
+    hands : Operator or None
+        The simulated bench, which then does what the person confirmed.
+    """
+
+    def __init__(self, changed: Callable[[], None], hands: Operator | None) -> None:
+        self._changed, self._hands = changed, hands
+        self._condition = Condition()
+        self._question: Question | None = None
+        self._answer: str | None = None
+        self._ended = False
+
+    @property
+    def question(self) -> Question | None:
+        """The question that waits for its answer."""
+        return self._question
+
+    def answer(self, text: str) -> None:
+        """Answer the question."""
+        with self._condition:
+            self._answer = text
+            self._condition.notify_all()
+
+    def end(self) -> None:
+        """Stop asking: a question that waits ends the acquisition."""
+        with self._condition:
+            self._ended = True
+            self._condition.notify_all()
+
+    def cover_lens(self) -> None:
+        """Ask for the cap."""
+        self._ask(Question("Cover the lens."))
+        if self._hands is not None:
+            self._hands.cover_lens()
+
+    def uncover_lens(self) -> None:
+        """Ask for a free lens."""
+        self._ask(Question("Uncover the lens and light the target."))
+        if self._hands is not None:
+            self._hands.uncover_lens()
+
+    def point_meter(self, patch: str) -> None:
+        """Ask for the meter to be pointed."""
+        self._ask(Question(f"Point the luminance meter at the centre of patch {patch}.", patch))
+        if self._hands is not None:
+            self._hands.point_meter(patch)
+
+    def show_patch(self, patch: str) -> None:
+        """Ask for the next patch."""
+        self._ask(Question(f"Place patch {patch} in front of camera and luminance meter.", patch))
+        if self._hands is not None:
+            self._hands.show_patch(patch)
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Ask whether to repeat a unit."""
+        question = Question(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
+        return self._ask(question) == "Repeat"
+
+    def _ask(self, question: Question) -> str:
+        with self._condition:
+            self._question, self._answer = question, None
+        self._changed()
+        with self._condition:
+            self._condition.wait_for(lambda: self._answer is not None or self._ended)
+            self._question = None
+        self._changed()
+        return self._answered()
+
+    def _answered(self) -> str:
+        answer = self._answer
+        if answer is None:
+            raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")
+        return answer
+
+
+class Recording:
+    """An acquisition of a plan, its calibration and its report.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the session; an interrupted one is resumed.
+    configuration : SessionConfiguration
+        The plan.
+    operator : PageOperator
+        Asks for manual steps.
+    """
+
+    def __init__(self, folder: Path, configuration: SessionConfiguration, operator: PageOperator) -> None:
+        self.folder, self.operator, self.control = folder, operator, Control()
+        self.progress: Progress | None = None
+        #: Page of the results, once there is one.
+        self.report: Path | None = None
+        #: How it ended; empty until then.
+        self.outcome = ""
+        self._configuration = configuration
+
+    def stop(self) -> None:
+        """Stop after the current frame; the same folder resumes."""
+        self.control.stop()
+        self.operator.end()
+
+    def run(self, camera: LiveCamera, meter: Meter, changed: Callable[[], None]) -> Iterator[str]:
+        """Record, calibrate and evaluate; yields what to tell the person meanwhile.
+
+        Parameters
+        ----------
+        camera : LiveCamera
+            Lends its camera meanwhile.
+        meter : Meter
+            Open.
+        changed : function
+            Called after each frame and reading.
+        """
+
+        def report(progress: Progress) -> None:
+            self.progress = progress
+            changed()
+
+        try:
+            with self._session() as session:
+                with camera.lent() as lent:
+                    acquire(session, lent, meter, self.operator, report, control=self.control)
+                yield "Calibrating and evaluating …"
+                self.report = _report(session)
+        except LabcdpError as error:
+            self.outcome = f"{str(error)[:1].upper()}{str(error)[1:]}; {self.folder} holds what was recorded"
+        else:
+            self.outcome = f"Recorded in {self.folder}; report: {self.report}"
+
+    def _session(self) -> Session:
+        if not self.folder.exists():
+            return Session.create(self.folder, self._configuration)
+        session = Session.open(self.folder, writable=True)
+        if session.configuration != self._configuration:
+            session.close()
+            raise LabcdpError(f"{self.folder} was started with another plan: give another folder")
+        return session
+
+
+def _report(session: Session) -> Path:
+    """Calibrate and evaluate a session into ``NAME-evaluate`` in the current folder; returns its page."""
+    from ...calibration import save
+    from ...evaluate.bench.calibrate import calibrate_session
+    from ...evaluate.bench.observe import observe_session
+    from ...evaluate.bench.report.page import write_results
+    from ...evaluate.bench.report.result import session_input, session_result
+    from ...evaluate.bench.session import evaluate_session
+    from ...output import ResultsFolder
+
+    observed = observe_session(session)
+    calibration = calibrate_session(observed)
+    evaluation = evaluate_session(session, observed, calibration)
+    result = session_result(evaluation, [session_input(session)])
+    with ResultsFolder(f"{session.path.name}-evaluate", "evaluate", force=True) as results:
+        save(calibration, results.path("calibration.json"))
+        write_results(evaluation, result, results)
+    return results.folder / "report.html"

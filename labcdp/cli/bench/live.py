@@ -129,6 +129,7 @@ def _serve(
     place: tuple[str, int, bool, Callable[[str], None]],
     as_json: bool,
 ) -> None:
+    from ...acquire.before import prepare_camera
     from ...evaluate.picture.light.picture import picture_conversion
     from ...web.bench.live_bench import LiveBench
     from ...web.bench.live_camera import LiveCamera
@@ -139,12 +140,18 @@ def _serve(
 
     address, port, open_page, tell_others = place
     conversion = picture_conversion(calibration, None, None)
-    settings = _settings(devices.plan)
+    settings, plan = _settings(devices.plan), devices.plan
+
+    def prepare(camera: Camera) -> None:
+        if plan is not None:
+            prepare_camera(camera, plan.camera)
+
+    prepare(camera)
     camera.configure(**settings)
     frame = camera.snap()
     camera.close()
     server = Server(address, port)
-    live = LiveBench(LiveCamera(camera, settings), conversion, devices, server, target)
+    live = LiveBench(LiveCamera(camera, settings, prepare), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     workspace = Workspace(live.measurements(frame), files, _start(files, devices.plan), server.elsewhere)
     tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)

@@ -79,10 +79,17 @@ class LiveCamera:
         Closed.
     settings : dict
         Settings to begin with, as of `Camera.configure`.
+    prepare : function
+        Prepares the camera each time it was opened, before it is configured.
     """
 
-    def __init__(self, camera: Camera, settings: Mapping[str, float | str]) -> None:
-        self._camera = camera
+    def __init__(
+        self,
+        camera: Camera,
+        settings: Mapping[str, float | str],
+        prepare: Callable[[Camera], object] = lambda _camera: None,
+    ) -> None:
+        self._camera, self._prepare = camera, prepare
         self._changed = Condition()
         self._live = Live()
         self._n_viewers = 0
@@ -169,6 +176,7 @@ class LiveCamera:
                 self._publish(streaming=False, rate_hz=0.0)
 
     def _stream(self, camera: Camera) -> None:
+        self._prepare(camera)
         with self._changed:
             self._requested = self._accepted | self._requested
         self._configure(camera)

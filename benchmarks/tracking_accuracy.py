@@ -33,7 +33,8 @@ from labcdp.metrics import cdp
 from labcdp.tracking import METHODS, TrackedRoi, make_tracker
 
 sys.path.append(str(Path(__file__).parents[1]))
-from tests.tracking.disturbances import CASES, frames_of
+from tracking_disturbances import CASES, frames_of
+
 from tests.tracking.simulated import Moment, SimulatedFrame, SimulatedVideo, pose, shift
 
 NEAR_PX, NOTICED_WITHIN = 2.0, 5

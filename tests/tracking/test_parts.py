@@ -1,9 +1,9 @@
-"""The parts of a tracker: transforms, noise, alignment, search, scene changes, points."""
+"""The parts of a tracker: noise, alignment, search, scene changes, points."""
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labcdp.core.roi import Roi
@@ -17,6 +17,8 @@ from labcdp.tracking.sight import Sight, noise_dn
 
 from .simulated import pose
 
+SIGN = Roi.rectangle("sign", 80, 60, 30, 24)
+
 
 def scene(shape=(160, 200), seed=1, coarse=3.0):
     noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
@@ -27,41 +29,29 @@ def rounded(light):
     return Sight(np.clip(np.rint(light), 0, 255).astype(np.uint8))
 
 
-SIGN = Roi.rectangle("sign", 80, 60, 30, 24)
-
-
-@given(st.lists(st.floats(-3, 3), min_size=8, max_size=8))
-def test_the_inverse_undoes_a_transform(numbers):
-    matrix = np.array([*numbers, 1.0]).reshape(3, 3)
-    if abs(np.linalg.det(matrix)) < 1e-3:
-        return
-
-    assert inverse(matrix) @ matrix == pytest.approx(np.eye(3), abs=1e-9)
-
-
 @pytest.mark.parametrize("sigma_dn", [1.0, 6.0])
 def test_noise_is_distinguished_from_edges_and_slopes(sigma_dn):
     y, x = np.mgrid[:60, :80]
     light = 40 + 0.3 * x + 60 * (x > 33) + 50 * (y > 20)
     noisy = light + sigma_dn * np.random.default_rng(1).standard_normal(light.shape)
-
     assert noise_dn(noisy.astype(np.float32)) == pytest.approx(sigma_dn, rel=0.12)
     assert noise_dn(light.astype(np.float32)) == 0.3
 
 
+def aligned(template, light, start, margin, *known_light, planar=False):
+    view = view_around(rounded(light), template, template.to_image, margin)
+    return Aligner(template, planar=planar).align(view, start, *known_light)
+
+
 def test_a_place_is_found_as_well_as_the_bound_allows():
-    light, sigma_dn, rng = scene(coarse=4), 6.0, np.random.default_rng(2)
-    light = 100 + 0.5 * (light - 100)
+    """Spread over 30 frames, which is known to 1 / sqrt(60) = 13 %."""
+    light, sigma_dn, rng = 50 + 0.5 * scene(coarse=4), 6.0, np.random.default_rng(2)
     template = make_template(rounded(light + sigma_dn * rng.standard_normal(light.shape)), SIGN)
-    aligner = Aligner(template, planar=False)
     places = []
-    for _ in range(60):
-        grey = rounded(light + sigma_dn * rng.standard_normal(light.shape))
-        view = view_around(grey, template, template.to_image, 10)
-        fit = aligner.align(view, template.to_image)
+    for _ in range(30):
+        fit = aligned(template, light + sigma_dn * rng.standard_normal(light.shape), template.to_image, 10)
         places.append(carried(SIGN, fit.to_image @ inverse(template.to_image)).centre)
     spread = np.linalg.eigvalsh(np.cov(np.array(places).T))[-1] ** 0.5
-
     # Scale and rotation are found as well, and the bound is for known ones and for Gaussian weights.
     assert 0.7 < spread / place_uncertainty_px(template) < 2.5
 
@@ -70,28 +60,20 @@ def test_a_place_is_found_as_well_as_the_bound_allows():
 def test_the_light_does_not_move_a_region(planar):
     light = scene()
     template = make_template(rounded(light), SIGN)
-    aligner = Aligner(template, planar=planar)
     for gain, offset in ((1.0, 0.0), (0.4, 5.0), (0.5, 120.0)):
-        view = view_around(rounded(gain * light + offset), template, template.to_image, 20)
-        fit = aligner.align(view, shift(3, -2) @ template.to_image)
-        found = transform(fit.to_image, template.corners)
-
+        fit = aligned(template, gain * light + offset, shift(3, -2) @ template.to_image, 20, planar=planar)
         assert fit.light[0] == pytest.approx(gain, rel=0.01)
         assert fit.quality > 0.98
-        assert np.abs(found - SIGN.corners).max() < 0.1
+        assert np.abs(transform(fit.to_image, template.corners) - SIGN.corners).max() < 0.1
 
 
 def test_the_quality_is_the_share_of_structure_in_sight():
     light = scene(coarse=2)
     template = make_template(rounded(light), SIGN)
-    aligner = Aligner(template, planar=False)
     (x0, _), (x1, _) = transform(template.to_image, np.array([(0.0, 0.0), (template.shape[1], 0.0)]))
     for share in (0.0, 0.2, 0.4):
-        covered = light.copy()
-        covered[:, : round(x0 + share * (x1 - x0))] = 255
-        view = view_around(rounded(covered), template, template.to_image, 10)
-        fit = aligner.align(view, template.to_image, (1.0, 0.0))
-
+        covered = np.where(np.arange(200) < round(x0 + share * (x1 - x0)), 255, light)
+        fit = aligned(template, covered, template.to_image, 10, (1.0, 0.0))
         assert fit.quality == pytest.approx(1 - share, abs=0.08)
 
 
@@ -100,25 +82,16 @@ def test_a_target_is_found_in_the_whole_frame_in_another_size():
     template = make_template(rounded(light), SIGN)
     look = look_at(rounded(light), template.to_image, (0, 0, *template.shape[::-1]))
     larger = cv2.warpAffine(light, np.array([[1.12, 0, 160.0], [0, 1.12, 145.0]]), (500, 400))
-
     best = candidates(rounded(larger), [(look, 1.0)], 1)[0]
-
     assert transform(best, template.corners).mean(axis=0) == pytest.approx((1.12 * 95 + 160, 1.12 * 72 + 145), abs=3)
 
 
 def test_a_cut_and_a_blank_frame_are_distinguished_from_light_and_motion():
-    one, other = (rounded(scene((240, 320), seed=seed, coarse=12)).frame for seed in (1, 2))
-    watch = SceneWatch(Sight(one))
-
-    def change(frame):
-        return watch.look(Sight(frame)).change
-
-    assert change(rounded(0.3 * one + 10).frame) == ""
-    assert change(np.roll(one, 8, axis=1)) == ""
-    assert change(np.zeros_like(one)) == "blank"
-    assert change(one) == ""
-    assert change(other) == "cut"
-    assert change(other) == ""
+    one, other = (scene((240, 320), seed=seed, coarse=12) for seed in (1, 2))
+    watch = SceneWatch(rounded(one))
+    shown = [(0.3 * one + 10, ""), (np.roll(one, 8, axis=1), ""), (0 * one, "blank"), (one, ""), (other, "cut")]
+    for light, change in [*shown, (other, "")]:
+        assert watch.look(rounded(light)).change == change
 
 
 def test_the_motion_of_the_scene_is_known_whatever_the_light_and_after_another_scene():
@@ -132,6 +105,7 @@ def test_the_motion_of_the_scene_is_known_whatever_the_light_and_after_another_s
     assert watch.look(rounded(light[20:260, 38:358])).epoch == 0
 
 
+@settings(max_examples=40)
 @given(
     scale=st.floats(0.8, 1.25), angle=st.floats(-0.3, 0.3), x=st.floats(-9, 9), y=st.floats(-9, 9),
     seed=st.integers(0, 10**6),
@@ -142,8 +116,5 @@ def test_the_common_motion_does_not_mind_a_quarter_of_wrong_points(scale, angle,
     motion = shift(30, 30) @ pose(x, y, scale, angle) @ shift(-30, -30)
     after = transform(motion, before) + rng.normal(0, 0.02, before.shape)
     after[:10] += rng.uniform(-25, 25, (10, 2))
-
-    found = common_motion(before, after)
-
     corners = np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0)])
-    assert np.abs(transform(found, corners) - transform(motion, corners)).max() < 0.2
+    assert np.abs(transform(common_motion(before, after), corners) - transform(motion, corners)).max() < 0.2

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from labcdp.core.roi import Roi
-
-from .simulated import Cover, Matrix, Moment, SimulatedFrame, SimulatedVideo, pose, scaling, shift
+from tests.tracking.simulated import Cover, Matrix, Moment, SimulatedFrame, SimulatedVideo, pose, scaling, shift
 
 #: Frames of each video.
 LENGTH = 60

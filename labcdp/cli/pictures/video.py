@@ -18,18 +18,17 @@ from ..options import (
     CONTRAST_HELP,
     PAIR_METAVAR,
     contrasts_or_measured,
-    parse_pair,
     parse_seconds,
     parse_tolerance,
 )
 from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .picture_options import BITS_OPTION, EXPOSURE_OPTION, GAIN_OPTION
+from .video_options import parse_reference, rois_and_pairs, rois_of_pair
 
 if TYPE_CHECKING:
     from ...core.result import Result
-    from ...core.roi import Roi
-    from ...evaluate.video.settings import Observer, Reference, VideoSettings
+    from ...evaluate.video.settings import Observer, VideoSettings
     from ...output import ResultsFolder
 
 _ENCODINGS = ("linear", "srgb")
@@ -133,15 +132,15 @@ def video(
         raise InputError(f"--encoding is {encoding!r}: give {' or '.join(_ENCODINGS)}")
     if reference_by not in _MATCHED_BY:
         raise InputError(f"--reference-by is {reference_by!r}: give {' or '.join(_MATCHED_BY)}")
-    rois, pairs = _rois(roi, pair, neighbours)
+    rois, pairs = rois_and_pairs(roi, pair, neighbours)
     # Any two of many regions show whether all else is right.
     settings = VideoSettings(
-        rois=_of_pair(rois, pairs[0]) if pairs else (),
+        rois=rois_of_pair(rois, pairs[0]) if pairs else (),
         contrasts=contrasts_or_measured(contrast),
         image_size=None if roi is None else image_size_of(roi),
         method=method_among(method, [one.name for one in rois], pairs[0]) if pairs else method,
         epsilon=parse_tolerance(epsilon),
-        reference=None if reference is None else _reference(reference),
+        reference=None if reference is None else parse_reference(reference),
         reference_by=cast(Literal["number", "time"], reference_by),
         selection=Selection(
             Position.parse(start, "--start"),
@@ -160,7 +159,7 @@ def video(
     of_pairs = {
         f"{bright}:{dark}": replace(
             settings,
-            rois=_of_pair(rois, (bright, dark)),
+            rois=rois_of_pair(rois, (bright, dark)),
             method=method_among(method, [one.name for one in rois], (bright, dark)),
         )
         for bright, dark in (pairs if len(pairs) > 1 else ())
@@ -251,10 +250,10 @@ def _several(
     force: bool,
     as_json: bool,
 ) -> None:
-    from ...evaluate.video.archive.cluster import TlsFiles
     from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
     from ...evaluate.video.archive.report import write_archive
     from ...evaluate.video.archive.result import archive_result
+    from ...evaluate.video.archive.tls import TlsFiles
     from ...evaluate.video.checks import require_same_evaluation
     from ...evaluate.video.configuration import video_configuration
     from ...evaluate.video.reference import make_reference
@@ -317,49 +316,3 @@ def _paths(files: Sequence[Path]) -> list[Path]:
             if first is not path:
                 say(f"Note: {path} is the same video as {first} and is evaluated once")
     return list(found.values())
-
-
-def _of_pair(rois: Sequence[Roi], pair: tuple[str, str]) -> tuple[Roi, ...]:
-    named = {one.name: one for one in rois}
-    return tuple(named[name] for name in pair)
-
-
-def _rois(
-    path: Path | None, pairs: Sequence[str], neighbours: bool
-) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
-    """Regions, and the pairs of them that are evaluated; none for nearest-neighbour CDP."""
-    from ...regions import load_regions, rois_of
-
-    if neighbours:
-        if path is not None or pairs:
-            raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
-        return (), ()
-    if path is None:
-        raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
-    found = {one.name: one for one in rois_of(load_regions(path))}
-    if not pairs:
-        if len(found) != 2:
-            raise InputError(
-                f"{path} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
-                if len(found) > 2
-                else f"{path} holds one region: draw a second one, a CDP is of two"
-            )
-        first, second = found
-        return tuple(found.values()), ((first, second),)
-    chosen = tuple(dict.fromkeys(parse_pair(pair, list(found)) for pair in pairs))
-    return tuple(found.values()), chosen
-
-
-def _reference(text: str) -> Reference:
-    if text == "first":
-        return "first"
-    if text.endswith("%"):
-        contrast = fraction_of_percent(text, "--reference")
-        if not 0 < contrast < float("inf"):
-            raise InputError(f"--reference is {text!r}: give a contrast above 0%")
-        return contrast
-    if not Path(text).is_file():
-        raise InputError(
-            f"--reference is {text!r}: give a contrast such as 1000%, first, or results.nc of another video"
-        )
-    return Path(text)

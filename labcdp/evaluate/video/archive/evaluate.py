@@ -16,8 +16,9 @@ from ....core.finding import Finding, warning
 from ....core.json_text import results_json
 from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
-from .cluster import Cluster, TlsFiles, open_cluster
+from .cluster import Cluster, open_cluster
 from .record import ArchiveTask, finished_values, record_finished
+from .tls import TlsFiles
 
 #: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
 #: sent to other processes: a function of a module, or a `functools.partial` of one, with the same results everywhere.

@@ -26,7 +26,7 @@ from ..files.video.selection import Position, Selection
 from ..files.video.source import VideoSource
 from ..metrics import Epsilon
 from ..report.findings import finding_text
-from ..tracking import methods_of
+from ..tracking import method_among, methods_of
 from .arguments import (
     Contrasts,
     Pairs,
@@ -330,12 +330,10 @@ class TrackedRegions:
     ) -> Dataset:
         named = {roi.name: roi for roi in self.rois}
         rois = (named[pair[0]], named[pair[1]])
-        methods = dict(zip(named, methods_of(self.method, list(named)), strict=True))
-        own = [methods[name] for name in pair]
         settings = VideoSettings(
             contrasts=None if contrasts is None else tuple(contrasts),
             rois=rois,
-            method=own[0] if own[0] == own[1] else ",".join(f"{name}={methods[name]}" for name in pair),
+            method=method_among(self.method, list(named), pair),
             epsilon=epsilon,
             reference=reference,
             reference_by=reference_by,

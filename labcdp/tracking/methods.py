@@ -49,6 +49,26 @@ def methods_of(method: str, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(own.get(name, general) for name in names)
 
 
+def method_among(method: str, names: Sequence[str], chosen: Sequence[str]) -> str:
+    """Return the method of some of the regions as `methods_of` takes it for these alone.
+
+    Parameters
+    ----------
+    method, names
+        As for `methods_of`, of all regions.
+    chosen : sequence of str
+        Names of those that are followed.
+
+    Raises
+    ------
+    InputError
+        If a method or a region is unknown.
+    """
+    found = dict(zip(names, methods_of(method, names), strict=True))
+    own = [found[name] for name in chosen]
+    return own[0] if len(set(own)) == 1 else ",".join(f"{name}={found[name]}" for name in chosen)
+
+
 def make_tracker(method: str, grey: NDArray[Any], rois: Sequence[Roi]) -> Tracker:
     """Make a tracker that has seen the first frame.
 

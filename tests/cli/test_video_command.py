@@ -106,6 +106,26 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     assert {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")} == before
 
 
+def test_several_pairs_are_as_each_alone(labcdp, drive, rois):
+    asked = ("--roi", "three.json", "--contrast", "50%,200%", "--method", "fixed,sign=follow", "--json")
+    pairs = {"sign:ground": "drive-1-sign-ground", "third:ground": "drive-2-third-ground"}
+    told = [word for pair in pairs for word in ("--pair", pair)]
+    done = labcdp("video", drive, *asked, *told, "-o", "all")
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    Draft202012Validator(schema()).validate(values)
+    assert [row["video"] for row in rows(values, "videos")] == list(pairs.values())
+    for number, (pair, folder) in enumerate(pairs.items()):
+        alone = labcdp("video", drive, *asked, "--pair", pair, "-o", f"alone-{number}")
+        assert alone.returncode == 0, alone.stderr
+        expected = [{"video": folder, **row} for row in rows(json.loads(alone.stdout), "contrasts")]
+        assert [row for row in rows(values, "contrasts") if row["video"] == folder] == expected
+        assert (drive.parent / "all" / folder / "report.html").exists()
+    # Nothing is left to do; other pairs have another folder.
+    again = labcdp("video", drive, *asked, *told, "-o", "all")
+    assert all(row["resumed"] for row in rows(json.loads(again.stdout), "videos"))
+
+
 def test_what_is_left_out_is_reported(labcdp, tmp_path, drive):
     (tmp_path / "images").mkdir()
     cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((4, 4), np.uint8))
@@ -142,7 +162,7 @@ def test_a_session_with_its_calibration(labcdp, tmp_path):
         ((), "no regions given: give a file with --roi (see labcdp rois), or --neighbours"),
         (
             ("--roi", "three.json"),
-            "three.json holds 3 regions (sign, ground, third): choose two with --pair",
+            "three.json holds 3 regions (sign, ground, third): choose pairs with --pair",
         ),
         (("--roi", "rois.json", "--neighbours"), "--neighbours needs no regions"),
         (("--roi", "rois.json", "--method", "magic"), "unknown tracking method 'magic'"),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -17,18 +18,17 @@ from ..options import (
     CONTRAST_HELP,
     PAIR_METAVAR,
     contrasts_or_measured,
-    parse_pair,
     parse_seconds,
     parse_tolerance,
 )
 from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .picture_options import BITS_OPTION, EXPOSURE_OPTION, GAIN_OPTION
+from .video_options import parse_reference, rois_and_pairs, rois_of_pair
 
 if TYPE_CHECKING:
     from ...core.result import Result
-    from ...core.roi import Roi
-    from ...evaluate.video.settings import Observer, Reference, VideoSettings
+    from ...evaluate.video.settings import Observer, VideoSettings
     from ...output import ResultsFolder
 
 _ENCODINGS = ("linear", "srgb")
@@ -44,8 +44,11 @@ def video(
     roi: Path | None = typer.Option(
         None, "--roi", help="File with the regions in the first frame: .json of labcdp rois, or .roi or .zip of ImageJ."
     ),
-    pair: str | None = typer.Option(
-        None, "--pair", metavar=PAIR_METAVAR, help="Names of two regions, if the file contains more than two."
+    pair: list[str] = typer.Option(
+        [],
+        "--pair",
+        metavar=PAIR_METAVAR,
+        help="Names of two regions, if the file contains more than two; may be repeated.",
     ),
     neighbours: bool = typer.Option(
         False,
@@ -116,25 +119,28 @@ def video(
     The regions follow their objects; frames in which one is lost have no value. Without --contrast, the contrast
     measured in the first frame is used. Without calibration and camera specification, relative luminance is used;
     contrasts are unaffected. Writes a page with a plot over time, a spreadsheet and NetCDF. The same command resumes an
-    interrupted evaluation. Several videos are evaluated on all cores.
+    interrupted evaluation. Several videos, and several pairs of regions, are evaluated on all cores.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
     """
     from ...evaluate.video.settings import VideoSettings
     from ...files.video.selection import Position, Selection
     from ...regions import image_size_of
+    from ...tracking import method_among
 
     if encoding is not None and encoding not in _ENCODINGS:
         raise InputError(f"--encoding is {encoding!r}: give {' or '.join(_ENCODINGS)}")
     if reference_by not in _MATCHED_BY:
         raise InputError(f"--reference-by is {reference_by!r}: give {' or '.join(_MATCHED_BY)}")
+    rois, pairs = rois_and_pairs(roi, pair, neighbours)
+    # Any two of many regions show whether all else is right.
     settings = VideoSettings(
-        rois=_rois(roi, pair, neighbours),
+        rois=rois_of_pair(rois, pairs[0]) if pairs else (),
         contrasts=contrasts_or_measured(contrast),
         image_size=None if roi is None else image_size_of(roi),
-        method=method,
+        method=method_among(method, [one.name for one in rois], pairs[0]) if pairs else method,
         epsilon=parse_tolerance(epsilon),
-        reference=None if reference is None else _reference(reference),
+        reference=None if reference is None else parse_reference(reference),
         reference_by=cast(Literal["number", "time"], reference_by),
         selection=Selection(
             Position.parse(start, "--start"),
@@ -150,14 +156,25 @@ def video(
         damaged=damaged,
     )
     paths = _paths(files)
-    if len(paths) == 1 and cluster is None:
+    of_pairs = {
+        f"{bright}:{dark}": replace(
+            settings,
+            rois=rois_of_pair(rois, (bright, dark)),
+            method=method_among(method, [one.name for one in rois], (bright, dark)),
+        )
+        for bright, dark in (pairs if len(pairs) > 1 else ())
+    }
+    if len(paths) == 1 and cluster is None and not of_pairs:
         results = results_folder(context, paths[0], output, force)
         _one(paths[0], settings, results, annotated, frames, as_json)
+        page = "report.html"
     else:
         source = files[0] if len(files) == 1 else "videos"
         results = results_folder(context, source, output, force, resume=True)
-        _several(paths, settings, results, (annotated, frames), (cluster, workers, cluster_tls), force, as_json)
-    show_page(results.folder / "report.html", open_page)
+        where = (cluster, workers, cluster_tls)
+        _several(paths, settings, of_pairs, results, (annotated, frames), where, force, as_json)
+        page = "archive.html"
+    show_page(results.folder / page, open_page)
 
 
 def evaluate_into(
@@ -192,12 +209,18 @@ def evaluate_into(
 
 
 def evaluate_values(
-    settings: VideoSettings, annotated: bool, frames: bool, path: Path, results: ResultsFolder
+    settings: VideoSettings | Mapping[str, VideoSettings],
+    annotated: bool,
+    frames: bool,
+    path: Path,
+    results: ResultsFolder,
+    pair: str = "",
 ) -> dict[str, Any]:
-    """Evaluate a video as `evaluate_into`, and return its result as values JSON can hold."""
+    """Evaluate a video, or a pair of its regions, as `evaluate_into`; return its result as values JSON can hold."""
     from ...report.envelope import envelope
 
-    return envelope(evaluate_into(settings, annotated, frames, path, results))
+    own = settings[pair] if isinstance(settings, Mapping) else settings
+    return envelope(evaluate_into(own, annotated, frames, path, results))
 
 
 def _one(
@@ -220,30 +243,34 @@ def _one(
 def _several(
     paths: Sequence[Path],
     settings: VideoSettings,
+    of_pairs: Mapping[str, VideoSettings],
     results: ResultsFolder,
     images: tuple[bool, bool],
     where: tuple[str | None, int | None, tuple[Path, Path, Path] | None],
     force: bool,
     as_json: bool,
 ) -> None:
-    from ...evaluate.video.archive.cluster import TlsFiles
     from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
     from ...evaluate.video.archive.report import write_archive
     from ...evaluate.video.archive.result import archive_result
+    from ...evaluate.video.archive.tls import TlsFiles
     from ...evaluate.video.checks import require_same_evaluation
     from ...evaluate.video.configuration import video_configuration
     from ...evaluate.video.reference import make_reference
 
     folder = results.folder
-    tasks = archive_tasks(paths, folder)
+    tasks = archive_tasks(paths, folder, tuple(of_pairs))
     if not force:
-        require_same_evaluation((task.folder for task in tasks), settings)
+        for task in tasks:
+            require_same_evaluation((task.folder,), of_pairs.get(task.part, settings))
         require_same_archive(tasks, folder)
     configuration = {
         **video_configuration(settings, make_reference(settings)),
         "annotated": images[0],
         "frames": images[1],
     }
+    if of_pairs:
+        configuration["pairs"] = {name: video_configuration(one, make_reference(one)) for name, one in of_pairs.items()}
     read = (settings.reference, settings.calibration, settings.camera)
     result: Result | None = None
     try:
@@ -252,7 +279,7 @@ def _several(
             with progress_bars() as bars:
                 archive = evaluate_archive(
                     tasks,
-                    partial(evaluate_values, settings, *images),
+                    partial(evaluate_values, dict(of_pairs) or settings, *images),
                     configuration,
                     *where[:2],
                     None if where[2] is None else TlsFiles(*where[2]),
@@ -289,41 +316,3 @@ def _paths(files: Sequence[Path]) -> list[Path]:
             if first is not path:
                 say(f"Note: {path} is the same video as {first} and is evaluated once")
     return list(found.values())
-
-
-def _rois(path: Path | None, pair: str | None, neighbours: bool) -> tuple[Roi, ...]:
-    """Two regions, or none for nearest-neighbour CDP."""
-    from ...regions import load_regions, rois_of
-
-    if neighbours:
-        if path is not None or pair is not None:
-            raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
-        return ()
-    if path is None:
-        raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
-    found = {one.name: one for one in rois_of(load_regions(path))}
-    if pair is None:
-        if len(found) != 2:
-            raise InputError(
-                f"{path} holds {len(found)} regions ({', '.join(found)}): choose two with --pair BRIGHT:DARK"
-                if len(found) > 2
-                else f"{path} holds one region: draw a second one, a CDP is of two"
-            )
-        return tuple(found.values())
-    bright, dark = parse_pair(pair, list(found))
-    return found[bright], found[dark]
-
-
-def _reference(text: str) -> Reference:
-    if text == "first":
-        return "first"
-    if text.endswith("%"):
-        contrast = fraction_of_percent(text, "--reference")
-        if not 0 < contrast < float("inf"):
-            raise InputError(f"--reference is {text!r}: give a contrast above 0%")
-        return contrast
-    if not Path(text).is_file():
-        raise InputError(
-            f"--reference is {text!r}: give a contrast such as 1000%, first, or results.nc of another video"
-        )
-    return Path(text)

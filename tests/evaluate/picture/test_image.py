@@ -59,7 +59,8 @@ def test_pairs_of_all_regions_with_their_numbers():
     assert found.pairs[0].result.results[1].result.cdp == expected.cdp
     assert found.pairs[0].name == "bright / dark"
     assert [region.roi for region in found.regions] == [BRIGHT, DARK, CORNER]
-    assert found.findings == (CONVERSION,)
+    small = info("region-correlation-unknown", "corner", pixels=81, recommended=200)
+    assert found.findings == (CONVERSION, small)
     assert (found.shape, found.unit, found.exposure_s) == (SHAPE, "cd/m²", None)
     assert found.neighbours is None
 

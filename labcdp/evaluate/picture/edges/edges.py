@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from ....metrics.interval import TargetContrast
 from ....metrics.pairs import tally_pairs
 from ....metrics.uncertainty import confidence_interval
 from ....regions.superpixels.segment import Neighbours
-from .noise import MapNoise
+from .noise import MapNoise, cdp_of_noise
 from .regions import MapRegions
 
 #: Fewest measured pixels of a region that an edge is judged by.
@@ -155,7 +155,7 @@ def map_edges(
     measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (asked > 0)
     cdp = _cdps(regions, bright, dark, np.where(measured, asked, nan), epsilon, by_calibration, noise.inflation)
     missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < detected)
-    by_noise = _cdp_of_noise(regions, noise.deviation(regions), bright, dark, asked, epsilon)
+    by_noise = cdp_of_noise(regions, noise.deviation(regions), bright, dark, asked, epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
     return MapEdges(
@@ -278,32 +278,3 @@ def _changed(bright: Distribution, dark: Distribution, asked: TargetContrast, fa
         return None if contrast is None else max((1 + contrast) / Fraction(factor) - 1, Fraction(-1))
 
     return tally_pairs(bright, dark, end(asked.low), end(asked.high)).inside
-
-
-def _cdp_of_noise(
-    regions: MapRegions,
-    deviation: NDArray[np.float64],
-    bright: NDArray[np.int32],
-    dark: NDArray[np.int32],
-    contrast: NDArray[np.float64],
-    epsilon: Epsilon,
-) -> NDArray[np.float64]:
-    """CDP of each edge if the regions were uniform but for their noise, and this normal.
-
-    A pair has a contrast of at most c if b - (1 + c) d, which then is normal, is not above 0.
-    """
-    from scipy.special import ndtr
-
-    # The ends of the interval are in proportion to the contrast.
-    low, high = TargetContrast(1.0, epsilon, "weber").interval
-
-    def up_to(limit: NDArray[np.float64]) -> NDArray[np.float64]:
-        ratio = 1 + limit
-        apart = ratio * regions.mean[dark] - regions.mean[bright]
-        scatter = np.hypot(deviation[bright], ratio * deviation[dark])
-        share: NDArray[np.float64] = ndtr(apart / scatter)
-        return share
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        below = up_to(low * contrast) if isfinite(low) else np.zeros(contrast.size)
-        return (up_to(high * contrast) if isfinite(high) else np.ones(contrast.size)) - below

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....metrics import Epsilon
+from ....metrics.interval import TargetContrast
 from ....regions.superpixels.segment import neighbours
 from .regions import MapRegions, map_cut, mean_and_std
 
@@ -150,3 +152,32 @@ def _simulated(correlation: NDArray[np.float64], side: int) -> NDArray[np.float6
     noise = fft.irfft2(amplitude * fft.rfft2(np.random.default_rng(_SEED).normal(size=(side, side))), (side, side))
     scaled: NDArray[np.float64] = noise / noise.std()
     return scaled
+
+
+def cdp_of_noise(
+    regions: MapRegions,
+    deviation: NDArray[np.float64],
+    bright: NDArray[np.int32],
+    dark: NDArray[np.int32],
+    contrast: NDArray[np.float64],
+    epsilon: Epsilon,
+) -> NDArray[np.float64]:
+    """CDP of each edge if the regions were uniform but for their noise, and this normal.
+
+    A pair has a contrast of at most c if b - (1 + c) d, which then is normal, is not above 0.
+    """
+    from scipy.special import ndtr
+
+    # The ends of the interval are in proportion to the contrast.
+    low, high = TargetContrast(1.0, epsilon, "weber").interval
+
+    def up_to(limit: NDArray[np.float64]) -> NDArray[np.float64]:
+        ratio = 1 + limit
+        apart = ratio * regions.mean[dark] - regions.mean[bright]
+        scatter = np.hypot(deviation[bright], ratio * deviation[dark])
+        share: NDArray[np.float64] = ndtr(apart / scatter)
+        return share
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = up_to(low * contrast) if isfinite(low) else np.zeros(contrast.size)
+        return (up_to(high * contrast) if isfinite(high) else np.ones(contrast.size)) - below

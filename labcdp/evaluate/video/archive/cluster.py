@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +17,7 @@ from ....core.finding import Finding, warning
 from ....report.findings import finding_text
 from ..checks import package_versions
 from .record import ArchiveTask, NotSeenError
+from .tls import TlsFiles
 
 #: Loggers that Dask gives levels and outputs of their own.
 _LOGGERS = ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio")
@@ -164,34 +164,6 @@ class Cluster:
         ]
 
 
-@dataclass(frozen=True)
-class TlsFiles:
-    """Files by which the two sides of a connection know each other and encrypt what they send (PEM).
-
-    Parameters
-    ----------
-    ca : Path
-        Certificate of the authority that signed those of scheduler and workers.
-    certificate, key : Path
-        Of this computer.
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
-    """
-
-    ca: Path
-    certificate: Path
-    key: Path
-
-    def __post_init__(self) -> None:
-        for name in ("ca", "certificate", "key"):
-            path = getattr(self, name)
-            if not path.is_file():
-                raise InputError(f"{path} is no file: give the {name} of the cluster as a PEM file")
-
-
 @contextmanager
 def open_cluster(address: str, tls: TlsFiles | None, folder: Path) -> Iterator[Cluster]:
     """Connect to a cluster.
@@ -221,22 +193,15 @@ def open_cluster(address: str, tls: TlsFiles | None, folder: Path) -> Iterator[C
     from distributed import Client
     from distributed.comm.addressing import parse_address
     from distributed.comm.registry import get_backend
-    from distributed.security import Security
 
     with ExitStack() as stack:
         stack.enter_context(_quiet())
-        security = Security()
-        if tls is not None:
-            security = Security(
-                require_encryption=True,
-                tls_ca_file=str(tls.ca),
-                tls_client_cert=str(tls.certificate),
-                tls_client_key=str(tls.key),
-            )
         try:
             # A client for an address of unknown kind leaves a task behind that fails later.
             get_backend(parse_address(address)[0])
-            client = stack.enter_context(Client(address, timeout=_ANSWER_S, security=security))
+            client = stack.enter_context(
+                Client(address, timeout=_ANSWER_S, security=None if tls is None else tls.security())
+            )
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
                 f"no Dask scheduler answers at {address}: start one with dask scheduler, or give its address, for "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,12 +16,14 @@ from ....core.finding import Finding, warning
 from ....core.json_text import results_json
 from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
-from .cluster import Cluster, TlsFiles, open_cluster
+from .cluster import Cluster, open_cluster
 from .record import ArchiveTask, finished_values, record_finished
+from .tls import TlsFiles
 
 #: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
 #: sent to other processes: a function of a module, or a `functools.partial` of one, with the same results everywhere.
-Work: TypeAlias = Callable[[Path, ResultsFolder], Mapping[str, Any]]
+#: Of an evaluation in parts it gets the part, too.
+Work: TypeAlias = Callable[..., Mapping[str, Any]]
 
 #: Called with the number of videos done and in total, and the last one (none at the start).
 Progress: TypeAlias = Callable[[int, int, "VideoOutcome | None"], None]
@@ -69,8 +72,8 @@ class ArchiveResult:
         return tuple(outcome for outcome in self.outcomes if outcome.values is None)
 
 
-def archive_tasks(videos: Sequence[Path], folder: Path) -> tuple[ArchiveTask, ...]:
-    """Give each video a folder of its own below `folder`, named after it.
+def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = ()) -> tuple[ArchiveTask, ...]:
+    """Give each video, and each part of its evaluation, a folder of its own below `folder`, named after it.
 
     Videos of one name get their suffix, then their folder's name, and at last a number into the name; it does not
     depend on the other videos of the archive unless they have the same name.
@@ -94,7 +97,15 @@ def archive_tasks(videos: Sequence[Path], folder: Path) -> tuple[ArchiveTask, ..
     for name in names:
         seen[name] = seen.get(name, 0) + 1
         folders.append(Path(os.path.abspath(folder)) / (name if seen[name] == 1 else f"{name}-{seen[name]}"))
-    return tuple(map(ArchiveTask.of, paths, folders))
+    if not parts:
+        return tuple(map(ArchiveTask.of, paths, folders))
+    named = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "part" for part in parts]
+    named = [f"{number}-{name}" for number, name in enumerate(named, start=1)]
+    return tuple(
+        ArchiveTask.of(path, one.with_name(f"{one.name}-{name}"), part)
+        for path, one in zip(paths, folders, strict=True)
+        for name, part in zip(named, parts, strict=True)
+    )
 
 
 def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
@@ -210,7 +221,8 @@ def evaluate_task(
     if values is None:
         with ResultsFolder(task.folder, "video", force=force, resume=True, inputs=(task.video, *inputs)) as results:
             # As it is read back from the record.
-            values = json.loads(results_json(dict(work(task.video, results))))
+            given = (task.video, results, task.part) if task.part else (task.video, results)
+            values = json.loads(results_json(dict(work(*given))))
             record_finished(task, settings, values, results)
     return values
 

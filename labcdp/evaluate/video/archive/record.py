@@ -45,21 +45,24 @@ class ArchiveTask:
         File, or folder of images or of a session.
     folder : Path
         For its results; no other video's.
+    part : str
+        Which part of the evaluation, such as a pair of regions; empty for the only one.
     seen : tuple of (str, int, int)
         Name, size and time of change (in ns) of the video, or of each file in its folder; none if it is not there.
     """
 
     video: Path
     folder: Path
+    part: str = ""
     seen: tuple[tuple[str, int, int], ...] = ()
 
     @classmethod
-    def of(cls, video: Path, folder: Path) -> ArchiveTask:
+    def of(cls, video: Path, folder: Path, part: str = "") -> ArchiveTask:
         """Look at a video; one that cannot be looked at will fail when it is evaluated."""
         try:
-            return cls(video, folder, tuple(_files(video)))
+            return cls(video, folder, part, tuple(_files(video)))
         except OSError:
-            return cls(video, folder)
+            return cls(video, folder, part)
 
     def require_visible(self) -> None:
         """Make sure that this computer sees the video that was seen where the archive was begun.
@@ -120,7 +123,8 @@ def _files(path: Path) -> Iterator[tuple[str, int, int]]:
 
 
 def _seen(task: ArchiveTask) -> str:
-    return hashlib.sha256(results_json([str(task.video), *task.seen]).encode()).hexdigest()
+    part = [task.part] if task.part else []
+    return hashlib.sha256(results_json([str(task.video), *part, *task.seen]).encode()).hexdigest()
 
 
 def _hash(settings: Mapping[str, Any]) -> str:

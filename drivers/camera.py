@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -185,15 +184,14 @@ class CameraSettings:
     frame_rate_hz: float | None = None
     trigger: Trigger = FREE_RUN
 
-    def longest_wait_s(self, timeout_s: float | None = None) -> float:
+    def longest_wait_s(self, timeout_s: float | None = None, overload: float = 1.0) -> float:
         """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
 
-        The default leaves the frame period and `FRAME_ALLOWANCE_S`, longer by as much as the computer is overloaded.
+        The default leaves the frame period and `FRAME_ALLOWANCE_S`, longer by the factor of the computer's `overload`.
         """
         if timeout_s is not None:
             return self.exposure_s + timeout_s
         period_s = 1 / self.frame_rate_hz if self.frame_rate_hz and self.trigger == FREE_RUN else 0.0
-        overload = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
         return self.exposure_s + period_s + FRAME_ALLOWANCE_S * overload
 
 

@@ -27,6 +27,7 @@ from ..camera import (
     Trigger,
 )
 from ..device import Device
+from ..host.kernel import overload
 from .connection import Connection
 from .features import execute_feature, read_feature, readable_features, write_feature
 from .known_state import not_understood
@@ -314,7 +315,7 @@ class AravisCamera(Device):
             settings = read_settings(camera)
             acquisition_state = AcquisitionState(settings, self._connection.changes.features)
         self._require_size(settings)
-        wait_s = settings.longest_wait_s(timeout_s)
+        wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
         self._frame_stream = frame_stream
         try:

@@ -19,9 +19,6 @@ from .transport import find_neighbours, find_packet_size, warn_of_small_receive_
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
 _FRESH_S = 0.02
 
-#: Duration of an access after which the camera is checked: Aravis itself gives up only after seconds.
-_LONG_S = 0.1
-
 #: Aravis' errors of the transport, as opposed to those of the request.
 _COMMUNICATION = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER", "PROTOCOL_ERROR_ACCESS_DENIED")
 
@@ -82,33 +79,10 @@ class Link:
         if camera is None:
             raise CameraError(f"{self.identity} was closed ({what}): open it again")
         try:
-            with self._watched():
-                yield camera
+            yield camera
         except gerror() as error:
             raise self._explained(error, what) from error
         self.seen_alive()
-
-    @contextlib.contextmanager
-    def _watched(self) -> Iterator[None]:
-        """Abort an access if the camera is lost during it."""
-        if not self._is_gige:
-            yield
-            return
-        done = threading.Event()
-        watcher = threading.Thread(target=self._watch, args=(done,), name="camera watcher", daemon=True)
-        watcher.start()
-        try:
-            yield
-        finally:
-            done.set()
-            watcher.join()
-
-    def _watch(self, done: threading.Event) -> None:
-        while not done.wait(_LONG_S):
-            if gvcp.read_register(self.info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE) is None and not done.is_set():
-                self.lost = True
-                shut_down(self._sockets)
-                return
 
     def seen_alive(self) -> None:
         """Record a sign of life of the camera."""

@@ -83,7 +83,7 @@ def host_facts(frame_bytes: int = FRAME_BYTES, root: Path = Path("/")) -> HostFa
         packet_sockets=kernel.may_open_packet_sockets(root),
         interpreter=kernel.interpreter(),
         interfaces=interfaces(root),
-        port_users=udp_port_users(GVCP_PORT, root),
+        port_users=udp_port_users(GVCP_PORT),
         clock_is_synchronised=kernel.clock_is_synchronised(),
         aravis=aravis_facts(root),
         serial_ports=[serial_port_facts(port.device) for port in find_meter_ports()],

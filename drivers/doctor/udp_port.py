@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import socket
-import struct
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
-from ..host.kernel import read_text
+import psutil
 
 
 @dataclass(frozen=True)
@@ -36,49 +31,17 @@ class PortUser:
         return f"{who} on {self.address}"
 
 
-def udp_port_users(port: int, root: Path = Path("/")) -> list[PortUser] | None:
-    """List the sockets bound to a UDP port over IPv4; None if the kernel's list cannot be read.
-
-    Parameters
-    ----------
-    port : int
-        The port.
-    root : Path
-        Where ``proc`` is.
-    """
-    text = read_text(root / "proc/net/udp")
-    if text is None:
+def udp_port_users(port: int) -> list[PortUser] | None:
+    """List the sockets bound to a UDP port over IPv4; None if the kernel's list cannot be read."""
+    try:
+        bound = [one for one in psutil.net_connections("udp4") if one.laddr and one.laddr.port == port]
+    except (psutil.Error, OSError):
         return None
-    bound: dict[str, str] = {}
-    for line in text.splitlines()[1:]:
-        fields = line.split()
-        if len(fields) < 10 or not fields[1].endswith(f":{port:04X}"):
-            continue
-        bound[fields[9]] = _dotted(fields[1].split(":")[0])
-    owners = _owners(set(bound), root) if bound else {}
-    return [PortUser(address, *owners.get(inode, (None, ""))) for inode, address in bound.items()]
+    return [PortUser(one.laddr.ip, one.pid, _program(one.pid)) for one in bound]
 
 
-def _dotted(hexadecimal: str) -> str:
-    """Return an address that the kernel printed as one number in its own byte order."""
-    return socket.inet_ntoa(struct.pack("=I", int(hexadecimal, 16)))
-
-
-def _owners(inodes: set[str], root: Path) -> dict[str, tuple[int, str]]:
-    """Find the processes that hold sockets, as far as permitted."""
-    wanted = {f"socket:[{inode}]": inode for inode in inodes}
-    found: dict[str, tuple[int, str]] = {}
-    for process in (root / "proc").glob("[0-9]*"):
-        for target in _descriptors(process) & wanted.keys():
-            found[wanted[target]] = (int(process.name), (read_text(process / "comm") or "").strip())
-    return found
-
-
-def _descriptors(process: Path) -> set[str]:
-    """Return the targets of a process's open files; empty for other users' processes."""
-    targets = set()
-    with suppress(OSError):
-        for descriptor in (process / "fd").iterdir():
-            with suppress(OSError):  # closed in between
-                targets.add(os.readlink(descriptor))
-    return targets
+def _program(pid: int | None) -> str:
+    try:
+        return "" if pid is None else psutil.Process(pid).name()
+    except psutil.Error:
+        return ""

@@ -73,6 +73,11 @@ def may_open_packet_sockets(root: Path = Path("/")) -> bool | None:
     return None if found is None else bool(int(found[1], 16) >> _CAP_NET_RAW & 1)
 
 
+def overload() -> float:
+    """Return how many processes wait for each processor, over the last minute; at least 1."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def interpreter() -> str:
     """Return the real file of the running Python; capabilities cannot be given to a link."""
     return os.path.realpath(sys.executable)

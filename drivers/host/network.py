@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-import array
-import fcntl
 import socket
-import struct
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Interface
 from itertools import combinations
 from pathlib import Path
+from typing import Any
+
+import psutil
 
 from .finding import Finding
 from .kernel import read_int
-
-# Requests and flags of netdevice(7).
-_SIOCGIFCONF = 0x8912
-_SIOCGIFFLAGS = 0x8913
-_SIOCGIFNETMASK = 0x891B
-_SIOCGIFMTU = 0x8921
-_IFF_UP = 0x1
-_IFF_LOOPBACK = 0x8
-_IFF_RUNNING = 0x40
-_NAME_BYTES = 16
-#: Bytes of ``struct ifreq``: a name, and a union whose largest member is ``struct ifmap``.
-_REQUEST_BYTES = _NAME_BYTES + max(16, struct.calcsize("LLH3B3x"))
-_MOST_ADDRESSES = 256
 
 #: MTU of an interface with jumbo frames.
 JUMBO_BYTES = 9000
@@ -71,14 +57,34 @@ class Interface:
 
 
 def interfaces(root: Path = Path("/")) -> list[Interface]:
-    """List the interfaces that have an IPv4 address; one entry for each address."""
-    found = []
-    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-        for label, address in _addresses(asking):
-            # It may be removed in between.
-            with suppress(OSError):
-                found.append(_interface(asking, label, address, root))
-    return found
+    """List the interfaces that have an IPv4 address; one entry for each address, none if they cannot be read."""
+    try:
+        states, known = psutil.net_if_stats(), psutil.net_if_addrs()
+    except OSError:
+        return []
+    return [
+        _interface(label.split(":")[0], address, states, root)
+        for label, addresses in known.items()
+        for address in addresses
+        # It may be removed in between.
+        if address.family == socket.AF_INET and label.split(":")[0] in states
+    ]
+
+
+def _interface(name: str, address: Any, states: dict[str, Any], root: Path) -> Interface:
+    flags = states[name].flags.split(",")
+    speed = read_int(root / "sys/class/net" / name / "speed")
+    filters = [read_int(root / "proc/sys/net/ipv4/conf" / which / "rp_filter") or 0 for which in ("all", name)]
+    return Interface(
+        name=name,
+        address=IPv4Interface(f"{address.address}/{address.netmask}"),
+        is_up="up" in flags,
+        has_link="running" in flags,
+        is_loopback="loopback" in flags,
+        mtu_bytes=states[name].mtu,
+        speed_mbit_s=speed if speed is not None and speed > 0 else None,
+        strict_reverse_path=max(filters) == 1,
+    )
 
 
 def interface_to(address: str, known: Sequence[Interface]) -> Interface | None:
@@ -188,37 +194,3 @@ def _judged(one: Interface) -> list[Finding]:
         return found
     speed = "" if one.speed_mbit_s is None else f", {one.speed_mbit_s} Mbit/s"
     return [Finding(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
-
-
-def _addresses(asking: socket.socket) -> Iterator[tuple[bytes, bytes]]:
-    """Yield label and address, as the kernel packs them, of all IPv4 addresses."""
-    space = array.array("B", bytes(_REQUEST_BYTES * _MOST_ADDRESSES))
-    where, length = space.buffer_info()
-    filled = fcntl.ioctl(asking, _SIOCGIFCONF, struct.pack("iP", length, where))
-    for start in range(0, struct.unpack("iP", filled)[0], _REQUEST_BYTES):
-        entry = space[start : start + _REQUEST_BYTES].tobytes()
-        yield entry[:_NAME_BYTES], entry[_NAME_BYTES : _NAME_BYTES + 16]
-
-
-def _interface(asking: socket.socket, label: bytes, address: bytes, root: Path) -> Interface:
-    def ask(request: int, name: bytes, argument: bytes = b"") -> bytes:
-        return fcntl.ioctl(asking, request, (name + argument).ljust(_REQUEST_BYTES, b"\0"))[_NAME_BYTES:]
-
-    # A label may be eth0:1; the netmask depends on it and on the address, the rest on the interface.
-    name = label.split(b"\0")[0].split(b":")[0].decode()
-    packed = name.encode().ljust(_NAME_BYTES, b"\0")
-    mask = socket.inet_ntoa(ask(_SIOCGIFNETMASK, label, address)[4:8])
-    (flags,) = struct.unpack_from("H", ask(_SIOCGIFFLAGS, packed))
-    (mtu,) = struct.unpack_from("i", ask(_SIOCGIFMTU, packed))
-    speed = read_int(root / "sys/class/net" / name / "speed")
-    filters = [read_int(root / "proc/sys/net/ipv4/conf" / which / "rp_filter") or 0 for which in ("all", name)]
-    return Interface(
-        name=name,
-        address=IPv4Interface(f"{socket.inet_ntoa(address[4:8])}/{mask}"),
-        is_up=bool(flags & _IFF_UP),
-        has_link=bool(flags & _IFF_RUNNING),
-        is_loopback=bool(flags & _IFF_LOOPBACK),
-        mtu_bytes=mtu,
-        speed_mbit_s=speed if speed is not None and speed > 0 else None,
-        strict_reverse_path=max(filters) == 1,
-    )

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from math import isfinite
 from os import PathLike
 from os.path import realpath
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 from serial.tools import list_ports
 
@@ -22,7 +22,6 @@ from ...core.reading import MeterIdentity, Reading
 from ..device import Device
 from ..meter import MeterIncident
 from .line import MeterLine, port_settings
-from .memory import MemoryCommands, Reference
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
 from .recovery import MeterLink
 from .transcript import TranscriptWriter
@@ -35,7 +34,6 @@ __all__ = [
     "MinoltaLS",
     "MinoltaLS100",
     "MinoltaLS110",
-    "Reference",
     "SerialPort",
     "find_meter_ports",
     "parse_reading",
@@ -49,7 +47,7 @@ _ON_OPENING: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, Me
 _PSEUDO_TERMINALS: Final = "/dev/pts/"
 
 
-class MinoltaLS(MemoryCommands, Device):
+class MinoltaLS(Device):
     """Base class of both models; use `MinoltaLS100` or `MinoltaLS110`, which have their data sheets.
 
     Parameters
@@ -85,6 +83,8 @@ class MinoltaLS(MemoryCommands, Device):
     No method takes longer than timeout_s * (attempts + 1) + patience_s, and 0.05 s of polling. Every recovery is logged
     as a warning. If the connection is lost permanently, the port is closed.
     """
+
+    data_sheet: ClassVar[LSDataSheet]
 
     def __init__(
         self,

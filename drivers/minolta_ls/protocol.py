@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import datetime
-from decimal import Decimal
+from decimal import ROUND_HALF_UP, Decimal
 from enum import Enum
 from math import floor, log10
 from typing import Final, Literal
@@ -217,3 +217,26 @@ def _resolution(number: str) -> float:
     last_place = sent.as_tuple().exponent
     assert isinstance(last_place, int)  # it is a letter only for NaN and infinity
     return float(Decimal(1).scaleb(max(last_place, sent.adjusted() - 3)))
+
+
+def four_digits(value: float, decimals: int) -> Decimal | None:
+    """Round a number like the meter: to four digits, half up.
+
+    Parameters
+    ----------
+    value : float
+        At least 0.
+    decimals : int
+        Most decimals of the display.
+
+    Returns
+    -------
+    Decimal or None
+        None if the number is larger than 999900, the largest of four digits in six characters.
+    """
+    exact = Decimal(repr(float(value)))
+    for place in range(-decimals, 3):
+        digits = int(exact.scaleb(-place).to_integral_value(ROUND_HALF_UP))
+        if digits <= 9999:
+            return Decimal(digits).scaleb(place)
+    return None

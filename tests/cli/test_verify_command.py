@@ -136,7 +136,9 @@ def test_a_lens_that_lets_less_light_through(labcdp, saved, bench):
     done = labcdp("verify", saved, dirty, "own", *SIMULATED)
     assert done.returncode == 3, done.stderr
     assert "not conform: camera and meter differ by more than ± 1.9 %" in done.stderr
-    assert "all patches deviate by about the same, -5.6 %" in done.stderr
+    # 0.85 of 0.90 is 5.6 % less; U of the patches is 1 %.
+    deviation = float(re.search(r"all patches deviate by about the same, (-\d\.\d) %", done.stderr)[1])
+    assert deviation == pytest.approx(100 * (0.85 / 0.90 - 1), abs=1.0)
     assert "calibrate again" in done.stderr
 
 

@@ -15,8 +15,15 @@ import numpy as np
 
 from ....core.errors import InputError
 from ....core.reading import CD_M2_PER_FL
-from ...minolta_ls.memory import four_digits
-from ...minolta_ls.protocol import LS110, MODE_GROUPS, SIMULATED_COMMAND, SIMULATED_REPLY, LSDataSheet, MeterMode
+from ...minolta_ls.protocol import (
+    LS110,
+    MODE_GROUPS,
+    SIMULATED_COMMAND,
+    SIMULATED_REPLY,
+    LSDataSheet,
+    MeterMode,
+    four_digits,
+)
 from .pty import Fault, PtyMeter
 
 __all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
@@ -25,11 +32,10 @@ _CRLF: Final = b"\r\n"
 _POWER_ON: Final = frozenset({MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT})
 _CORRECTION_FLAGS: Final = {
     MeterMode.PRESET: "P",
-    MeterMode.VARI_LUMI: "L",
     MeterMode.VARI_CCF: "K",
-    MeterMode.VARI_CCF_LUMI: "T",
 }
-_SIX_CHARACTERS: Final = re.compile(r"(?=.{6}$) *([0-9]+\.?[0-9]*|\.[0-9]+)")
+#: Modes that need what is stored in the memory, which is empty.
+_NEEDS_MEMORY: Final = {MeterMode.VARI_LUMI, MeterMode.VARI_CCF_LUMI, MeterMode.RATIO}
 
 
 @dataclass(frozen=True)
@@ -90,17 +96,8 @@ class _RefusedError(Exception):
     """The meter answers with an error code, the argument."""
 
 
-@dataclass(frozen=True)
-class _Held:
-    """The displayed value: as detected, as corrected, and the reply with it."""
-
-    seen_cd_m2: float
-    corrected_cd_m2: float
-    reply: str
-
-
 class SimulatedLS:
-    """The meter without a port, with the manual's commands MES DSR MDS CLE CMR CMS CMW LMR LMW CCR CCW.
+    """The meter without a port, with the manual's commands MES, DSR and MDS.
 
     Parameters
     ----------
@@ -120,10 +117,8 @@ class SimulatedLS:
 
     Notes
     -----
-    Behaviour not specified by the manual, on which a driver should not rely: What was never measured or stored is
-    answered with ER11, a reference or factor of zero with ER01. The user calibration is the reference over the
-    luminance held when it is written, or 1 if none is. CLE forgets both references and sets the colour correction
-    factor to 1. A single measurement has no other peak than its value. Dark signal reads 0.
+    Its memory is empty: the colour correction factor is 1, and modes that need a reference are answered with ER11, as
+    is DSR before the first measurement. A single measurement has no other peak than its value. Dark signal reads 0.
     """
 
     def __init__(
@@ -140,23 +135,11 @@ class SimulatedLS:
         self._errors = errors
         self._rng = np.random.default_rng(errors.seed)
         self._modes = _POWER_ON
-        self._held: _Held | None = None
-        self._clear_memory()
+        self._held: str | None = None
         self._plain: dict[str, Callable[[], str]] = {
             "MES": self._measure,
-            "DSR": lambda: self._display().reply,
-            "CLE": self._clear_memory,
-            "CMR": lambda: self._tell(self._full_scale_cd_m2),
-            "CMS": self._store_full_scale,
+            "DSR": self._display,
             SIMULATED_COMMAND: lambda: SIMULATED_REPLY.decode("ascii").strip(),
-            "LMR": lambda: self._tell(self._user_reference_cd_m2),
-            "CCR": lambda: f"OK00,{self._colour_factor:.3f}",
-        }
-        self._with_parameter: dict[str, tuple[re.Pattern[str], Callable[[str], str]]] = {
-            "MDS": (re.compile(r"(0[0-9])"), self._set_mode),
-            "CMW": (_SIX_CHARACTERS, self._write_full_scale),
-            "LMW": (_SIX_CHARACTERS, self._write_user_reference),
-            "CCW": (re.compile(r"([0-9]\.[0-9]{3})"), self._write_colour_factor),
         }
 
     def answer(self, command: bytes) -> bytes:
@@ -186,10 +169,8 @@ class SimulatedLS:
         name, comma, parameter = command.removesuffix(_CRLF).decode("ascii").partition(",")
         if not comma and name in self._plain:
             return self._plain[name]()
-        if comma and name in self._with_parameter:
-            pattern, carry_out = self._with_parameter[name]
-            if match := pattern.fullmatch(parameter):
-                return carry_out(match[1])
+        if name == "MDS" and re.fullmatch(r"0[0-9]", parameter):
+            return self._set_mode(parameter)
         raise _RefusedError("ER00")
 
     def _measure(self) -> str:
@@ -202,98 +183,24 @@ class SimulatedLS:
         _, highest = sheet.slow_range_cd_m2 if MeterMode.SLOW in self._modes else sheet.fast_range_cd_m2
         if seen > highest:
             raise _RefusedError("ER10")
-        corrected = seen * self._correction_factor()
-        if MeterMode.RATIO in self._modes:
-            number, unit_flag = 100 * corrected / self._stored(self._full_scale_cd_m2), "%"
-        else:
-            number, unit_flag = corrected / self._cd_m2_per_unit, self._unit_flag
-        reply = f"OK00,{self._peak_flag}{unit_flag}{self._correction_flag}H{self._formatted(number)}"
-        self._held = _Held(seen, corrected, reply)
-        return reply
-
-    @property
-    def _cd_m2_per_unit(self) -> float:
-        return CD_M2_PER_FL if self.unit == "fL" else 1.0
-
-    @property
-    def _unit_flag(self) -> str:
-        return "f" if self.unit == "fL" else "c"
-
-    @property
-    def _peak_flag(self) -> str:
-        return "P" if MeterMode.PEAK in self._modes else "C"
-
-    @property
-    def _correction_flag(self) -> str:
-        if MeterMode.RATIO in self._modes:
-            return " "
-        return next(flag for mode, flag in _CORRECTION_FLAGS.items() if mode in self._modes)
-
-    def _correction_factor(self) -> float:
-        factor = 1.0
-        if self._modes & {MeterMode.VARI_CCF, MeterMode.VARI_CCF_LUMI}:
-            factor *= self._colour_factor
-        if self._modes & {MeterMode.VARI_LUMI, MeterMode.VARI_CCF_LUMI}:
-            self._stored(self._user_reference_cd_m2)
-            factor *= self._user_factor
-        return factor
-
-    def _formatted(self, number: float) -> str:
-        text = format_number(number, self._data_sheet.decimals)
+        if self._modes & _NEEDS_MEMORY:
+            raise _RefusedError("ER11")
+        peak = "P" if MeterMode.PEAK in self._modes else "C"
+        unit, cd_m2_per_unit = ("f", CD_M2_PER_FL) if self.unit == "fL" else ("c", 1.0)
+        correction = next(flag for mode, flag in _CORRECTION_FLAGS.items() if mode in self._modes)
+        text = format_number(seen / cd_m2_per_unit, sheet.decimals)
         if text is None:
             raise _RefusedError("ER19")
-        return text
+        self._held = f"OK00,{peak}{unit}{correction}H{text}"
+        return self._held
 
-    def _stored(self, reference: float | None) -> float:
-        if reference is None:
-            raise _RefusedError("ER11")
-        return reference
-
-    def _display(self) -> _Held:
+    def _display(self) -> str:
         if self._held is None:
             raise _RefusedError("ER11")
         return self._held
-
-    def _tell(self, reference_cd_m2: float | None) -> str:
-        number = self._stored(reference_cd_m2) / self._cd_m2_per_unit
-        return f"OK00,{self._unit_flag},{self._formatted(number)}"
-
-    def _to_store(self, number: float) -> float:
-        """Check and round a number like the meter before storing it: four digits, the fifth rounded."""
-        text = format_number(number, self._data_sheet.decimals)
-        if text is None or float(text) == 0:
-            raise _RefusedError("ER01")
-        return float(text) * self._cd_m2_per_unit
 
     def _set_mode(self, number: str) -> str:
         mode = MeterMode(number)
         group = next(group for group in MODE_GROUPS if mode in group)
         self._modes = self._modes.difference(group) | {mode}
-        return "OK00"
-
-    def _clear_memory(self) -> str:
-        self._full_scale_cd_m2: float | None = None
-        self._user_reference_cd_m2: float | None = None
-        self._user_factor = 1.0
-        self._colour_factor = 1.0
-        return "OK00"
-
-    def _store_full_scale(self) -> str:
-        self._full_scale_cd_m2 = self._to_store(self._display().corrected_cd_m2 / self._cd_m2_per_unit)
-        return "OK00"
-
-    def _write_full_scale(self, number: str) -> str:
-        self._full_scale_cd_m2 = self._to_store(float(number))
-        return "OK00"
-
-    def _write_user_reference(self, number: str) -> str:
-        self._user_reference_cd_m2 = self._to_store(float(number))
-        if self._held is not None and self._held.seen_cd_m2 > 0:
-            self._user_factor = self._user_reference_cd_m2 / self._held.seen_cd_m2
-        return "OK00"
-
-    def _write_colour_factor(self, number: str) -> str:
-        if float(number) == 0:
-            raise _RefusedError("ER01")
-        self._colour_factor = float(number)
         return "OK00"

@@ -19,6 +19,7 @@ from labcdp.drivers.camera import (
     CameraSettings,
     IncompleteFrameError,
 )
+from labcdp.drivers.host.kernel import overload
 from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige import genicam
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
@@ -35,7 +36,8 @@ with AravisCamera("SIM-1"):
 
 
 def test_discovery_finds_the_camera(camera_on_loopback):
-    assert discover() == [CameraInfo("Allied Vision Technologies", "Manta_G-505B", "SIM-1", "127.0.0.1", "GigEVision")]
+    names = ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
+    assert discover() == [CameraInfo(*names, "127.0.0.1", "GigEVision", "-".join(names))]
 
 
 @pytest.mark.parametrize("selector", [None, "SIM-1", "127.0.0.1", "Manta_G-505B"])
@@ -272,10 +274,10 @@ def test_each_frame_has_the_temperature_of_its_time(aravis, monkeypatch):
 def test_a_busy_computer_gets_more_time(monkeypatch):
     settings = CameraSettings(2.0, 0.0, "Mono12", 64, 48, frame_rate_hz=0.5)
     monkeypatch.setattr("os.getloadavg", lambda: (0.1, 0.0, 0.0))
-    assert settings.longest_wait_s() == 2.0 + 2.0 + FRAME_ALLOWANCE_S
+    assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + FRAME_ALLOWANCE_S
     monkeypatch.setattr("os.getloadavg", lambda: (5.0 * os.cpu_count(), 0.0, 0.0))
-    assert settings.longest_wait_s() == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
-    assert settings.longest_wait_s(0.5) == 2.5
+    assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
+    assert settings.longest_wait_s(0.5, overload()) == 2.5
 
 
 def test_features_that_are_not_understood_are_listed(aravis, monkeypatch):

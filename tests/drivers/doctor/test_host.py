@@ -51,7 +51,8 @@ def test_a_computer_fit_for_a_camera_has_nothing_but_good_findings():
     assert {one.remedy for one in host_findings(GOOD)} == {None}
 
 
-def test_every_file_that_is_missing_is_unknown_and_not_an_error(tmp_path):
+def test_every_file_that_is_missing_is_unknown_and_not_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("psutil.PROCFS_PATH", str(tmp_path))
     facts = host_facts(root=tmp_path)
     assert facts.receive_limit_bytes is None
     assert facts.kept_receive_limit_bytes is None

@@ -91,26 +91,11 @@ def test_modes_show_in_the_flags(modes, reply):
     assert ask(engine, "MES") == [reply]
 
 
-@pytest.mark.parametrize(("write", "read"), [("CMW", "CMR"), ("LMW", "LMR")])
-@pytest.mark.parametrize(
-    ("unit", "number", "reply"),
-    [
-        ("fL", " 21.83", "OK00,f, 21.83"),
-        ("cd/m2", "748000", "OK00,c,748000"),
-        ("cd/m2", "125.35", "OK00,c, 125.4"),
-        ("fL", "123.45", "OK00,f, 123.5"),
-    ],
-)
-def test_references_keep_four_digits_in_the_unit_of_the_meter(write, read, unit, number, reply):
-    engine = meter(unit=unit)
-    assert ask(engine, read, f"{write},{number}", read) == ["ER11", "OK00", reply]
-
-
 def test_the_unit_switch_converts():
     engine = meter(342.62591)
-    assert ask(engine, "MES", "CMW,342.63") == ["OK00,CcPH 342.6", "OK00"]
+    assert ask(engine, "MES") == ["OK00,CcPH 342.6"]
     engine.unit = "fL"
-    assert ask(engine, "MES", "CMR") == ["OK00,CfPH 100.0", "OK00,f, 99.99"]
+    assert ask(engine, "MES") == ["OK00,CfPH 100.0"]
 
 
 @pytest.mark.parametrize(
@@ -124,12 +109,6 @@ def test_the_unit_switch_converts():
         b"MDS\r\n",
         b"MDS,4\r\n",
         b"MDS,10\r\n",
-        b"CMW\r\n",
-        b"CMW,21.83\r\n",
-        b"CMW,-21.83\r\n",
-        b"LMW,      \r\n",
-        b"CCW,0.99\r\n",
-        b"CCW,10.99\r\n",
         b"\xffMES\r\n",
     ],
 )

@@ -9,7 +9,6 @@ from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from importlib.metadata import version
-from math import hypot
 
 import numpy as np
 
@@ -22,15 +21,14 @@ from .findings import FitTest
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import build_design
-from .fit.errors import fit_errors, parameter_covariance
-from .fit.gls import Solution
+from .fit.design import DRIFT, build_design
+from .fit.errors import finite, fit_errors, parameter_covariance
 from .fit.intake import gain_settings, group_by_patch, require_one_camera, take_usable
+from .fit.problem import Solution, solve
 from .fit.residuals import fitted_rows, held_out_rows
 from .fit.robust import screen
-from .fit.scatter import with_scatter
+from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.selection import select_model
-from .fit.significance import student_widening
 from .frames.observations import DarkObservation, PatchObservation
 from .gains import GainSetting
 from .meter import MeterScale, meter_scale
@@ -107,7 +105,8 @@ def fit(
     require_monotone(first)
     of_place = fit_tests.fall_off(first, observations[0].vignetting)
     final = with_scatter(design, first.candidate, by_place=of_place.significant)
-    tests = _tests(first, final, settings, of_dark, of_place)
+    plain = solve(design.without_shared(DRIFT), first.candidate)
+    tests = _tests(plain, final, settings, of_dark, of_place)
     calibration = _assemble(
         observations[0],
         setup,
@@ -165,7 +164,7 @@ def _assemble(
         meter_scale=scale,
         responsivity=responsivity,
         response=response,
-        fit_errors=fit_errors(final, _widening(final)),
+        fit_errors=fit_errors(final),
         dark=settings[0].dark,
         noise=settings[0].noise,
         gains=_gains(final, settings),
@@ -207,24 +206,19 @@ def _responsivity(first: Solution, final: Solution, glare: FitTest) -> Responsiv
     design, n = final.design, final.candidate.n_parameters
     _, responsivity = final.candidate.response(final.parameters[:n])
     relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
+    scatter_rel, scatter_dof = scatter_of_one(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
-        random_rel=relative * _widening(final),
+        random_rel=relative,
         chi_squared=first.chi_squared,
         degrees_of_freedom=first.degrees_of_freedom,
-        scatter_rel=hypot(design.scatter_rel, design.scatter_each_rel) * _widening(final),
-        scatter_dn=design.scatter_each_dn * _widening(final),
+        scatter_rel=scatter_rel,
+        scatter_dn=design.scatter_each_dn,
         intercept_dn_s=glare.value * responsivity if glare.tested else None,
         intercept_standard_uncertainty_dn_s=(glare.standard_uncertainty * responsivity if glare.tested else None),
+        dof=finite(fit_dof(final)),
+        scatter_dof=finite(scatter_dof),
     )
-
-
-def _widening(final: Solution) -> float:
-    """Factor on uncertainties estimated from the scatter of a few patches; 1 where the stated errors suffice."""
-    design = final.design
-    if design.scatter_rel == design.scatter_each_rel == design.scatter_each_dn == 0:
-        return 1.0
-    return student_widening(len(design.patches) - final.candidate.n_parameters)
 
 
 def _tests(
@@ -251,7 +245,7 @@ def _gains(final: Solution, settings: Sequence[GainSetting]) -> tuple[GainSettin
     """Return the further gains with their fitted factors."""
     n = final.candidate.n_parameters
     inverse = final.parameters[n:]
-    relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse * _widening(final)
+    relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse
     return tuple(
         replace(setting, factor=float(1 / value), factor_random_rel=float(rel))
         for setting, value, rel in zip(settings[1:], inverse, relative, strict=True)

@@ -125,6 +125,8 @@ class BudgetRow:
         Whether it is part of the stated intervals; `basis` says why if it is not.
     contained_in : str
         Source whose row includes it; empty for none.
+    dof : float or None
+        Degrees of freedom; None if the uncertainty is known.
     """
 
     source: str
@@ -135,3 +137,4 @@ class BudgetRow:
     basis: str
     included: bool = True
     contained_in: str = ""
+    dof: float | None = None

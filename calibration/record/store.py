@@ -26,7 +26,7 @@ AnyCalibration: TypeAlias = "Calibration | ColourCalibration"
 #: Value of the key ``format`` of every file.
 FORMAT = "labcdp-calibration"
 #: Version this program writes, and the only one it reads.
-VERSION = 4
+VERSION = 5
 #: Largest size of a file, and of its arrays.
 MOST_BYTES = 2**30
 #: Kinds of calibration: value of the key ``kind``, module and class.

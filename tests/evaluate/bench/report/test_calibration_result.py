@@ -114,11 +114,10 @@ def test_the_budget_is_that_of_the_calibration(kind, request):
         ("lowest", "middle", "highest"), (low, (low * high) ** 0.5, high), totals, strict=True
     ):
         if kind == "calibration":
-            at, n = budget(calibration, luminance, n_pixels=PATCH_PIXELS), len(calibration.residuals)
+            at = budget(calibration, luminance, n_pixels=PATCH_PIXELS)
         else:
             at = colour_budget(calibration, luminance, n_groups=PATCH_PIXELS // 4)
-            n = len(calibration.planes[0].residuals)
-        whole = combined(at, n)
+        whole = combined(at)
         assert total["u_rel"] == pytest.approx(whole.standard_uncertainty_rel)
         assert total["expanded_rel"] == pytest.approx(whole.expanded_95_rel)
         for row in at:

@@ -96,12 +96,15 @@ def fit(
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
     design = build_design(data.groups, data.readings, settings)
+    dark_dn = settings[0].dark.mean_dn(design.exposures_s[0])
     require_every_gain(design, settings)
     require_span(design)
-    screened = screen(design, candidate_models(design.net_dn, len(design.patches), response), data.readings, readings)
+    screened = screen(
+        design, candidate_models(design.net_dn, len(design.patches), dark_dn, response), data.readings, readings
+    )
     design = screened.design
     require_every_gain(design, settings)
-    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), response))
+    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), dark_dn, response))
     require_monotone(first)
     of_place = fit_tests.fall_off(first, observations[0].vignetting)
     final = with_scatter(design, first.candidate, by_place=of_place.significant)

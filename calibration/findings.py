@@ -29,7 +29,7 @@ class ModelStep:
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
         The response.
     n_parameters : int
         Free parameters, the responsivity among them.

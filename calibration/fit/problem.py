@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -110,13 +110,14 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     from scipy.linalg import cholesky, solve_triangular
     from scipy.optimize import least_squares
 
+    weighting = _weighting(design, candidate)
     start = _start(design, candidate)
     scale = np.maximum(np.abs(start), 1e-3 * np.abs(start[0]))
 
     def standardised(scaled: Array) -> Array:
         parameters = scaled * scale
         luminance, slope, _ = _evaluate(design, candidate, parameters, design.net_dn)
-        covariance = design.covariance(luminance, slope)
+        covariance = weighting.covariance(luminance, slope)
         if not np.isfinite(covariance).all():
             return np.full(luminance.size, _IMPOSSIBLE)
         try:
@@ -127,8 +128,9 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
         return residual
 
     try:
-        found = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
-        solution = _solution(design, candidate, found.x * scale) if found.success else None
+        with np.errstate(all="ignore"):  # parameters on the way may be far out
+            found = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
+            solution = _solution(design, candidate, found.x * scale) if found.success else None
     except (ValueError, np.linalg.LinAlgError):
         solution = None
     if solution is None or (candidate.bracket is not None and _typical_rel(solution) > _CONTRADICTION_REL):
@@ -136,6 +138,11 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
             f"the {candidate.kind} fit did not converge: {_CHECK}" if candidate.bracket is None else _CONTRADICTS
         )
     return solution
+
+
+def _weighting(design: Design, candidate: CandidateModel) -> Design:
+    """Errors that make the weights: of a given response without those that errors of its shape look like."""
+    return design if candidate.bracket is None else replace(design, shared=())
 
 
 def _typical_rel(solution: Solution) -> float:
@@ -147,7 +154,7 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
     luminance, slope, jacobian = _evaluate(design, candidate, parameters, design.net_dn)
     covariance = design.covariance(luminance, slope)
-    normal = jacobian.T @ np.linalg.inv(covariance)
+    normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
     covariance = covariance + by_shape.T @ by_shape
     weight = np.linalg.inv(covariance)

@@ -22,6 +22,8 @@ RESPONSIVITY = "DN s⁻¹ / (cd m⁻²)"
 RESPONSES: dict[str, str] = {
     "linear": "linear",
     "quadratic": "quadratic",
+    "cubic": "cubic",
+    "gamma": "gamma",
     "pchip": "monotone cubic (PCHIP)",
     "table": "table",
 }

@@ -107,16 +107,18 @@ def fit(
     first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), dark_dn, response))
     require_monotone(first)
     of_place = fit_tests.fall_off(first, observations[0].vignetting)
-    final = with_scatter(design, first.candidate, by_place=of_place.significant)
     plain = solve(design.without_shared(DRIFT), first.candidate)
-    tests = _tests(plain, final, settings, of_dark, of_place)
+    of_glare = fit_tests.glare(plain, _slope(plain))
+    glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0
+    final = with_scatter(design.with_glare(glare_cd_m2), first.candidate, by_place=of_place.significant)
+    tests = _tests(plain, final, settings, of_dark, (of_glare, of_place))
     calibration = _assemble(
         observations[0],
         setup,
         scale,
         settings,
         final,
-        _responsivity(first, final, tests[0]),
+        replace(_responsivity(first, final, of_glare), glare_cd_m2=glare_cd_m2),
         fitted_rows(final, screened.readings, groups),
         max(reading.timestamp for group in readings.values() for reading in group),
     )
@@ -205,9 +207,13 @@ def _versions() -> tuple[tuple[str, str], ...]:
     return (("python", platform.python_version()), *((name, version(name)) for name in ("labcdp", "numpy", "scipy")))
 
 
+def _slope(solution: Solution) -> float:
+    """R of a solution."""
+    return solution.candidate.response(solution.parameters[: solution.candidate.n_parameters])[1]
+
+
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
-    design, n = final.design, final.candidate.n_parameters
-    _, responsivity = final.candidate.response(final.parameters[:n])
+    design, responsivity = final.design, _slope(final)
     relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
     scatter_rel, scatter_dof = scatter_of_one(design)
     return ResponsivityFit(
@@ -229,12 +235,12 @@ def _tests(
     final: Solution,
     settings: Sequence[GainSetting],
     of_dark: Sequence[Finding],
-    of_place: FitTest,
+    found: tuple[FitTest, FitTest],
 ) -> tuple[FitTest, ...]:
-    _, responsivity = first.candidate.response(first.parameters[: first.candidate.n_parameters])
+    of_glare, of_place = found
     factors = [(s.gain_db, s.factor, s.factor_random_rel) for s in _gains(final, settings)]
     return (
-        fit_tests.glare(first, responsivity),
+        of_glare,
         fit_tests.exposure_reciprocity(first),
         fit_tests.drift(first),
         of_place,

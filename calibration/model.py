@@ -51,6 +51,8 @@ class ResponsivityFit:
         0 if the stated errors suffice.
     intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
         Free intercept, fitted as a test only; None if all patches have about the same luminance.
+    glare_cd_m2 : float
+        Glare that the fit found: as it depends on the scene, it is the standard uncertainty of any luminance.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
     """
@@ -65,6 +67,7 @@ class ResponsivityFit:
     intercept_standard_uncertainty_dn_s: float | None
     dof: float | None = None
     scatter_dof: float | None = None
+    glare_cd_m2: float = 0.0
 
     @property
     def reduced_chi_squared(self) -> float:

@@ -14,7 +14,7 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..errors.common import FLICKER, REFOCUS
+from ..errors.common import FLICKER, GLARE, REFOCUS
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel
 from ..frames.planes import split
@@ -24,7 +24,7 @@ from .mismatch import mismatch_errors
 from .planes import colours_of_planes
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS)
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from ..model import Calibration
 EXPOSURE_TIME_REL = 5e-5
 #: Source of errors by flicker of the light, common to all patches of the same frames.
 FLICKER = "lamp flicker"
+#: Source of the error by glare of unknown size, where the fit found some.
+GLARE = "glare"
 #: Source of the error by setting focus and aperture anew.
 REFOCUS = "focus and aperture"
 
@@ -71,6 +73,11 @@ def common_errors(
     ]
     with np.errstate(divide="ignore"):
         by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)
+    if calibration.responsivity.glare_cd_m2:
+        per_light = calibration.responsivity.responsivity_dn_s_cd_m2 * setting.factor * exposure_s
+        with np.errstate(divide="ignore"):
+            relative = calibration.responsivity.glare_cd_m2 * per_light / calibration.response.linearise(n)
+        errors.append(CommonError(GLARE, relative))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
     for error in calibration.fit_errors:
         gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0

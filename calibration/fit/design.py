@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors.common import EXPOSURE_TIME_REL, FLICKER
+from ..errors.common import EXPOSURE_TIME_REL, FLICKER, GLARE
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, smooth_patterns, vignetting_errors
 from ..gains import GainSetting
@@ -22,6 +22,8 @@ Array = NDArray[np.floating[Any]]
 
 #: Sources of shared errors.
 DARK, DRIFT = "dark and temperature", "drift"
+#: Width of the prior of a glare that was found, over its size: it is as good as free.
+_FREE = 10.0
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
@@ -43,6 +45,8 @@ class SharedError:
         Gain of that dark model.
     dof : float
         Degrees of freedom of the standard uncertainty.
+    cd_m2 : float
+        The same effect on all observations, in cd/m^2.
     """
 
     source: str
@@ -51,6 +55,7 @@ class SharedError:
     dark: tuple[float, ...] = ()
     gain_db: float | None = None
     dof: float = inf
+    cd_m2: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +145,15 @@ class Design:
 
     def patterns(self, level: Array, slope: Array) -> Array:
         """Effects of the shared errors on the luminances, shape (k, n)."""
-        return np.array([one.relative * level + one.dn * slope for one in self.shared]).reshape(-1, level.size)
+        rows = [one.relative * level + one.dn * slope + one.cd_m2 for one in self.shared]
+        return np.array(rows).reshape(-1, level.size)
+
+    def with_glare(self, glare_cd_m2: float) -> Design:
+        """Return the same with an unknown glare of about this size; with 0, the same."""
+        if not glare_cd_m2:
+            return self
+        zero = np.zeros(self.net_dn.size)
+        return replace(self, shared=(*self.shared, SharedError(GLARE, zero, zero, cd_m2=_FREE * glare_cd_m2)))
 
     def without_shared(self, source: str) -> Design:
         """Return the same without the shared errors of a source."""

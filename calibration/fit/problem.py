@@ -133,7 +133,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
             solution = _solution(design, candidate, found.x * scale) if found.success else None
     except (ValueError, np.linalg.LinAlgError):
         solution = None
-    if solution is None or (candidate.bracket is not None and _typical_rel(solution) > _CONTRADICTION_REL):
+    most_rel = _IMPOSSIBLE if candidate.bracket is None else _CONTRADICTION_REL
+    if solution is None or not _typical_rel(solution) <= most_rel:
         raise CalibrationError(
             f"the {candidate.kind} fit did not converge: {_CHECK}" if candidate.bracket is None else _CONTRADICTS
         )
@@ -146,7 +147,9 @@ def _weighting(design: Design, candidate: CandidateModel) -> Design:
 
 
 def _typical_rel(solution: Solution) -> float:
-    return float(np.median(np.abs(solution.residual / solution.design.readings)))
+    """Median deviation; the largest one if that is beyond all bounds."""
+    relative = np.abs(solution.residual / solution.design.readings)
+    return float(relative.max() if not relative.max() < _IMPOSSIBLE else np.median(relative))
 
 
 def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:

@@ -90,6 +90,8 @@ def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float
         return value, uncertainty, inf
     left = _restricted_deviance(solution, solution.covariance + size**2 * _pattern(solution, "scatter_rel"))[1]
     seen = float(pattern @ left @ pattern)
+    if seen <= 0:
+        return value, uncertainty, inf
     of_patches = len(solution.design.patches) - solution.parameters.size - 1
     return float(pattern @ left @ solution.residual) / seen, seen**-0.5, max(of_patches, 1)
 

@@ -106,7 +106,7 @@ def fit(
     require_every_gain(design, settings)
     first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), dark_dn, response))
     require_monotone(first)
-    of_place = fit_tests.fall_off(first, observations[0].vignetting)
+    of_place = fit_tests.vignetting_left(first, observations[0].vignetting)
     plain = solve(design.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0

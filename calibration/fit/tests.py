@@ -88,7 +88,7 @@ def drift(solution: Solution) -> FitTest:
     return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
 
 
-def fall_off(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
+def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
     """Deviations by position of the patches: r^2, x and y together.
 
     Non-uniformity within the patches is not counted as an error here, as uncorrected vignetting causes it too.

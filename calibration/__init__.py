@@ -9,7 +9,7 @@ from .calibrate import fit
 from .colour.conversion import colour_patch_luminance
 from .colour.fit import fit_colour
 from .colour.model import ColourCalibration
-from .convert.patch import PatchLuminance, contrast_uncertainty, patch_luminance
+from .convert.patch import PatchLuminance, contrast_half_width_95, contrast_uncertainty, patch_luminance
 from .dark.signal import DarkModel
 from .errors.common import common_errors
 from .errors.uncertainty import coverage_probability, expanded_half_width
@@ -43,6 +43,7 @@ __all__ = [
     "TemporalNoise",
     "colour_patch_luminance",
     "common_errors",
+    "contrast_half_width_95",
     "contrast_uncertainty",
     "coverage_probability",
     "expanded_half_width",

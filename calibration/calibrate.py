@@ -9,7 +9,6 @@ from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from importlib.metadata import version
-from math import hypot
 
 import numpy as np
 
@@ -22,15 +21,14 @@ from .findings import FitTest
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import build_design
-from .fit.errors import fit_errors, parameter_covariance
-from .fit.gls import Solution
+from .fit.design import DRIFT, build_design
+from .fit.errors import finite, fit_errors, parameter_covariance
 from .fit.intake import gain_settings, group_by_patch, require_one_camera, take_usable
+from .fit.problem import Solution, solve
 from .fit.residuals import fitted_rows, held_out_rows
 from .fit.robust import screen
-from .fit.scatter import with_scatter
+from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.selection import select_model
-from .fit.significance import student_widening
 from .frames.observations import DarkObservation, PatchObservation
 from .gains import GainSetting
 from .meter import MeterScale, meter_scale
@@ -98,23 +96,29 @@ def fit(
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
     design = build_design(data.groups, data.readings, settings)
+    dark_dn = settings[0].dark.mean_dn(design.exposures_s[0])
     require_every_gain(design, settings)
     require_span(design)
-    screened = screen(design, candidate_models(design.net_dn, len(design.patches), response), data.readings, readings)
+    screened = screen(
+        design, candidate_models(design.net_dn, len(design.patches), dark_dn, response), data.readings, readings
+    )
     design = screened.design
     require_every_gain(design, settings)
-    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), response))
+    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), dark_dn, response))
     require_monotone(first)
-    of_place = fit_tests.fall_off(first, observations[0].vignetting)
-    final = with_scatter(design, first.candidate, by_place=of_place.significant)
-    tests = _tests(first, final, settings, of_dark, of_place)
+    of_place = fit_tests.vignetting_left(first, observations[0].vignetting)
+    plain = solve(design.without_shared(DRIFT), first.candidate)
+    of_glare = fit_tests.glare(plain, _slope(plain))
+    glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0
+    final = with_scatter(design.with_glare(glare_cd_m2), first.candidate, by_place=of_place.significant)
+    tests = _tests(plain, final, settings, of_dark, (of_glare, of_place))
     calibration = _assemble(
         observations[0],
         setup,
         scale,
         settings,
         final,
-        _responsivity(first, final, tests[0]),
+        replace(_responsivity(first, final, of_glare), glare_cd_m2=glare_cd_m2),
         fitted_rows(final, screened.readings, groups),
         max(reading.timestamp for group in readings.values() for reading in group),
     )
@@ -165,7 +169,7 @@ def _assemble(
         meter_scale=scale,
         responsivity=responsivity,
         response=response,
-        fit_errors=fit_errors(final, _widening(final)),
+        fit_errors=fit_errors(final),
         dark=settings[0].dark,
         noise=settings[0].noise,
         gains=_gains(final, settings),
@@ -203,28 +207,27 @@ def _versions() -> tuple[tuple[str, str], ...]:
     return (("python", platform.python_version()), *((name, version(name)) for name in ("labcdp", "numpy", "scipy")))
 
 
+def _slope(solution: Solution) -> float:
+    """R of a solution."""
+    return solution.candidate.response(solution.parameters[: solution.candidate.n_parameters])[1]
+
+
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
-    design, n = final.design, final.candidate.n_parameters
-    _, responsivity = final.candidate.response(final.parameters[:n])
+    design, responsivity = final.design, _slope(final)
     relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
+    scatter_rel, scatter_dof = scatter_of_one(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
-        random_rel=relative * _widening(final),
+        random_rel=relative,
         chi_squared=first.chi_squared,
         degrees_of_freedom=first.degrees_of_freedom,
-        scatter_rel=hypot(design.scatter_rel, design.scatter_each_rel) * _widening(final),
-        scatter_dn=design.scatter_each_dn * _widening(final),
+        scatter_rel=scatter_rel,
+        scatter_dn=design.scatter_each_dn,
         intercept_dn_s=glare.value * responsivity if glare.tested else None,
         intercept_standard_uncertainty_dn_s=(glare.standard_uncertainty * responsivity if glare.tested else None),
+        dof=finite(fit_dof(final)),
+        scatter_dof=finite(scatter_dof),
     )
-
-
-def _widening(final: Solution) -> float:
-    """Factor on uncertainties estimated from the scatter of a few patches; 1 where the stated errors suffice."""
-    design = final.design
-    if design.scatter_rel == design.scatter_each_rel == design.scatter_each_dn == 0:
-        return 1.0
-    return student_widening(len(design.patches) - final.candidate.n_parameters)
 
 
 def _tests(
@@ -232,12 +235,12 @@ def _tests(
     final: Solution,
     settings: Sequence[GainSetting],
     of_dark: Sequence[Finding],
-    of_place: FitTest,
+    found: tuple[FitTest, FitTest],
 ) -> tuple[FitTest, ...]:
-    _, responsivity = first.candidate.response(first.parameters[: first.candidate.n_parameters])
+    of_glare, of_place = found
     factors = [(s.gain_db, s.factor, s.factor_random_rel) for s in _gains(final, settings)]
     return (
-        fit_tests.glare(first, responsivity),
+        of_glare,
         fit_tests.exposure_reciprocity(first),
         fit_tests.drift(first),
         of_place,
@@ -251,7 +254,7 @@ def _gains(final: Solution, settings: Sequence[GainSetting]) -> tuple[GainSettin
     """Return the further gains with their fitted factors."""
     n = final.candidate.n_parameters
     inverse = final.parameters[n:]
-    relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse * _widening(final)
+    relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse
     return tuple(
         replace(setting, factor=float(1 / value), factor_random_rel=float(rel))
         for setting, value, rel in zip(settings[1:], inverse, relative, strict=True)

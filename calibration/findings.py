@@ -29,7 +29,7 @@ class ModelStep:
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
         The response.
     n_parameters : int
         Free parameters, the responsivity among them.
@@ -125,6 +125,8 @@ class BudgetRow:
         Whether it is part of the stated intervals; `basis` says why if it is not.
     contained_in : str
         Source whose row includes it; empty for none.
+    dof : float or None
+        Degrees of freedom; None if the uncertainty is known.
     """
 
     source: str
@@ -135,3 +137,4 @@ class BudgetRow:
     basis: str
     included: bool = True
     contained_in: str = ""
+    dof: float | None = None

@@ -25,6 +25,8 @@ class FitError:
         Errors of the dark model's offset_dn, rate_dn_s and 1 / T_d at the gain `dark_gain_db`; empty for none.
     dark_gain_db : float or None
         Gain of that dark model.
+    dof : float or None
+        Degrees of freedom of the standard uncertainty; None if it is known.
     """
 
     source: str
@@ -33,3 +35,4 @@ class FitError:
     gain_rel: tuple[float, ...] = ()
     dark: tuple[float, ...] = ()
     dark_gain_db: float | None = None
+    dof: float | None = None

@@ -41,16 +41,20 @@ class ResponsivityFit:
         R at small signals, linearised DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)), at the
         calibration's own gain.
     random_rel : float
-        Relative standard uncertainty of R without the meter's scale, widened if `chi_squared` is improbable.
+        Relative standard uncertainty of R without the meter's scale.
     chi_squared : float
         Sum of squared standardised residuals of the observations by the stated errors, correlations respected.
     degrees_of_freedom : int
         Observations (patches times exposures) less parameters.
     scatter_rel, scatter_dn : float
-        Unexplained standard deviation of patches and observations relative to the luminance, and of observations in DN,
-        scaled for the 95 % interval (times Student's t over the normal quantile). 0 if the stated errors suffice.
+        Unexplained standard deviation of patches and observations relative to the luminance, and of observations in DN.
+        0 if the stated errors suffice.
     intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
         Free intercept, fitted as a test only; None if all patches have about the same luminance.
+    glare_cd_m2 : float
+        Glare that the fit found: as it depends on the scene, it is the standard uncertainty of any luminance.
+    dof, scatter_dof : float or None
+        Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
     """
 
     responsivity_dn_s_cd_m2: float
@@ -61,6 +65,9 @@ class ResponsivityFit:
     scatter_dn: float
     intercept_dn_s: float | None
     intercept_standard_uncertainty_dn_s: float | None
+    dof: float | None = None
+    scatter_dof: float | None = None
+    glare_cd_m2: float = 0.0
 
     @property
     def reduced_chi_squared(self) -> float:

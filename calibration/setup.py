@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from math import isfinite
 
@@ -26,6 +26,8 @@ class LensIdentity:
         The f-number; the responsivity is proportional to its inverse square.
     focus_distance_m : float or None
         Distance of focus, which changes the responsivity too; None if not known.
+    refocus_rel : float
+        Relative standard uncertainty of the responsivity after focus and aperture are set anew; 0 if locked.
 
     Raises
     ------
@@ -38,6 +40,7 @@ class LensIdentity:
     focal_length_m: float
     f_number: float
     focus_distance_m: float | None = None
+    refocus_rel: float = field(default=0.0, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("focal_length_m", "f_number", "focus_distance_m"):

@@ -35,9 +35,11 @@ class NetSignal:
         Mean of 1 / V over the exposure time: h(net_dn) times this is R L.
     noise_variance_dn2 : float
         Variance of `net_dn` by the noise of pixels, columns and rows, and by rounding.
+    flicker_rel, black_level_dn : float
+        Standard uncertainties by what changes from frame to frame, the light (relative) and the black level: the same
+        errors at all patches of the same frames.
     frames_variance_dn2 : float
-        Variance by what changes from frame to frame, flicker of the light and drift of the black level: the same
-        error, relative and absolute, at all patches of the same frames.
+        Variance by these two.
     dark_variance_dn2 : float
         Variance by the dark model.
     dark_nonuniformity_dn : float
@@ -54,6 +56,8 @@ class NetSignal:
     net_dn: float
     scale_per_s: float
     noise_variance_dn2: float
+    flicker_rel: float
+    black_level_dn: float
     frames_variance_dn2: float
     dark_variance_dn2: float
     dark_nonuniformity_dn: float
@@ -95,12 +99,14 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
-    of_frames = (noise.flicker_rel * net_dn / power) ** 2 + dark.drift_dn**2
+    flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
     return NetSignal(
         net_dn=net_dn,
         scale_per_s=o.mean_inverse_v / o.exposure_s,
         noise_variance_dn2=(of_pixels + _of_lines(dark.line_noise_dn, o)) / o.n_frames + rounding,
-        frames_variance_dn2=of_frames / o.n_frames,
+        flicker_rel=flicker_rel,
+        black_level_dn=black_level_dn,
+        frames_variance_dn2=(flicker_rel * net_dn / power) ** 2 + black_level_dn**2,
         dark_variance_dn2=dark.variance_dn2(o.exposure_s, o.temperature_c),
         dark_nonuniformity_dn=sqrt(
             dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)

@@ -128,7 +128,7 @@ def _compared(
     true_cdp = cdp(*pixels, pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2
     cdp_low, cdp_high = row.cdp.confidence_interval
-    of_contrast = 1.959964 * row.camera_standard_uncertainty
+    of_contrast = row.camera_half_width_95
     error = {
         "luminance": single.luminance_cd_m2 / truth_cd_m2 - 1,
         "contrast": (row.camera_contrast - pair.true_contrast) / (1 + pair.true_contrast),

@@ -116,11 +116,10 @@ def _of_patches(
     rows = [BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)]
     if calibration.scatter_rel > 0:
         n = len(calibration.planes[0].residuals)
-        basis = (
-            f"scatter of the {n} grey patches in the planes that nothing else explains, for 95 % with {n - 1} degrees "
-            "of freedom"
-        )
-        rows.append(BudgetRow("patch uniformity", calibration.scatter_rel, "normal", False, "A", basis))
+        basis = f"scatter of the {n} grey patches in the planes that nothing else explains"
+        known = [plane.responsivity.scatter_dof for plane in calibration.planes if plane.responsivity.scatter_dof]
+        dof = min(known, default=None)
+        rows.append(BudgetRow("patch uniformity", calibration.scatter_rel, "normal", False, "A", basis, dof=dof))
     fits = [plane.responsivity for plane in calibration.planes]
     if all(fit.intercept_dn_s is not None for fit in fits):
         found = [

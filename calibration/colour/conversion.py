@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
+from ..errors.common import FLICKER, GLARE, REFOCUS
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel
 from ..frames.planes import split
@@ -23,7 +24,7 @@ from .mismatch import mismatch_errors
 from .planes import colours_of_planes
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time")
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,8 @@ def colour_patch_luminance(
         patch=seen[0].patch,
         luminance_cd_m2=luminance,
         random_rel=random_rel,
+        scatter_rel=converter.scatter_rel,
+        scatter_dof=min(plane.responsivity.scatter_dof or inf for plane in converter.planes),
         common=(
             *weight_errors,
             *_joined(planes, [float(share) for share in shares]),

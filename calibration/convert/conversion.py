@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot
+from math import hypot, inf
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from ...core.finding import log_findings
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
+from ..errors.uncertainty import student_factor
 from ..frames.observations import CameraState
 from ..model import Calibration
 from ..setup import LensIdentity
@@ -106,7 +107,9 @@ def _slow_rel(calibration: Calibration) -> float:
     """Independent relative standard uncertainty of each region of any size: flat field and patch scatter."""
     vignetting = calibration.vignetting
     of_field = vignetting.slow_rel if isinstance(vignetting, FlatField | RadialVignetting) else 0.0
-    return hypot(of_field, calibration.responsivity.scatter_rel)
+    fit = calibration.responsivity
+    # A map has no degrees of freedom: 1.96 of these uncertainties are the expanded one.
+    return hypot(of_field, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.luminance import CommonError
-from ..errors.common import common_errors
-from ..errors.uncertainty import expanded_half_width
+from ..errors.common import FLICKER, common_errors
+from ..errors.uncertainty import expanded_of, of_one_estimate
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, vignetting_errors
 from ..meter import METER_SOURCES
@@ -43,6 +43,8 @@ class PatchLuminance:
     findings : tuple of Finding
         Findings on excluded exposures, temperatures not covered by the dark frames, and luminances or signals outside
         the calibrated range.
+    scatter_rel, scatter_dof : float
+        Part of `random_rel` by the scatter of the calibration's patches, and its degrees of freedom.
     """
 
     patch: str
@@ -51,6 +53,8 @@ class PatchLuminance:
     common: tuple[CommonError, ...]
     exposures_s: tuple[float, ...]
     findings: tuple[Finding, ...]
+    scatter_rel: float = 0.0
+    scatter_dof: float = inf
 
     @property
     def fit_rel(self) -> float:
@@ -69,9 +73,10 @@ class PatchLuminance:
 
     @property
     def half_width_95_rel(self) -> float:
-        """Relative expanded uncertainty U (95 %): the largest rectangular error as such, all others normal."""
-        largest = max((abs(float(e.relative)) for e in self.common if e.rectangular), default=0.0)
-        return expanded_half_width(sqrt(3) * largest, sqrt(max(self.standard_uncertainty_rel**2 - largest**2, 0.0)))
+        """Relative expanded uncertainty U (95 %), as `expanded_of`."""
+        normal = [e for e in self.common if not e.rectangular]
+        rectangular = (float(e.relative) for e in self.common if e.rectangular)
+        return expanded_of(_parts([self], normal), rectangular)
 
     @property
     def interval_95_cd_m2(self) -> tuple[float, float]:
@@ -124,10 +129,35 @@ def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
     bright, dark : PatchLuminance
         By one calibration.
     """
+    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * sqrt(sum(part for part, _ in _of_ratio(bright, dark)))
+
+
+def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> float:
+    """Return the expanded uncertainty U (95 %) of the contrast, as `contrast_uncertainty` with Student's t."""
+    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_of(_of_ratio(bright, dark))
+
+
+def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
+    """Squares of the relative uncertainty of a ratio, with their degrees of freedom."""
     a, b = _by_name(bright.common), _by_name(dark.common)
-    left = [a.get(name, 0.0) - b.get(name, 0.0) for name in sorted(a.keys() | b.keys())]
-    ratio = bright.luminance_cd_m2 / dark.luminance_cd_m2
-    return ratio * sqrt(bright.random_rel**2 + dark.random_rel**2 + sum(value**2 for value in left))
+    zero = CommonError("", 0.0)
+    left = []
+    for name in sorted(a.keys() | b.keys()):
+        one, other = a.get(name, zero), b.get(name, zero)
+        difference = float(one.relative) - float(other.relative)
+        left.append(CommonError((name in a and one.source) or other.source, difference, dof=min(one.dof, other.dof)))
+    return _parts([bright, dark], left)
+
+
+def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> list[tuple[float, float]]:
+    """Squares of relative uncertainties with their degrees of freedom; scatter and fit have the same."""
+    own = [(max(one.random_rel**2 - one.scatter_rel**2, 0.0), inf) for one in patches]
+    scattered = [(one.scatter_rel**2, one.scatter_dof) for one in patches]
+    squares = [(error.source, float(error.relative) ** 2, error.dof) for error in common]
+    of_fit = [(square, dof) for source, square, dof in squares if source == "fit"]
+    flickers = [(square, dof) for source, square, dof in squares if source.startswith(FLICKER)]
+    others = [(square, dof) for source, square, dof in squares if source != "fit" and not source.startswith(FLICKER)]
+    return [*own, *others, of_one_estimate([*scattered, *of_fit]), of_one_estimate(flickers)]
 
 
 def _combined(
@@ -143,10 +173,7 @@ def _combined(
     weight = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
     weight /= weight.sum()
     luminance = float(weight @ each)
-    of_each_dn2 = (
-        np.array([s.noise_variance_dn2 + s.frames_variance_dn2 for s in signals])
-        + calibration.responsivity.scatter_dn**2
-    )
+    of_each_dn2 = np.array([s.noise_variance_dn2 for s in signals]) + calibration.responsivity.scatter_dn**2
     noise = float((weight * slope) ** 2 @ of_each_dn2)
     # Dark signal non-uniformity and the pixels' sensitivity do not average over the exposures.
     uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
@@ -161,7 +188,15 @@ def _combined(
             source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
             key = source if exposure else f"{number}"
             so_far = float(shared[key].relative) if key in shared else 0.0
-            shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular)
+            shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular, error.dof)
+    for o, s, share, step in zip(observations, signals, weight * each / luminance, weight * slope, strict=True):
+        frames = " ".join(f"{part}" for part in o.frames if part is not None)
+        of_frames = {FLICKER: share * s.flicker_rel, "black level": step * s.black_level_dn / luminance}
+        dof = calibration.settings[s.gain_index].noise.flicker_dof or inf
+        for source, part in of_frames.items():
+            name = f"{source}, frames {frames}"
+            if part:
+                shared[name] = CommonError(name, float(part), dof=dof if source == FLICKER else inf)
     patch = observations[0].patch
     by_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     return PatchLuminance(
@@ -170,6 +205,8 @@ def _combined(
         random_rel=random_rel,
         common=(*shared.values(), *(CommonError("flat field", float(error)) for (error,) in by_place)),
         exposures_s=tuple(sorted({o.exposure_s for o in observations})),
+        scatter_rel=calibration.responsivity.scatter_rel,
+        scatter_dof=calibration.responsivity.scatter_dof or inf,
         findings=(
             *findings,
             *temperature_findings(observations, calibration.settings),
@@ -210,12 +247,12 @@ def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, 
     )
 
 
-def _by_name(common: Sequence[CommonError]) -> dict[str, float]:
-    """Values by source, numbered where several have the same source."""
-    values: dict[str, float] = {}
+def _by_name(common: Sequence[CommonError]) -> dict[str, CommonError]:
+    """Errors by source, numbered where several have the same source."""
+    values: dict[str, CommonError] = {}
     for error in common:
         number = 0
         while f"{error.source} {number}" in values:
             number += 1
-        values[f"{error.source} {number}"] = float(error.relative)
+        values[f"{error.source} {number}"] = error
     return values

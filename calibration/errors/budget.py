@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, sqrt
 
 import numpy as np
@@ -13,9 +13,9 @@ from ...core.luminance import CommonError
 from ..findings import BudgetRow
 from ..meter import MeterScale
 from ..model import Calibration, PatchResidual
-from .common import common_errors
+from .common import REFOCUS, common_errors
 from .gaps import rows_not_included
-from .uncertainty import expanded_half_width
+from .uncertainty import effective_dof, expanded_of, of_one_estimate
 
 #: Order of the rows; a source that is not among them comes last.
 SOURCES = (
@@ -30,6 +30,7 @@ SOURCES = (
     "linearity",
     "flat field",
     "exposure time",
+    "focus and aperture",
     "gain",
     "spectral mismatch",
     "glare",
@@ -114,26 +115,20 @@ def in_order(rows: Iterable[BudgetRow]) -> tuple[BudgetRow, ...]:
     return tuple(sorted(rows, key=lambda row: order.get(row.source, len(order))))
 
 
-def combined(rows: Sequence[BudgetRow], n_patches: int) -> CombinedUncertainty:
-    """Combine the included rows of a budget.
-
-    Parameters
-    ----------
-    rows : sequence of BudgetRow
-        From `budget`.
-    n_patches : int
-        Patches of the fit: their unexplained scatter, the only row based on few values, has one dof less. Student's
-        factor is already included in the row.
-    """
+def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
+    """Combine the included rows of a budget."""
     included = [row for row in rows if row.included]
-    squares = [row.standard_uncertainty_rel**2 for row in included]
-    u = sqrt(sum(squares))
-    rectangular = [row.standard_uncertainty_rel for row in included if row.distribution == "rectangular"]
-    largest = max(rectangular, default=0.0)
-    scatter = sum(row.standard_uncertainty_rel**2 for row in included if row.source == "patch uniformity")
-    dof = (n_patches - 1) * (u**2 / scatter) ** 2 if scatter > 0 else inf
-    rest = sqrt(max(u**2 - largest**2, 0.0))
-    return CombinedUncertainty(u, dof, expanded_half_width(largest * sqrt(3), rest))
+    parts = [(row.standard_uncertainty_rel**2, row.dof or inf, row.distribution) for row in included]
+    u = sqrt(sum(square for square, _, _ in parts))
+    normal = [*_of_the_fit(included), *((s, d) for s, d, kind in parts if kind == "normal" and d == inf)]
+    rectangular = [sqrt(square) for square, _, distribution in parts if distribution == "rectangular"]
+    dof = effective_dof([*normal, *((square**2, inf) for square in rectangular)])
+    return CombinedUncertainty(u, dof, expanded_of(normal, rectangular))
+
+
+def _of_the_fit(rows: Sequence[BudgetRow]) -> list[tuple[float, float]]:
+    """Variance with few degrees of freedom: scatter of the patches, in the fit too."""
+    return [of_one_estimate((row.standard_uncertainty_rel**2, row.dof) for row in rows if row.dof)]
 
 
 def require_positive(**values: float) -> None:
@@ -182,10 +177,13 @@ def _of_common_errors(calibration: Calibration, net_dn: float, exposure_s: float
                 standard_uncertainty_rel=u,
                 distribution="rectangular" if rectangular else "normal",
                 common=True,
-                evaluation="B" if source in ("meter scale", "meter f1'", "spectral mismatch", "exposure time") else "A",
+                evaluation="B"
+                if source in ("meter scale", "meter f1'", "spectral mismatch", "exposure time", REFOCUS)
+                else "A",
                 basis=_BASIS.get(source)
                 or _of_meter(source, calibration.meter_scale)
                 or "as the calibration states it",
+                dof=None if group[0].dof == inf else group[0].dof,
             )
         )
     return rows
@@ -194,6 +192,7 @@ def _of_common_errors(calibration: Calibration, net_dn: float, exposure_s: float
 _BASIS = {
     "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
     "dark and temperature": "covariance of the dark signal fitted to the dark frames",
+    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
     "exposure time": "steps of the exposure time that cameras apply",
     "gain": "scatter of the gains around each other",
     "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
@@ -239,8 +238,9 @@ def split_fit(rows: Sequence[PatchResidual], fit: BudgetRow) -> list[BudgetRow]:
             "A",
             f"{sum(row.n_readings for row in rows)} readings of {len(rows)} patches, last digit included; its share of "
             "the fit",
+            dof=fit.dof,
         ),
-        BudgetRow("fit", u * sqrt(1 - share), "normal", True, "A", fit.basis),
+        replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),
     ]
 
 
@@ -253,8 +253,9 @@ def _of_patches(calibration: Calibration) -> list[BudgetRow]:
     if scatter_rel == 0:
         return []
     n = len(calibration.residuals)
-    basis = f"scatter of the {n} patches that nothing else explains, for 95 % with {n - 1} degrees of freedom"
-    return [BudgetRow("patch uniformity", scatter_rel, "normal", False, "A", basis)]
+    basis = f"scatter of the {n} patches that nothing else explains"
+    dof = calibration.responsivity.scatter_dof
+    return [BudgetRow("patch uniformity", scatter_rel, "normal", False, "A", basis, dof=dof)]
 
 
 def _of_pixels(

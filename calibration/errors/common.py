@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,6 +15,12 @@ from ..model import Calibration
 #: (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us in 1 ms are a few periods of tens of MHz.
 #: Larger errors make the exposures inconsistent, and the fit includes them as scatter.
 EXPOSURE_TIME_REL = 5e-5
+#: Source of errors by flicker of the light, common to all patches of the same frames.
+FLICKER = "lamp flicker"
+#: Source of the error by glare of unknown size, where the fit found some.
+GLARE = "glare"
+#: Source of the error by setting focus and aperture anew.
+REFOCUS = "focus and aperture"
 
 
 def common_errors(
@@ -24,10 +32,10 @@ def common_errors(
 ) -> tuple[CommonError, ...]:
     """Mutually independent errors common to the luminances of one frame, as signed patterns.
 
-    ``meter scale`` (rectangular by a data sheet, normal by a certificate), ``meter f1'`` if it counts, ``exposure
-    time``, and those of the fit: ``fit``, ``gain``, ``linearity`` and ``dark and temperature``, one for each
-    eigenvector of a covariance. In a contrast of two luminances the difference of their patterns remains. Number and
-    order of the errors are the same for all frames of one gain.
+    ``meter scale`` (rectangular by a data sheet, normal by a certificate), ``meter f1'`` and ``focus and aperture`` if
+    they count, ``exposure time``, and those of the fit: ``fit``, ``gain``, ``linearity`` and ``dark and temperature``,
+    one for each eigenvector of a covariance. In a contrast of two luminances the difference of their patterns remains.
+    Number and order of the errors are the same for all frames of one gain.
 
     Parameters
     ----------
@@ -60,15 +68,21 @@ def common_errors(
     errors = [
         CommonError("meter scale", scale.standard_uncertainty_rel, rectangular=scale.certificate is None),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
+        *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
         CommonError("exposure time", EXPOSURE_TIME_REL),
     ]
     with np.errstate(divide="ignore"):
         by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)
+    if calibration.responsivity.glare_cd_m2:
+        per_light = calibration.responsivity.responsivity_dn_s_cd_m2 * setting.factor * exposure_s
+        with np.errstate(divide="ignore"):
+            relative = calibration.responsivity.glare_cd_m2 * per_light / calibration.response.linearise(n)
+        errors.append(CommonError(GLARE, relative))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
     for error in calibration.fit_errors:
         gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0
         relative = np.interp(n, error.net_dn, error.relative) + gain_rel
         if error.dark and error.dark_gain_db == setting.gain_db:
             relative = relative + by_dark_dn * float(sensitivities @ np.array(error.dark))
-        errors.append(CommonError(error.source, relative))
+        errors.append(CommonError(error.source, relative, dof=error.dof or inf))
     return tuple(errors)

@@ -8,6 +8,7 @@ from ...core.vignetting import Cos4Vignetting, FlatField
 from ..findings import BudgetRow
 from ..meter import MeterScale
 from ..model import Calibration
+from .common import REFOCUS
 from .uncertainty import expanded_half_width
 
 
@@ -30,6 +31,7 @@ def rows_not_included(calibration: Calibration, luminance_cd_m2: float) -> list[
         _linearity(calibration),
         _flat_field(calibration),
         _unknown("exposure time", "taken as exact"),
+        _unknown(REFOCUS, "locked, as the configuration states it"),
         _unknown("gain", "one gain only: part of the responsivity"),
         _unknown("spectral mismatch", f"none for {calibration.source_spectrum}, unknown for any other light"),
         glare,

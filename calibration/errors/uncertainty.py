@@ -1,13 +1,62 @@
-"""Interval of an error that is the sum of a rectangular and a normal part."""
+"""Expanded uncertainty: rectangular and normal parts, degrees of freedom and Student's t."""
 
 from __future__ import annotations
 
-from math import erf, exp, isfinite, pi, sqrt
+from collections.abc import Iterable
+from math import erf, exp, inf, isfinite, pi, sqrt
 
 from ...core.errors import InputError
 
 #: Coverage probability of all intervals of this package.
 COVERAGE = 0.95
+
+
+def effective_dof(parts: Iterable[tuple[float, float]]) -> float:
+    """Degrees of freedom of a sum of variances, after Welch and Satterthwaite (JCGM 100:2008, G.4.1).
+
+    Parameters
+    ----------
+    parts : iterable of (float, float)
+        Variances with their degrees of freedom.
+    """
+    parts = [*parts]
+    fourth = sum(variance**2 / dof for variance, dof in parts)
+    return sum(variance for variance, _ in parts) ** 2 / fourth if fourth > 0 else inf
+
+
+def of_one_estimate(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """Variance and degrees of freedom of a sum of variances that follow from one estimate and err together."""
+    parts = [*parts]
+    total = sum(variance for variance, _ in parts)
+    spread = sum(variance / sqrt(dof) for variance, dof in parts)
+    return total, (total / spread) ** 2 if spread > 0 else inf
+
+
+def student_factor(dof: float) -> float:
+    """Student's t over the normal quantile of 95 % (JCGM 100:2008, G.3)."""
+    from scipy.stats import norm, t
+
+    tail = (1 - COVERAGE) / 2
+    return 1.0 if dof == inf else float(t.isf(tail, max(dof, 1)) / norm.isf(tail))
+
+
+def expanded_of(parts: Iterable[tuple[float, float]], rectangular: Iterable[float] = ()) -> float:
+    """Return the expanded uncertainty U (95 %) of independent errors.
+
+    The largest rectangular one counts as such, all others as normal, with Student's t for their effective degrees of
+    freedom.
+
+    Parameters
+    ----------
+    parts : iterable of (float, float)
+        Variances of normal errors with their degrees of freedom.
+    rectangular : iterable of float
+        Standard uncertainties of errors between limits.
+    """
+    largest, *others = sorted((*map(abs, rectangular), 0.0), reverse=True)
+    normal = [*parts, *((u**2, inf) for u in others)]
+    total = sqrt(sum(variance for variance, _ in normal))
+    return expanded_half_width(sqrt(3) * largest, total * student_factor(effective_dof(normal)))
 
 
 def coverage_probability(half_width: float, rectangular_half_width: float, standard_uncertainty: float) -> float:

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from .design import Array
-from .gls import Solution
+from .problem import Solution
 
 #: Decrease of chi^2 required of a further parameter.
 WORTH = 6.6

@@ -1,8 +1,9 @@
-"""Candidate models of the response: linear, quadratic, monotone PCHIP, or a given one."""
+"""Candidate models of the response: linear, quadratic, cubic, gamma, monotone PCHIP, or a given one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log1p
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,10 @@ from .design import Array
 MIN_SPARE_PATCHES = 2
 #: Most knots of a PCHIP response: sensors are smooth, and every knot adds uncertainty.
 MAX_KNOTS = 4
+#: Knots of a cubic or gamma curve, and how far it goes beyond the highest signal.
+_N_KNOTS, _REACH = 64, 1.1
+#: Start of the exponent of a gamma.
+_START_GAMMA = 2.0
 
 
 class Curve(NamedTuple):
@@ -29,32 +34,38 @@ class Curve(NamedTuple):
 class CandidateModel:
     """One model of the candidates: c(n) = h(n) / R with its parameters b.
 
-    linear: b1 n. quadratic: b1 n + b2 n^2 / n_max. pchip: monotone cubic interpolation (F. N. Fritsch and R. E.
-    Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0. table: b1 times the response
-    of a bracket.
+    linear: b1 n. quadratic: b1 n + b2 n^2 / n_max, cubic: + b3 n^3 / n_max^2. gamma: b1 ((n + d)^g - d^g) / (g d^(g-1))
+    with b2 = g, a power law of the DN, dark signal d included. pchip: monotone cubic interpolation (F. N. Fritsch and
+    R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0. table: b1 times the
+    response of a bracket.
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
         Which.
     knots_dn : tuple of float
-        Increasing; the last is n_max, the highest signal of the fit; only that one for linear and quadratic; the range
-        of the bracket for a table.
+        Increasing; the last is n_max, the highest signal of the fit; only that one but for pchip; the range of the
+        bracket for a table.
     bracket : ResponseCurve or None
         Of a table.
+    dark_dn : float
+        Dark signal d, of a gamma.
     """
 
     kind: ResponseKind
     knots_dn: tuple[float, ...]
     bracket: ResponseCurve | None = None
+    dark_dn: float = 0.0
 
     @property
     def n_parameters(self) -> int:
         """Number of parameters b."""
-        return {"linear": 1, "quadratic": 2, "table": 1}.get(self.kind, len(self.knots_dn))
+        return {"linear": 1, "quadratic": 2, "cubic": 3, "gamma": 2, "table": 1}.get(self.kind, len(self.knots_dn))
 
     def shape(self, net_dn: Array) -> Array:
-        """Return the approximate shape of c: h of a table, else the signal itself."""
+        """Return the approximate shape of c: h of a table or of a typical gamma, else the signal itself."""
+        if self.kind == "gamma":
+            return self.curve(np.array([1.0, _START_GAMMA]), net_dn).value
         return net_dn if self.bracket is None else self.bracket.response.linearise(net_dn)
 
     def errors(self, net_dn: Array) -> Array:
@@ -65,17 +76,25 @@ class CandidateModel:
         """Parameters of a straight line, or of a table, by the ratio of luminance to `shape`."""
         if self.kind == "pchip":
             return slope * np.array(self.knots_dn)
-        return np.array([slope, 0.0][: self.n_parameters])
+        second = _START_GAMMA if self.kind == "gamma" else 0.0
+        return np.array([slope, second, 0.0][: self.n_parameters])
 
     def curve(self, parameters: Array, net_dn: Array) -> Curve:
         """Evaluate at signals, shape (n,); beyond n_max a pchip continues with the slope there."""
         top = self.knots_dn[-1]
         if self.kind == "linear":
             return Curve(parameters[0] * net_dn, np.full(net_dn.shape, parameters[0]), net_dn[:, None])
-        if self.kind == "quadratic":
-            a, b = parameters
-            jacobian = np.column_stack([net_dn, net_dn**2 / top])
-            return Curve(jacobian @ parameters, a + 2 * b * net_dn / top, jacobian)
+        if self.kind in ("quadratic", "cubic"):
+            powers = np.arange(1, self.n_parameters + 1)
+            jacobian = top * (net_dn[:, None] / top) ** powers
+            slope = ((net_dn[:, None] / top) ** (powers - 1) * powers) @ parameters
+            return Curve(jacobian @ parameters, slope, jacobian)
+        if self.kind == "gamma":
+            b, g = parameters
+            ratio = np.maximum(1 + net_dn / self.dark_dn, 1e-6)
+            shape = (ratio**g - 1) * self.dark_dn / g
+            by_g = b * (ratio**g * np.log(ratio) * self.dark_dn - shape) / g
+            return Curve(b * shape, b * ratio ** (g - 1), np.column_stack([shape, by_g]))
         if self.bracket is not None:
             h = self.bracket.response
             value, slope = h.linearise(net_dn), h.slope(net_dn)
@@ -88,7 +107,8 @@ class CandidateModel:
             return bool((np.diff(parameters, prepend=0.0) > 0).all())
         if self.bracket is not None:
             return bool(parameters[0] > 0)
-        return bool(parameters[0] > 0 and self.curve(parameters, np.array(self.knots_dn)).slope[-1] > 0)
+        steps = self.knots_dn[-1] * np.linspace(0, 1, _N_KNOTS)
+        return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
 
     def response(self, parameters: Array) -> tuple[Response, float]:
         """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2)."""
@@ -100,6 +120,12 @@ class CandidateModel:
         if self.kind == "quadratic":
             at_top = top * (1 + parameters[1] / parameters[0])
             return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])
+        if self.kind in ("cubic", "gamma"):
+            edge = self.dark_dn if self.kind == "gamma" else top
+            knots = edge * np.expm1(np.linspace(0, log1p(_REACH * top / edge), _N_KNOTS))
+            linear = self.curve(parameters, knots).value
+            responsivity = float(knots[1] / linear[1])
+            return Response(self.kind, tuple(knots.tolist()), tuple((linear * responsivity).tolist())), responsivity
         responsivity = self.knots_dn[0] / parameters[0]
         values = tuple(float(v) for v in parameters * responsivity)
         return Response("pchip", (0.0, *self.knots_dn), (0.0, *values)), float(responsivity)
@@ -119,7 +145,9 @@ class CandidateModel:
         return Curve(values[:, 0], slopes[:, 0], (values[:, 1:] - values[:, :1]) / step)
 
 
-def candidate_models(net_dn: Array, n_patches: int, bracket: ResponseCurve | None = None) -> list[CandidateModel]:
+def candidate_models(
+    net_dn: Array, n_patches: int, dark_dn: float, bracket: ResponseCurve | None = None
+) -> list[CandidateModel]:
     """Models that the data can support: the response of a bracket if there is one, then the simplest first.
 
     Parameters
@@ -128,6 +156,8 @@ def candidate_models(net_dn: Array, n_patches: int, bracket: ResponseCurve | Non
         Signals above dark of all observations.
     n_patches : int
         Number of patches.
+    dark_dn : float
+        Dark signal.
     bracket : ResponseCurve or None
         Given shape of the response.
     """
@@ -136,6 +166,9 @@ def candidate_models(net_dn: Array, n_patches: int, bracket: ResponseCurve | Non
     candidates.append(CandidateModel("linear", (top,)))
     if n_patches >= 2 + MIN_SPARE_PATCHES:
         candidates.append(CandidateModel("quadratic", (top,)))
+        candidates.append(CandidateModel("gamma", (top,), dark_dn=max(dark_dn, 1.0)))
+    if n_patches >= 3 + MIN_SPARE_PATCHES:
+        candidates.append(CandidateModel("cubic", (top,)))
     for n_knots in range(min(MAX_KNOTS, n_patches - MIN_SPARE_PATCHES), 2, -1):
         knots = top * np.arange(1, n_knots + 1) / n_knots
         # Every interval between knots needs signals.

@@ -12,8 +12,8 @@ from ...core.finding import Finding, warning
 from ..findings import FitTest
 from ..gains import GainSetting
 from .design import Design
-from .gls import Solution
 from .intake import ADVISED_PATCHES
+from .problem import Solution
 from .selection import patch_weights
 from .tests import MIN_SPAN
 

@@ -5,39 +5,57 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from math import sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors.common import EXPOSURE_TIME_REL
+from ..errors.common import EXPOSURE_TIME_REL, FLICKER, GLARE
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, smooth_patterns, vignetting_errors
 from ..gains import GainSetting
 from ..readings import PatchReading
-from ..signal import net_signal
+from ..signal import NetSignal, net_signal
 
 Array = NDArray[np.floating[Any]]
 
+#: Sources of shared errors.
+DARK, DRIFT = "dark and temperature", "drift"
+#: Width of the prior of a glare that was found, over its size: it is as good as free.
+_FREE = 10.0
+#: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
+#: the readings show more: lamps that have warmed up keep to about 1 %.
+DRIFT_REL = 0.01
+
 
 @dataclass(frozen=True, eq=False)
-class DarkError:
-    """One independent error of one gain's dark signal, for one standard uncertainty.
+class SharedError:
+    """An error that several observations share: an unknown number with a normal prior of mean 0 and width 1.
 
     Parameters
     ----------
-    gain_db : float
-        Which gain.
-    parameters : ndarray of float, shape (3,)
-        Errors of offset_dn, rate_dn_s and 1 / T_d.
-    dark_dn : ndarray of float, shape (n,)
-        Error of the dark signal at each observation.
+    source : str
+        Name in the budget.
+    relative, dn : ndarray of float, shape (n,)
+        Its effect on each observation, relative to the luminance and in DN, for one standard uncertainty.
+    dark : tuple of float
+        The same error of the dark model's offset_dn, rate_dn_s and 1 / T_d; empty for another source.
+    gain_db : float or None
+        Gain of that dark model.
+    dof : float
+        Degrees of freedom of the standard uncertainty.
+    cd_m2 : float
+        The same effect on all observations, in cd/m^2.
     """
 
-    gain_db: float
-    parameters: Array
-    dark_dn: Array
+    source: str
+    relative: Array
+    dn: Array
+    dark: tuple[float, ...] = ()
+    gain_db: float | None = None
+    dof: float = inf
+    cd_m2: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +72,8 @@ class Design:
         Exposures, ascending.
     net_dn, scale_per_s, noise_variance_dn2, dark_nonuniformity_dn : ndarray of float, shape (n,)
         As of `NetSignal`.
-    dark_errors : tuple of DarkError
-        Errors common to all observations of a gain.
+    shared : tuple of SharedError
+        Errors of dark signal, exposure times, vignetting, light and black level of the same frames, and drift.
     reading_cd_m2, reading_variance : ndarray of float, shape (P,)
         Meter readings, and the variance of their random part in (cd/m^2)^2.
     own_rel : ndarray of float, shape (P,)
@@ -65,14 +83,14 @@ class Design:
         The same by the non-uniformity of the patch, which meter and camera view at slightly different positions.
     place : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
-    place_errors : ndarray of float, shape (k, P)
-        Independent relative errors of the measured vignetting, as patterns over the patches.
     read_at : tuple of datetime
         When each patch was read, P of them.
     scatter_rel : float
         Unexplained relative scatter of the patches.
     scatter_each_rel, scatter_each_dn : float
         The same for single observations, relative to the luminance or in DN.
+    scatter_rel_dof, scatter_each_rel_dof, scatter_each_dn_dof : float
+        Their degrees of freedom.
     """
 
     patches: tuple[str, ...]
@@ -84,17 +102,19 @@ class Design:
     scale_per_s: Array
     noise_variance_dn2: Array
     dark_nonuniformity_dn: Array
-    dark_errors: tuple[DarkError, ...]
+    shared: tuple[SharedError, ...]
     reading_cd_m2: Array
     reading_variance: Array
     own_rel: Array
     uneven_rel: Array
     place: Array
-    place_errors: Array
     read_at: tuple[datetime, ...]
     scatter_rel: float = 0.0
     scatter_each_rel: float = 0.0
     scatter_each_dn: float = 0.0
+    scatter_rel_dof: float = inf
+    scatter_each_rel_dof: float = inf
+    scatter_each_dn_dof: float = inf
 
     @property
     def readings(self) -> Array:
@@ -111,26 +131,33 @@ class Design:
         """Whether two observations are of one patch, shape (n, n)."""
         return np.equal.outer(self.patch, self.patch)
 
-    def net_covariance(self) -> Array:
-        """Covariance of `net_dn`, shape (n, n)."""
-        uneven = self.dark_nonuniformity_dn
-        own = self.noise_variance_dn2 + self.scatter_each_dn**2
-        covariance: Array = np.diag(own) + np.where(self.same_patch, np.outer(uneven, uneven), 0)
-        for error in self.dark_errors:
-            covariance += np.outer(error.dark_dn, error.dark_dn)
-        return covariance
-
-    def patch_covariance(self, luminance: Array) -> Array:
-        """Covariance of luminances less readings by all but `net_dn`, shape (n, n), with luminances of shape (n,)."""
+    def covariance(self, luminance: Array, slope: Array) -> Array:
+        """Covariance of luminances less readings, shape (n, n), at luminances and slopes dL/dn of shape (n,)."""
         # The mean of reading and luminance: weights by either one would favour patches where it is too low.
         level = np.sqrt(np.abs(luminance * self.readings))
+        own = slope**2 * (self.noise_variance_dn2 + self.scatter_each_dn**2) + (self.scatter_each_rel * luminance) ** 2
         by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * level
-        by_place = self.place_errors[:, self.patch] * level
-        shared = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch)
-        covariance: Array = np.where(self.same_patch, shared, 0.0)
-        together = self.exposure[:, None] == self.exposure[None, :]
-        covariance += np.where(together, EXPOSURE_TIME_REL**2 * np.outer(luminance, luminance), 0.0)
-        return covariance + by_place.T @ by_place + np.diag((self.scatter_each_rel * luminance) ** 2)
+        uneven = self.dark_nonuniformity_dn * slope
+        of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
+        patterns = self.patterns(level, slope)
+        covariance: Array = np.diag(own) + np.where(self.same_patch, of_patch, 0.0) + patterns.T @ patterns
+        return covariance
+
+    def patterns(self, level: Array, slope: Array) -> Array:
+        """Effects of the shared errors on the luminances, shape (k, n)."""
+        rows = [one.relative * level + one.dn * slope + one.cd_m2 for one in self.shared]
+        return np.array(rows).reshape(-1, level.size)
+
+    def with_glare(self, glare_cd_m2: float) -> Design:
+        """Return the same with an unknown glare of about this size; with 0, the same."""
+        if not glare_cd_m2:
+            return self
+        zero = np.zeros(self.net_dn.size)
+        return replace(self, shared=(*self.shared, SharedError(GLARE, zero, zero, cd_m2=_FREE * glare_cd_m2)))
+
+    def without_shared(self, source: str) -> Design:
+        """Return the same without the shared errors of a source."""
+        return replace(self, shared=tuple(one for one in self.shared if one.source != source))
 
     def without(self, patch: int) -> Design:
         """Return the same without one patch."""
@@ -145,13 +172,12 @@ class Design:
             scale_per_s=self.scale_per_s[kept],
             noise_variance_dn2=self.noise_variance_dn2[kept],
             dark_nonuniformity_dn=self.dark_nonuniformity_dn[kept],
-            dark_errors=tuple(replace(e, dark_dn=e.dark_dn[kept]) for e in self.dark_errors),
+            shared=tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared),
             reading_cd_m2=self.reading_cd_m2[others],
             reading_variance=self.reading_variance[others],
             own_rel=self.own_rel[others],
             uneven_rel=self.uneven_rel[others],
             place=self.place[others],
-            place_errors=self.place_errors[:, others],
             read_at=tuple(time for time, keep in zip(self.read_at, others, strict=True) if keep),
         )
 
@@ -197,7 +223,16 @@ def build_design(
     # The residual of a measured vignetting may be independent between patches or a slope over the image; both are
     # allowed for.
     slow_field = slow_rel(vignetting)
-    errors = [slow_field / sqrt(place.shape[1]) * place.T, vignetting_errors(vignetting, shape, centres_px)]
+    of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
+    read_at = tuple(r.read_at for r in ordered)
+    zero = np.zeros(len(observations))
+    shared = [
+        *_dark_errors(observations, gain, settings),
+        *(SharedError("exposure time", np.where(times == t, EXPOSURE_TIME_REL, 0.0), zero) for t in exposures_s),
+        *(SharedError("flat field", row[patch], zero) for row in of_place if row.any()),
+        *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
+        *_drift(observations, [read_at[i] for i in patch]),
+    ]
     return Design(
         patches=tuple(groups),
         patch=patch,
@@ -206,26 +241,53 @@ def build_design(
         exposures_s=exposures_s,
         net_dn=np.array([s.net_dn for s in signals]),
         scale_per_s=np.array([s.scale_per_s for s in signals]),
-        noise_variance_dn2=np.array([s.noise_variance_dn2 + s.frames_variance_dn2 for s in signals]),
+        noise_variance_dn2=np.array([s.noise_variance_dn2 for s in signals]),
         dark_nonuniformity_dn=np.array([s.dark_nonuniformity_dn for s in signals]),
-        dark_errors=tuple(_dark_errors(observations, gain, settings)),
+        shared=tuple(shared),
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
         own_rel=np.hypot(pixels, slow_field),
         uneven_rel=slow,
         place=place,
-        place_errors=np.concatenate(errors),
-        read_at=tuple(r.read_at for r in ordered),
+        read_at=read_at,
     )
 
 
 def _dark_errors(
     observations: Sequence[PatchObservation], gain: NDArray[np.intp], settings: Sequence[GainSetting]
-) -> list[DarkError]:
+) -> list[SharedError]:
     errors = []
     for index, setting in enumerate(settings):
         sensitivities = np.array([setting.dark.sensitivities(o.exposure_s, o.temperature_c) for o in observations])
         for parameters in setting.dark.errors():
             dark_dn = np.where(gain == index, sensitivities @ parameters, 0.0)
-            errors.append(DarkError(setting.gain_db, parameters, dark_dn))
+            steps = tuple(float(v) for v in parameters)
+            errors.append(SharedError(DARK, np.zeros(len(observations)), dark_dn, steps, setting.gain_db))
     return errors
+
+
+def _frame_errors(
+    observations: Sequence[PatchObservation], signals: Sequence[NetSignal], flicker_dof: float
+) -> list[SharedError]:
+    """Flicker of the light and drift of the black level, common to all patches of the same frames."""
+    numbers: dict[object, int] = {}
+    frames = np.array([numbers.setdefault(o.frames, len(numbers)) for o in observations])
+    flicker, black = (np.array([getattr(s, name) for s in signals]) for name in ("flicker_rel", "black_level_dn"))
+    zero = np.zeros(frames.size)
+    errors = []
+    for number in numbers.values():
+        own = frames == number
+        errors.append(SharedError(FLICKER, np.where(own, flicker, 0.0), zero, dof=flicker_dof))
+        errors.append(SharedError("black level", zero, np.where(own, black, 0.0)))
+    return [e for e in errors if e.relative.any() or e.dn.any()]
+
+
+def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> list[SharedError]:
+    """Drift of camera over meter from the frames to the readings, steady over the session."""
+    if any(o.recorded is None for o in observations):
+        return []
+    recorded = [o.recorded for o in observations if o.recorded is not None]
+    start = min(*recorded, *read_at)
+    frames_h, read_h = (np.array([(t - start).total_seconds() / 3600 for t in times]) for times in (recorded, read_at))
+    span_h = max(float(frames_h.max()), float(read_h.max()), 1.0)
+    return [SharedError(DRIFT, DRIFT_REL * (read_h - frames_h) / span_h, np.zeros(read_h.size))]

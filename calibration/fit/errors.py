@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
 from ..fit_error import FitError
 from .candidates import CandidateModel
 from .design import Array
-from .gls import Solution
+from .problem import Solution
+from .scatter import fit_dof
 
 #: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
 _N_NODES = 48
@@ -19,7 +22,7 @@ def parameter_covariance(solution: Solution) -> Array:
     return covariance
 
 
-def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
+def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     """Split the errors of parameters and dark signal into independent ones.
 
     An error of the dark signal also changes the parameters: it is kept as one error with both effects. The rest of the
@@ -31,27 +34,26 @@ def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
     ----------
     solution : Solution
         The fit.
-    widening : float
-        Factor on the errors other than those of the dark signal.
     """
-    by_dark = [solution.slope * error.dark_dn for error in solution.design.dark_errors]
+    dark = [error for error in solution.design.shared if error.dark]
+    by_dark = [solution.slope * error.dn for error in dark]
     by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
     rest = solution.covariance - sum(np.outer(column, column) for column in (*by_dark, *by_shape))
     own = solution.gain @ rest @ solution.gain.T
     n = solution.candidate.n_parameters
     response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
-    errors = []
+    errors, dof = [], fit_dof(solution)
     values, vectors = np.linalg.eigh(response)
     regression = between @ np.linalg.pinv(response)
     for value, vector in zip(values, vectors.T, strict=True):
-        step = widening * np.sqrt(max(value, 0.0)) * vector
-        errors.append(_error(solution, "fit", np.concatenate([step, regression @ step])))
+        step = np.sqrt(max(value, 0.0)) * vector
+        errors.append(_error(solution, "fit", np.concatenate([step, regression @ step]), dof))
     if factors.size:
         values, vectors = np.linalg.eigh(factors - regression @ between.T)
         for value, vector in zip(values, vectors.T, strict=True):
-            step = widening * np.sqrt(max(value, 0.0)) * vector
-            errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step])))
-    for error, column in zip(solution.design.dark_errors, by_dark, strict=True):
+            step = np.sqrt(max(value, 0.0)) * vector
+            errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
+    for error, column in zip(dark, by_dark, strict=True):
         moved = _error(solution, "dark and temperature", solution.gain @ column)
         errors.append(
             FitError(
@@ -59,7 +61,7 @@ def fit_errors(solution: Solution, widening: float) -> tuple[FitError, ...]:
                 moved.net_dn,
                 moved.relative,
                 moved.gain_rel,
-                tuple(float(v) for v in error.parameters),
+                error.dark,
                 error.gain_db,
             )
         )
@@ -79,7 +81,12 @@ def _nodes(candidate: CandidateModel) -> Array:
     return top * np.arange(1, _N_NODES + 1) / _N_NODES
 
 
-def _error(solution: Solution, source: str, step: Array) -> FitError:
+def finite(dof: float) -> float | None:
+    """Return degrees of freedom as a file holds them, None for infinite ones."""
+    return dof if dof < inf else None
+
+
+def _error(solution: Solution, source: str, step: Array, dof: float = inf) -> FitError:
     """Return the change of the luminances by a step of all parameters."""
     candidate, n = solution.candidate, solution.candidate.n_parameters
     nodes = _nodes(candidate)
@@ -89,4 +96,5 @@ def _error(solution: Solution, source: str, step: Array) -> FitError:
         tuple(float(v) for v in nodes),
         tuple(float(v) for v in curve.jacobian @ step[:n] / curve.value),
         tuple(float(v) for v in step[n:] / solution.parameters[n:]),
+        dof=finite(dof),
     )

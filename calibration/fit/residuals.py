@@ -14,7 +14,7 @@ from ..convert.patch import PatchLuminance
 from ..frames.observations import PatchObservation
 from ..model import PatchResidual
 from ..readings import PatchReading, combine_readings
-from .gls import Solution
+from .problem import Solution
 from .selection import leave_one_out, patch_weights
 
 

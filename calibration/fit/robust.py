@@ -16,9 +16,9 @@ from ..readings import PatchReading, contradict, likely_cause, single_reading
 from .alternatives import WORTH, ratio, strongest_alternative
 from .candidates import CandidateModel
 from .design import Array, Design
-from .gls import Solution, solve
+from .problem import Solution, solve
+from .scatter import shift_with_scatter
 from .significance import critical_value
-from .tests import shift_with_scatter
 
 #: Largest fraction of the patches that may be left out (at least one).
 MAX_SHARE = 0.1
@@ -114,7 +114,9 @@ def _bad_patch(design: Design, candidates: Sequence[CandidateModel]) -> tuple[in
     if best is None:
         return None
     _, solution, patch = best
-    value, uncertainty, dof = shift_with_scatter(solution, _patterns(design)[patch])
+    value, uncertainty, _ = shift_with_scatter(solution, _patterns(design)[patch])
+    # Even where the other patches seem not to scatter, they are few.
+    dof = len(design.patches) - solution.parameters.size - 1
     if uncertainty == inf or abs(value) <= critical_value(len(design.patches), dof) * uncertainty:
         return None
     alternative = strongest_alternative(solution)

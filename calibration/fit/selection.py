@@ -15,7 +15,7 @@ from ..response.curve import ResponseCurve
 from .alternatives import strongest_alternative
 from .candidates import CandidateModel
 from .design import Array, Design
-from .gls import Solution, solve
+from .problem import Solution, solve
 from .significance import SMALL_P_VALUE, p_value_of_chi_squared
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
@@ -65,12 +65,12 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveO
 
 
 def patch_weights(solution: Solution, patch: int) -> Array:
-    """Weights of a patch's observations: inverse variances by noise and dark signal, with sum 1."""
+    """Weights of a patch's observations: inverse variances by noise, dark signal and other shared errors, sum 1."""
     design = solution.design
     own = design.patch == patch
-    variance = design.noise_variance_dn2 + design.dark_nonuniformity_dn**2
-    variance = variance + sum(error.dark_dn**2 for error in design.dark_errors)
-    weight: Array = 1 / (solution.slope[own] ** 2 * variance[own])
+    variance = solution.slope**2 * (design.noise_variance_dn2 + design.dark_nonuniformity_dn**2)
+    variance = variance + (design.patterns(solution.luminance, solution.slope) ** 2).sum(axis=0)
+    weight: Array = 1 / np.maximum(variance[own], 1e-12 * solution.luminance[own] ** 2)
     weight /= weight.sum()
     return weight
 

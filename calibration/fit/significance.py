@@ -6,8 +6,6 @@ from __future__ import annotations
 SMALL_P_VALUE = 0.01
 #: Family-wise false-alarm probability of all tests of one kind.
 FALSE_ALARM = 0.01
-#: Coverage probability of all intervals of this package.
-_COVERAGE = 0.95
 
 
 def p_value_of_chi_squared(chi_squared: float, dof: int) -> float:
@@ -27,11 +25,3 @@ def critical_value(n_tests: int, dof: float = float("inf")) -> float:
 
     tail = FALSE_ALARM / (2 * max(n_tests, 1))
     return float(norm.isf(tail) if dof == float("inf") else t.isf(tail, max(dof, 1)))
-
-
-def student_widening(dof: float) -> float:
-    """Student's t over the normal quantile of 95 % (JCGM 100:2008, G.3): widens an uncertainty from few residuals."""
-    from scipy.stats import norm, t
-
-    tail = (1 - _COVERAGE) / 2
-    return float(t.isf(tail, max(dof, 1)) / norm.isf(tail))

@@ -15,9 +15,8 @@ from ..dark.signal import DarkModel
 from ..errors.uncertainty import expanded_half_width
 from ..findings import FitTest
 from .alternatives import by_place, drift_pattern, ratio, worth_of_place
-from .design import Array
-from .gls import Solution, solve
-from .scatter import within_patches
+from .problem import Solution, solve
+from .scatter import shift_with_scatter, within_patches
 from .significance import FALSE_ALARM, critical_value, p_value_of_chi_squared
 
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
@@ -30,22 +29,6 @@ GAIN_TOLERANCE_REL = 0.012
 PLACE_TOLERANCE_REL = 0.002
 #: Significance, in standard uncertainties, of a single test.
 _LIMIT = 3.0
-
-
-def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float, float]:
-    """Value, standard uncertainty and degrees of freedom of a further parameter; see `Solution.shift`.
-
-    If the residuals scatter more than stated, the uncertainty is widened and has their degrees of freedom; else it has
-    infinite degrees of freedom.
-    """
-    value, uncertainty = solution.shift(pattern)
-    dof = solution.degrees_of_freedom - 1
-    if dof < 1 or uncertainty == inf:
-        return value, uncertainty, inf
-    left = solution.chi_squared - (value / uncertainty) ** 2
-    if p_value_of_chi_squared(left, dof) >= FALSE_ALARM:
-        return value, uncertainty, inf
-    return value, uncertainty * sqrt(max(left / dof, 1.0)), dof
 
 
 def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
@@ -105,7 +88,7 @@ def drift(solution: Solution) -> FitTest:
     return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
 
 
-def fall_off(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
+def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
     """Deviations by position of the patches: r^2, x and y together.
 
     Non-uniformity within the patches is not counted as an error here, as uncorrected vignetting causes it too.

@@ -167,6 +167,11 @@ class PatchObservation:
     n_lines: tuple[float, float] = (inf, inf)
     recorded: datetime | None = None
 
+    @property
+    def frames(self) -> tuple[float, float, datetime | None]:
+        """What tells its frames from others: patches of the same frames share their errors."""
+        return self.exposure_s, self.state.gain_db, self.recorded
+
     def net_dn(self, dark_dn: float) -> float:
         """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
         return self.signal_dn - dark_dn * self.mean_inverse_v

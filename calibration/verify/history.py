@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 from ...core.frame import PLANES, CameraIdentity
 from ..dark.signal import DarkModel
@@ -158,7 +158,7 @@ def _of_any(source: str, calibration: AnyCalibration) -> list[tuple[CameraState,
 
 def _of_calibration(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:
     fit, meter, k = calibration.responsivity, calibration.meter_scale, calibration.noise.k_dn_per_e
-    own_rel, whole_rel = expanded_half_width(0.0, fit.random_rel), expanded_rel([meter], fit.random_rel)
+    own_rel, whole_rel = (expanded_rel(meters, fit.random_rel, fit.dof or inf) for meters in ((), (meter,)))
     return HistoryPoint(
         source=source,
         measured=calibration.provenance.measured,

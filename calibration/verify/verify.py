@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..colour.model import ColourCalibration
 from ..convert.patch import PatchLuminance, patch_luminance
 from ..dark.signal import DarkModel, fit_dark
 from ..errors.expanded import expanded_rel
+from ..errors.uncertainty import effective_dof, of_one_estimate
 from ..frames.observations import DarkObservation, PatchObservation
 from ..meter import MeterScale
 from ..model import Calibration
@@ -114,9 +115,15 @@ def own_tolerance_rel(calibration: AnyCalibration) -> float:
     """Relative U (95 %) of a calibration: meter, fit and scatter of the patches, without the noise of a patch."""
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
-        return expanded_rel([calibration.meter_scale], hypot(fit.random_rel, fit.scatter_rel))
+        parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
+        variance, dof = of_one_estimate(parts)
+        refocus = calibration.lens.refocus_rel**2
+        dof = effective_dof(((variance, dof), (refocus, inf)))
+        return expanded_rel([calibration.meter_scale], sqrt(variance + refocus), dof)
     of_weights = float(np.linalg.norm(calibration.weight_errors.sum(axis=1)))
-    return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel))
+    return expanded_rel(
+        [calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, calibration.planes[0].lens.refocus_rel)
+    )
 
 
 def _name(plane: Calibration) -> str:

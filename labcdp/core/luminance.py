@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import cached_property
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,11 +43,14 @@ class CommonError:
         Signed relative error of the luminance for one standard uncertainty of that number.
     rectangular : bool
         True if the number is distributed evenly between limits (sqrt 3 standard uncertainties), False for normal.
+    dof : float
+        Degrees of freedom of the standard uncertainty; infinite if it is known.
     """
 
     source: str
     relative: NDArray[np.floating[Any]] | float
     rectangular: bool = False
+    dof: float = inf
 
 
 #: Rows and columns of a map.

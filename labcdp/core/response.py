@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 
-ResponseKind = Literal["linear", "quadratic", "pchip", "table"]
+ResponseKind = Literal["linear", "quadratic", "cubic", "gamma", "pchip", "table"]
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,15 @@ class Response:
     """Linearised DN h(n) of a DN n above dark: h is proportional to the exposure (luminance times time) of a pixel.
 
     h rises strictly and h(0) = 0. A fitted response is normalised at small signals: the slope of a quadratic one is 1
-    at zero, and a pchip one has h = n at its first knot, so that R is the responsivity at small signals. Below zero,
+    at zero, and the others have h = n at their first knot, so that R is the responsivity at small signals. Below zero,
     where noise leads, h is continued with its slope at zero.
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
         linear: h(n) = n. quadratic: h(n) = n (1 + q n / n_max). pchip: monotone cubic interpolation (F. N. Fritsch and
-        R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the knots. table: straight lines between the knots.
+        R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the knots; cubic and gamma, too, with many knots of such
+        a curve. table: straight lines between the knots.
     net_dn : tuple of float
         Knots, rising from 0; empty for linear, (0, n_max) for quadratic.
     linear_dn : tuple of float
@@ -76,7 +77,7 @@ class Response:
         if self.kind == "quadratic":
             bend = (values[1] / knots[1] - 1) / knots[1]
             value, slope = inside * (1 + bend * inside), 1 + 2 * bend * inside
-        elif self.kind == "pchip":
+        elif self.kind != "table":
             curve = _pchip(knots, values)
             value, slope = curve(inside), curve(inside, 1)
         else:

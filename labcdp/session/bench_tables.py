@@ -84,6 +84,11 @@ class CameraConfiguration(Table):
     )
 
 
+#: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:
+#: focus breathing over the reading of a distance scale, and the play of an iris.
+REFOCUS_REL = 0.005
+
+
 class LensConfiguration(Table):
     """Which lens, and how it is set."""
 
@@ -92,6 +97,9 @@ class LensConfiguration(Table):
     focal_length_m: Positive = Field(description="a focal length above 0 m")
     f_number: Positive = Field(description="an f-number above 0")
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
+    refocus_rel: float = Field(
+        REFOCUS_REL, ge=0, le=1, description="a fraction from 0 (focus and aperture are locked) to 1"
+    )
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
 
 

@@ -41,7 +41,7 @@ def row(rows, source):
 def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance):
     exposure_s = budget_exposure_s(calibration, luminance)
     patch = patch_luminance(calibration, [camera.observe("P", luminance, exposure_s, None, SIZE)])
-    whole = combined(budget(calibration, luminance, exposure_s, *SIZE), len(LUMINANCES))
+    whole = combined(budget(calibration, luminance, exposure_s, *SIZE))
     # The budget takes K from photon transfer and the luminance as given; both within a part in a thousand.
     assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=2e-3)
     assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=2e-3)

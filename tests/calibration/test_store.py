@@ -94,12 +94,12 @@ def test_other_json(tmp_path, content):
 
 @pytest.mark.parametrize(
     ("version", "remedy"),
-    [(0, "calibrate again"), (3, "calibrate again"), (5, "use a newer labcdp"), ("4", "calibrate again")],
+    [(0, "calibrate again"), (4, "calibrate again"), (6, "use a newer labcdp"), ("5", "calibrate again")],
 )
 def test_other_version(document, version, remedy):
     content, reload = document
     content["version"] = version
-    with pytest.raises(InputError, match=f"has version {version!r}, this labcdp reads version 4: {remedy}$"):
+    with pytest.raises(InputError, match=f"has version {version!r}, this labcdp reads version 5: {remedy}$"):
         reload()
 
 

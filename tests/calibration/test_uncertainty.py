@@ -1,11 +1,15 @@
+from math import inf, sqrt
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ndtr
+from scipy.stats import t as student
 
 from labcdp.calibration import coverage_probability, expanded_half_width
+from labcdp.calibration.errors.uncertainty import effective_dof, expanded_of, of_one_estimate
 
 half_widths = st.floats(0.05, 10.0)
 
@@ -36,3 +40,14 @@ def test_drawn_errors_lie_within_it_at_the_stated_rate():
     error = rng.uniform(-0.02, 0.02, n) + rng.normal(0, 0.008, n)
     inside = np.mean(np.abs(error) <= expanded_half_width(0.02, 0.008))
     assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / n))
+
+
+def test_degrees_of_freedom_of_independent_and_of_joint_variances():
+    """Closed forms: two equal variances of two estimates have twice the degrees of freedom, of one estimate its own."""
+    assert effective_dof([(1.0, 5.0), (1.0, 5.0)]) == pytest.approx(10)
+    assert of_one_estimate([(1.0, 5.0), (2.0, 5.0)]) == pytest.approx((3, 5))
+    assert effective_dof([(1.0, inf)]) == inf
+    # A standard deviation of four values, with t of three degrees of freedom.
+    assert expanded_of([(0.01**2, 3.0)]) == pytest.approx(0.01 * student.isf(0.025, 3), rel=1e-6)
+    # The larger of two rectangular errors counts as such.
+    assert expanded_of([], [0.01, 0.0]) == pytest.approx(0.95 * sqrt(3) * 0.01)

@@ -26,7 +26,18 @@ from worlds.world import HEIGHT, WIDTH, WORLDS, World
 #: Calibrations of each world; `benchmarks/worlds` has 400.
 N = 20
 #: Worlds in which labcdp's intervals hold, or a finding names the effect.
-HOLDING = ("ideal", "patch scatter 1 %", "lamp flicker 1 %", "meter scale 2 %", "one wrong reading of one, 20 %")
+HOLDING = (
+    "ideal",
+    "patch scatter 0.3 %",
+    "patch scatter 1 %",
+    "lamp flicker 1 %",
+    "lamp drift 1 %",
+    "refocusing 0.5 %",
+    "glare 0.5 %",
+    "gamma 2.2",
+    "meter scale 2 %",
+    "one wrong reading of one, 20 %",
+)
 
 
 @pytest.fixture

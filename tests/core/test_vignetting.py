@@ -13,8 +13,8 @@ def test_radius_is_relative_to_half_the_diagonal():
 
 
 def test_polynomial_and_its_centre():
-    fall_off = RadialVignetting(-0.3, -0.1, 0.05, centre_px=(0.5, 0.5))
-    v = fall_off.relative_illuminance((30, 40))
+    vignetting = RadialVignetting(-0.3, -0.1, 0.05, centre_px=(0.5, 0.5))
+    v = vignetting.relative_illuminance((30, 40))
     r2 = (10**2 + 20**2) / 25**2
     assert v[0, 0] == 1
     assert v[10, 20] == pytest.approx(1 - 0.3 * r2 - 0.1 * r2**2 + 0.05 * r2**3)
@@ -23,9 +23,9 @@ def test_polynomial_and_its_centre():
 def test_patterns_have_the_variance_of_the_covariance():
     jacobian = np.random.default_rng(1).normal(size=(3, 3)) * 0.01
     covariance = jacobian @ jacobian.T
-    fall_off = RadialVignetting(-0.3, -0.1, 0.05, covariance=tuple(map(tuple, covariance)))
-    patterns = fall_off.common_patterns((30, 40))
-    r2, v = fall_off.squared_radius((30, 40))[3, 7], fall_off.relative_illuminance((30, 40))[3, 7]
+    vignetting = RadialVignetting(-0.3, -0.1, 0.05, covariance=tuple(map(tuple, covariance)))
+    patterns = vignetting.common_patterns((30, 40))
+    r2, v = vignetting.squared_radius((30, 40))[3, 7], vignetting.relative_illuminance((30, 40))[3, 7]
     by_coefficient = np.array([r2, r2**2, r2**3]) / v
     assert sum(p[3, 7] ** 2 for p in patterns) == pytest.approx(by_coefficient @ covariance @ by_coefficient)
     assert RadialVignetting(-0.3, 0, 0).common_patterns((30, 40)) == []

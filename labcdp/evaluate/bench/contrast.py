@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 from typing import Literal
 
-from ...calibration import AnyCalibration, contrast_uncertainty
+from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
 from ...core.errors import CalibrationError, InputError
 from ...metrics import (
     CalibratedCdp,
@@ -38,8 +38,8 @@ class ContrastRow:
         Of all pairs of pixels, for plots; None if no contrast is finite.
     measured_contrast, measured_standard_uncertainty : float
         Weber contrast by the meter; its scale error cancels.
-    camera_contrast, camera_standard_uncertainty : float
-        Weber contrast of the calibrated patch luminances; scale and fit cancel.
+    camera_contrast, camera_standard_uncertainty, camera_half_width_95 : float
+        Weber contrast of the calibrated patch luminances; scale and fit cancel. The last is U (95 %).
     exposure_s : float
         Exposure of the frame.
     cdp_limit : float
@@ -57,6 +57,7 @@ class ContrastRow:
     measured_standard_uncertainty: float
     camera_contrast: float
     camera_standard_uncertainty: float
+    camera_half_width_95: float
     exposure_s: float
     cdp_limit: float
     frame_number: int
@@ -118,6 +119,7 @@ def contrast_row(
         measured_standard_uncertainty=(1 + measured) * hypot(*measured_rel),
         camera_contrast=camera,
         camera_standard_uncertainty=contrast_uncertainty(bright.calibrated, dark.calibrated),
+        camera_half_width_95=contrast_half_width_95(bright.calibrated, dark.calibrated),
         exposure_s=exposure_s,
         cdp_limit=pair.cdp_limit,
         frame_number=bright_record.number,

@@ -14,7 +14,9 @@ Report = Callable[[int, int], None]
 def lens_of(configuration: SessionConfiguration) -> LensIdentity:
     """Return the configured lens as a calibration keeps it."""
     lens = configuration.lens
-    return LensIdentity(lens.model, lens.serial, lens.focal_length_m, lens.f_number, lens.focus_distance_m)
+    return LensIdentity(
+        lens.model, lens.serial, lens.focal_length_m, lens.f_number, lens.focus_distance_m, lens.refocus_rel
+    )
 
 
 def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:

@@ -51,7 +51,7 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, planes, luminanc
     exposure_s = colour_budget_exposure_s(calibration, luminance)
     observations = {p: [one.observe("P", luminance, exposure_s, None, SIZE)] for p, one in planes.items()}
     patch = colour_patch_luminance(scattered, observations)
-    whole = combined(colour_budget(scattered, luminance, exposure_s, *SIZE), len(LUMINANCES))
+    whole = combined(colour_budget(scattered, luminance, exposure_s, *SIZE))
     # Fitted planes see a grey patch a little coloured, and photon transfer gives K: a part in a hundred.
     assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
     assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)

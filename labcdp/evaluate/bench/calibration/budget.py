@@ -47,12 +47,12 @@ def budgets(calibration: AnyCalibration) -> list[BudgetOfPatch]:
 def budget_at(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetOfPatch:
     """Compute the budget at a luminance."""
     if isinstance(calibration, Calibration):
-        n, t = len(calibration.residuals), budget_exposure_s(calibration, luminance_cd_m2)
+        t = budget_exposure_s(calibration, luminance_cd_m2)
         rows = budget(calibration, luminance_cd_m2, n_pixels=PATCH_PIXELS)
     else:
-        n, t = len(calibration.planes[0].residuals), colour_budget_exposure_s(calibration, luminance_cd_m2)
+        t = colour_budget_exposure_s(calibration, luminance_cd_m2)
         rows = colour_budget(calibration, luminance_cd_m2, n_groups=PATCH_PIXELS // 4)
-    return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows, n))
+    return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows))
 
 
 def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
-from ....calibration import AnyCalibration, Calibration, LensIdentity, expanded_half_width
+from ....calibration import AnyCalibration, Calibration, LensIdentity
 from ....calibration.colour.model import ColourCalibration
 from ....calibration.errors.expanded import expanded_rel
 from ....calibration.gains import GainSetting
@@ -22,6 +22,8 @@ RESPONSIVITY = "DN s⁻¹ / (cd m⁻²)"
 RESPONSES: dict[str, str] = {
     "linear": "linear",
     "quadratic": "quadratic",
+    "cubic": "cubic",
+    "gamma": "gamma",
     "pchip": "monotone cubic (PCHIP)",
     "table": "table",
 }
@@ -59,7 +61,7 @@ def responsivity(calibration: Calibration) -> Quantity:
     """Return the responsivity with the uncertainty of fit and meter scale."""
     fit = calibration.responsivity
     r = fit.responsivity_dn_s_cd_m2
-    expanded = r * expanded_rel([calibration.meter_scale], fit.random_rel)
+    expanded = r * expanded_rel([calibration.meter_scale], fit.random_rel, fit.dof or inf)
     u = r * calibration.responsivity_common_rel
     return Quantity("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
 
@@ -70,7 +72,7 @@ def _of_fit(calibration: Calibration) -> Iterator[Quantity]:
     fit, (low_dn, high_dn) = calibration.responsivity, calibration.range_net_dn
     yield responsivity(calibration)
     yield Quantity(
-        "U of R without the meter's scale", expanded_half_width(0.0, fit.random_rel), "%", "of the fit alone"
+        "U of R without the meter's scale", expanded_rel((), fit.random_rel, fit.dof or inf), "%", "of the fit alone"
     )
     yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, by their stated errors")
     yield Quantity("degrees of freedom", fit.degrees_of_freedom)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import inf
 from typing import Any
 
 from ....calibration import AnyCalibration, Calibration, PatchResidual
 from ....calibration.colour.model import ColourCalibration
+from ....calibration.errors.expanded import expanded_rel
 from ....core.finding import Finding, info
 from ....core.quantity import quantity_table
 from ....core.result import InputFile, Result
@@ -213,7 +215,8 @@ def _planes(colour: ColourCalibration) -> Table:
 def _plane_responsivity(plane: Calibration) -> dict[str, float | None]:
     fit = plane.responsivity
     r = fit.responsivity_dn_s_cd_m2
-    return uncertain_values("responsivity", r, r * fit.random_rel)
+    expanded = r * expanded_rel((), fit.random_rel, fit.dof or inf)
+    return uncertain_values("responsivity", r, r * fit.random_rel) | {"expanded_responsivity": expanded}
 
 
 def _combinations(colour: ColourCalibration) -> Table:

@@ -126,6 +126,7 @@ def _contrasts(contrasts: Sequence[ContrastRow]) -> Table:
                 "detected_up_to": stop,
                 **uncertain_values("measured_contrast", row.measured_contrast, row.measured_standard_uncertainty),
                 **uncertain_values("camera_contrast", row.camera_contrast, row.camera_standard_uncertainty),
+                "expanded_camera_contrast": row.camera_half_width_95,
                 "cdp": cdp.cdp,
                 "cdp_low": low,
                 "cdp_high": high,

@@ -94,10 +94,9 @@ def test_the_budget_is_that_of_the_calibration(calibration, result):
     for place, luminance, total in places:
         if isinstance(calibration, ColourCalibration):
             at = colour_budget(calibration, luminance, n_groups=PATCH_PIXELS // 4)
-            n = len(calibration.planes[0].residuals)
         else:
-            at, n = budget(calibration, luminance, n_pixels=PATCH_PIXELS), len(calibration.residuals)
-        whole = combined(at, n)
+            at = budget(calibration, luminance, n_pixels=PATCH_PIXELS)
+        whole = combined(at)
         assert total["u_rel"] == pytest.approx(whole.standard_uncertainty_rel)
         assert total["expanded_rel"] == pytest.approx(whole.expanded_95_rel)
         for row in at:

@@ -60,6 +60,7 @@ def test_json_follows_the_schema_and_holds_the_evaluation(evaluation, result, wr
         assert (row["cdp_low"], row["cdp_high"]) == expected.cdp.confidence_interval
         assert row["measured_contrast"] == expected.measured_contrast
         assert row["u_camera_contrast"] == expected.camera_standard_uncertainty
+        assert row["expanded_camera_contrast"] == expected.camera_half_width_95
     patches = {row["patch"]: row for row in values["tables"]["luminance"]["rows"]}
     for patch in evaluation.patches:
         row, u = patches[patch.region.name], patch.calibrated.half_width_95_rel

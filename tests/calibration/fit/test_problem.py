@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from labcdp.calibration.fit.candidates import CandidateModel
-from labcdp.calibration.fit.design import DarkError, Design
-from labcdp.calibration.fit.gls import solve
+from labcdp.calibration.fit.design import Design, SharedError
+from labcdp.calibration.fit.problem import solve
 from labcdp.core.errors import CalibrationError
 
 START = datetime(2018, 3, 1, 12, tzinfo=UTC)
@@ -35,13 +35,12 @@ def design_of(net, readings, net_variance, reading_variance, patch=None, **chang
         "scale_per_s": np.ones(n),
         "noise_variance_dn2": np.asarray(net_variance, float),
         "dark_nonuniformity_dn": np.zeros(n),
-        "dark_errors": (),
+        "shared": (),
         "reading_cd_m2": np.asarray(readings, float),
         "reading_variance": np.asarray(reading_variance, float),
         "own_rel": np.zeros(n_patches),
         "uneven_rel": np.zeros(n_patches),
         "place": np.zeros((n_patches, 3)),
-        "place_errors": np.zeros((0, n_patches)),
         "read_at": (START,) * n_patches,
     }
     return Design(**(values | changes))
@@ -112,8 +111,8 @@ def test_parameters_scatter_as_stated_and_have_no_bias():
     for _ in range(n):
         net = net_true + rng.normal(0, noise) - dark * rng.normal()
         shown = np.geomspace(1, 50, 6) + rng.normal(0, reading)
-        error = DarkError(0.0, np.array([0.5, 0.0, 0.0]), dark)
-        design = design_of(net, shown, noise**2, reading**2, patch, scale_per_s=scale, dark_errors=(error,))
+        error = SharedError("dark and temperature", np.zeros(18), dark, (0.5, 0.0, 0.0), 0.0)
+        design = design_of(net, shown, noise**2, reading**2, patch, scale_per_s=scale, shared=(error,))
         solution = solve(design, CandidateModel("linear", (float(net_true.max()),)))
         draws.append((solution.parameters[0], np.sqrt((solution.gain @ solution.covariance @ solution.gain.T)[0, 0])))
         chi_squared.append(solution.chi_squared)
@@ -139,5 +138,5 @@ def test_a_shift_is_what_one_more_parameter_would_be(pattern):
 
 def test_points_that_are_no_response_are_refused():
     net, readings = np.array([1.0, 2.0, 3.0, 4.0]), np.array([4.0, 3.0, 2.0, 0.5])
-    with pytest.raises(CalibrationError, match=r"the quadratic (response does not rise|fit did not settle)"):
+    with pytest.raises(CalibrationError, match=r"the quadratic (response does not rise|fit did not converge)"):
         solve(design_of(net, readings, np.full(4, 1e-6), np.full(4, 1e-4)), CandidateModel("quadratic", (4.0,)))

@@ -1,8 +1,8 @@
-"""Generalised least squares with errors in both variables, by effective variances."""
+"""The fit as one nonlinear least-squares problem, with errors in both variables and shared errors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,11 @@ from ...core.errors import CalibrationError
 from .candidates import CandidateModel
 from .design import Array, Design
 
-_MAX_ROUNDS = 200
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-12
+#: Residual, in standard uncertainties, of parameters at which there is no covariance.
+_IMPOSSIBLE = 1e6
+#: Typical deviation of the patches above which a given response is not that of this camera.
+_CONTRADICTION_REL = 0.2
 _CHECK = (
     "check that readings and frames belong to the same patches; of a camera with a tone curve (gamma) find the "
     "response by a bracket (labcdp calibrate --response debevec)"
@@ -85,12 +88,12 @@ class Solution:
 def solve(design: Design, candidate: CandidateModel) -> Solution:
     """Fit a model.
 
-    Minimises chi^2 = r^T C^-1 r with r = luminance - reading and the effective covariance C = C_x + S C_n S, where C_x
-    is that of readings and patches, C_n that of the signals, and S the slopes dL/dn. Setting the derivative to zero
-    gives weighted normal equations with the Jacobian at the adjusted signals n' = n - C_n S C^-1 r on the left; they
-    are solved iteratively. For a straight line and uncorrelated errors these are the unified equations of D. York et
-    al., Am. J. Phys. 72 (2004) 367. Errors of a given response are included in the solution's covariance but not in the
-    weights of the fit, which would otherwise favour signals near its reference point.
+    Unknown are the parameters, the true luminance of each patch and each shared error, with normal priors of their
+    stated widths. All but the parameters enter linearly and are eliminated: what remains is chi^2 = r^T C^-1 r with
+    r = luminance - reading and the effective covariance C of `Design.covariance`, at the slopes of the parameters. It
+    is minimised by `scipy.optimize.least_squares`. For a straight line and independent errors these are the equations
+    of D. York et al., Am. J. Phys. 72 (2004) 367. Errors of a given response are included in the solution's covariance
+    but not in the weights of the fit, which would otherwise favour signals near its reference point.
 
     Parameters
     ----------
@@ -102,41 +105,59 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     Raises
     ------
     CalibrationError
-        If the iteration does not converge, or the response is not increasing.
+        If there is no minimum, or the response is not increasing.
     """
-    x, net_covariance = design.readings, design.net_covariance()
-    parameters = _start(design, candidate)
-    for _ in range(_MAX_ROUNDS):
-        luminance, slope, jacobian = _evaluate(design, candidate, parameters, design.net_dn)
-        covariance = design.patch_covariance(luminance) + slope[:, None] * net_covariance * slope
-        if not (np.isfinite(covariance).all() and (slope != 0).all()):
-            break
+    from scipy.linalg import cholesky, solve_triangular
+    from scipy.optimize import least_squares
+
+    weighting = _weighting(design, candidate)
+    start = _start(design, candidate)
+    scale = np.maximum(np.abs(start), 1e-3 * np.abs(start[0]))
+
+    def standardised(scaled: Array) -> Array:
+        parameters = scaled * scale
+        luminance, slope, _ = _evaluate(design, candidate, parameters, design.net_dn)
+        covariance = weighting.covariance(luminance, slope)
+        if not np.isfinite(covariance).all():
+            return np.full(luminance.size, _IMPOSSIBLE)
         try:
-            weight = np.linalg.inv(covariance)
+            root = cholesky(covariance, lower=True, check_finite=False)
         except np.linalg.LinAlgError:
-            break
-        residual = luminance - x
-        adjusted = design.net_dn - net_covariance @ (slope * (weight @ residual))
-        left = _evaluate(design, candidate, parameters, adjusted)[2].T @ weight
-        step = np.linalg.solve(left @ jacobian, left @ residual)
-        parameters = parameters - step
-        if np.abs(jacobian @ step / np.sqrt(np.diag(covariance))).max() <= 1e-6 or (
-            np.abs(jacobian @ step).max() <= _TOLERANCE * x.max()
-        ):
-            return _solution(design, candidate, parameters, net_covariance)
-    raise CalibrationError(
-        f"the {candidate.kind} fit did not converge in {_MAX_ROUNDS} rounds: {_CHECK}"
-        if candidate.bracket is None
-        else _CONTRADICTS
-    )
+            return np.full(luminance.size, _IMPOSSIBLE)
+        residual: Array = solve_triangular(root, luminance - design.readings, lower=True, check_finite=False)
+        return residual
+
+    try:
+        with np.errstate(all="ignore"):  # parameters on the way may be far out
+            found = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
+            solution = _solution(design, candidate, found.x * scale) if found.success else None
+    except (ValueError, np.linalg.LinAlgError):
+        solution = None
+    most_rel = _IMPOSSIBLE if candidate.bracket is None else _CONTRADICTION_REL
+    if solution is None or not _typical_rel(solution) <= most_rel:
+        raise CalibrationError(
+            f"the {candidate.kind} fit did not converge: {_CHECK}" if candidate.bracket is None else _CONTRADICTS
+        )
+    return solution
 
 
-def _solution(design: Design, candidate: CandidateModel, parameters: Array, net_covariance: Array) -> Solution:
+def _weighting(design: Design, candidate: CandidateModel) -> Design:
+    """Errors that make the weights: of a given response without those that errors of its shape look like."""
+    return design if candidate.bracket is None else replace(design, shared=())
+
+
+def _typical_rel(solution: Solution) -> float:
+    """Median deviation; the largest one if that is beyond all bounds."""
+    relative = np.abs(solution.residual / solution.design.readings)
+    return float(relative.max() if not relative.max() < _IMPOSSIBLE else np.median(relative))
+
+
+def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
     if not candidate.rises(parameters[: candidate.n_parameters]):
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
     luminance, slope, jacobian = _evaluate(design, candidate, parameters, design.net_dn)
-    covariance = design.patch_covariance(luminance) + slope[:, None] * net_covariance * slope
-    normal = jacobian.T @ np.linalg.inv(covariance)
+    covariance = design.covariance(luminance, slope)
+    normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
     covariance = covariance + by_shape.T @ by_shape
     weight = np.linalg.inv(covariance)

@@ -46,25 +46,19 @@ def luminances(path):
         return [record.reading.luminance_cd_m2 for record in session.readings()]
 
 
-def test_exposures_are_searched_where_the_plan_has_none(labcdp, bench, tmp_path):
-    done = labcdp("acquire", bench("exposures_s = [0.002]\n"), "own", *SIMULATED)
-    assert done.returncode == 0, done.stderr
-    (found,) = events(tmp_path / "own", "exposures")
-    (exposure_s,) = found["exposures_s"]
-    assert f"Exposures found: {exposure_s:.3g} s" in done.stderr
-    assert "own: 4 frames and 2 readings recorded" in done.stderr
-    # Not on a terminal: a line for each exposure that is done.
-    assert re.search(r"^light [\d.e-]+ s, mean [\d.]+ \(P12\) to .* noise [\d.]+ DN", done.stderr, re.MULTILINE)
-
-
-def test_a_night_in_simulated_time_with_faults(labcdp, bench, tmp_path):
+def test_a_night_in_simulated_time_with_faults_whose_exposures_are_searched(labcdp, bench, tmp_path):
     (tmp_path / "faults.txt").write_text("at 1 min vanish for 90 s\n")
     night = bench("frames_per_exposure = 2", "frames_per_exposure = 5\ninterval_s = 60.0")
+    night.write_text(night.read_text().replace("exposures_s = [0.002]\n", ""))
     done = labcdp("acquire", night, "own", *SIMULATED, "--faults", "faults.txt", "--json")
     assert results_of(done)["tables"]["left"]["rows"] == []
+    (found,) = events(tmp_path / "own", "exposures")
+    assert f"Exposures found: {found['exposures_s'][0]:.3g} s" in done.stderr
     (gap,) = events(tmp_path / "own", "camera lost and back")
     assert gap["duration_s"] > 60
     assert "the camera was lost for" in done.stderr
+    # Not on a terminal: a line for each exposure that is done.
+    assert re.search(r"^light [\d.e-]+ s, mean [\d.]+ \(P12\) to .* noise [\d.]+ DN", done.stderr, re.MULTILINE)
 
 
 def test_a_recorded_session_in_place_of_devices(labcdp, tmp_path):

@@ -214,17 +214,16 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path: Path, monkeypat
 
 # Root may do anything, so it becomes somebody else first, who may not be able to import what is loaded late.
 WITHOUT_RIGHTS = """
-import os, sys, tempfile
+import os, sys
 from labcdp.core.errors import InputError
 from labcdp.output import ResultsFolder
 
-with tempfile.TemporaryDirectory() as folder:
-    for _ in range(2):
-        with ResultsFolder(folder + "/out", "image", force=True) as results:
-            results.add({"x": b"1"})
+for _ in range(2):
+    with ResultsFolder(sys.argv[1] + "/out", "image", force=True) as results:
+        results.add({"x": b"1"})
 if os.geteuid() == 0:
     os.setuid(65534)
-for folder in sys.argv[1:]:
+for folder in sys.argv[2:]:
     try:
         with ResultsFolder(folder, "image", force=True):
             print("work")
@@ -233,17 +232,15 @@ for folder in sys.argv[1:]:
 """
 
 
-def test_a_folder_that_may_not_be_written_to_is_refused_before_any_work() -> None:
-    with TemporaryDirectory() as temporary:
+def test_a_folder_that_may_not_be_written_to_is_refused_before_any_work():
+    with TemporaryDirectory() as writable, TemporaryDirectory() as temporary:
         folders = [Path(temporary, name) for name in ("out", "new")]
         _write(folders[0], {"x": b"1"})
         before = contents(Path(temporary))
         for folder in (folders[0], Path(temporary)):
             folder.chmod(0o555)
-        command = [sys.executable, "-c", WITHOUT_RIGHTS, *folders]
+        command = [sys.executable, "-c", WITHOUT_RIGHTS, writable, *folders]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-        for folder in (folders[0], Path(temporary)):
-            folder.chmod(0o755)
         assert contents(Path(temporary)) == before
     for folder, line in zip(folders, said, strict=True):
         assert line.startswith(f"{folder} cannot be written (Permission denied)")

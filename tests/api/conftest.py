@@ -1,7 +1,3 @@
-import subprocess
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -20,45 +16,37 @@ def frame(rng, number=0):
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-@pytest.fixture
-def picture(tmp_path):
-    path = tmp_path / "night.png"
-    cv2.imwrite(str(path), frame(np.random.default_rng(4)))
-    return path
-
-
-@pytest.fixture
-def video(tmp_path):
-    path = tmp_path / "drive.avi"
+@pytest.fixture(scope="session")
+def files(tmp_path_factory):
+    """Folder with a picture, a video, and files of two and of three regions."""
+    folder = tmp_path_factory.mktemp("files")
+    cv2.imwrite(str(folder / "night.png"), frame(np.random.default_rng(4)))
+    codec, flags = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    writer = cv2.VideoWriter(str(folder / "drive.avi"), cv2.CAP_FFMPEG, codec, 25, SIZE, flags)
     rng = np.random.default_rng(5)
-    flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"MJPG"), 25, SIZE, flags)
     for number in range(5):
         writer.write(frame(rng, number))
     writer.release()
-    return path
+    save_regions(folder / "rois.json", REGIONS, SIZE)
+    save_regions(folder / "three.json", [*REGIONS, RectangleShape("sky", 100, 5, 30, 20)], SIZE)
+    return folder
 
 
 @pytest.fixture
-def rois(tmp_path):
-    path = tmp_path / "rois.json"
-    save_regions(path, REGIONS, SIZE)
-    return path
+def picture(files):
+    return files / "night.png"
 
 
 @pytest.fixture
-def three(tmp_path):
-    path = tmp_path / "three.json"
-    save_regions(path, [*REGIONS, RectangleShape("sky", 100, 5, 30, 20)], SIZE)
-    return path
+def video(files):
+    return files / "drive.avi"
 
 
 @pytest.fixture
-def command(tmp_path):
-    """Run a command of labcdp in the test's folder and return what it printed."""
+def rois(files):
+    return files / "rois.json"
 
-    def run(*arguments):
-        words = [str(Path(sys.executable).with_name("labcdp")), *map(str, arguments)]
-        return subprocess.run(words, cwd=tmp_path, check=True, capture_output=True, text=True, timeout=240).stdout
 
-    return run
+@pytest.fixture
+def three(files):
+    return files / "three.json"

@@ -28,7 +28,7 @@ for name in {POSIX!r}:
 
 def python(code, *arguments):
     return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], check=True, capture_output=True, text=True, timeout=240
+        [sys.executable, "-c", code, *map(str, arguments)], check=True, capture_output=True, text=True, timeout=900
     ).stdout
 
 
@@ -48,29 +48,15 @@ def test_import_loads_nothing_heavy():
     assert not {"numpy", "scipy", "xarray", "cv2", "matplotlib", "pydantic", "typer"} & set(loaded)
 
 
-def test_pictures_videos_and_simulation_need_no_posix_modules(picture, rois, video):
-    lines = (
-        "import sys, labcdp",
-        "labcdp.cdp([2, 3], [1, 1], 1.0)",
-        "labcdp.read_image(sys.argv[1]).regions(sys.argv[2]).cdp([1, 2])",
-        "labcdp.open_video(sys.argv[3]).track(sys.argv[2], 'fixed', stop=1).cdp(1.0)",
-        "labcdp.Chain.load('manta-g505').sweep(scene__contrast=[0.3], exact=True).labcdp.usable_range",
-        "from labcdp.session import example_session; labcdp.Session.open(example_session())",
-    )
-    python(BLOCKED + "\n".join(lines), picture, rois, video)
-
-
-def test_commands_of_pictures_videos_and_simulation_need_no_posix_modules(picture, rois, video, tmp_path, monkeypatch):
+def test_pictures_videos_and_simulation_need_no_posix_modules(picture, rois, video, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    commands = (
-        "--help",
-        f"image {picture} --roi {rois} -o i",
-        f"video {video} --roi {rois} --method fixed --stop 2 -o v",
-        "simulate manta-g505 --set sensor.width=320 --set sensor.height=240 --set scene.square_px=32 -o c",
-        "sweep manta-g505 --exact --over scene.contrast=50%:150%:3 -o s",
-    )
     code = """
+import labcdp
 from labcdp.cli import main
+from labcdp.session import example_session
+
+labcdp.cdp([2, 3], [1, 1], 1.0)
+labcdp.Session.open(example_session())
 for command in sys.argv[1:]:
     sys.argv[1:] = command.split()
     try:
@@ -79,6 +65,13 @@ for command in sys.argv[1:]:
         if end.code:
             raise
 """
+    commands = (
+        "--help",
+        f"image {picture} --roi {rois} -o i",
+        f"video {video} --roi {rois} --method fixed --stop 2 -o v",
+        "simulate manta-g505 --set sensor.width=320 --set sensor.height=240 --set scene.square_px=32 -o c",
+        "sweep manta-g505 --exact --over scene.contrast=50%:150%:3 -o s",
+    )
     python(BLOCKED + code, *commands)
     assert {path.name for path in tmp_path.iterdir()} >= {"i", "v", "c", "s"}
 
@@ -87,4 +80,4 @@ def test_program_that_uses_every_public_name_runs(picture, video, rois, tmp_path
     program = Path(__file__).with_name("user_program.py")
     text = program.read_text()
     assert all(f"labcdp.{name}" in text for name in labcdp.__all__)
-    subprocess.run([sys.executable, "-W", "error", program, picture, video, rois, tmp_path], check=True, timeout=240)
+    subprocess.run([sys.executable, "-W", "error", program, picture, video, rois, tmp_path], check=True, timeout=900)

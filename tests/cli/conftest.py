@@ -1,14 +1,41 @@
 import json
 import re
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from labcdp.calibration import load, save
+from labcdp.cli.app import app
+from labcdp.regions import RectangleShape, save_regions
+from labcdp.report.envelope import schema
+from labcdp.session import example_session
+
+#: Bars of work done before a mistake could be seen, and what a person was asked, may stand before its line.
 _PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|^Resuming |^labcdp: simulated")
 _LABCDP = Path(sys.executable).with_name("labcdp")
+#: Checkerboard of 24 x 16 pixels.
+_CHAIN = """
+name = "small"
+scene = {type = "checkerboard", width = 24, height = 16, luminance_cd_m2 = 50.0, contrast = 0.5, square_px = 4}
+optics = {f_number = 2.0, transmittance = 0.9}
+exposure = {exposure_s = 0.005}
+[sensor]
+pixel_pitch_m = 4e-6
+quantum_efficiency = 0.6
+full_well_e = 10000
+k_dn_per_e = 0.3
+read_noise_e = 4.0
+dark_current_e_s = 5.0
+bits = 12
+black_level_dn = 32.0
+"""
 
 
 @pytest.fixture
@@ -17,29 +44,61 @@ def labcdp_path():
     return _LABCDP
 
 
-@pytest.fixture
-def fails(labcdp):
-    """Run the command, which must fail with one line; returns the line."""
+@pytest.fixture(scope="session")
+def inputs(tmp_path_factory):
+    """Small inputs for all commands: picture, video, regions, chain, the example session `s`, a calibration in `c`."""
+    folder = tmp_path_factory.mktemp("inputs")
+    rng = np.random.default_rng(0)
+    picture = np.clip(rng.normal(60, 3, (48, 64)) + 100 * (np.arange(64) > 32), 0, 255).astype(np.uint8)
+    cv2.imwrite(str(folder / "a.png"), picture)
+    save_regions(folder / "rois.json", [RectangleShape("dark", 4, 4, 12, 12), RectangleShape("bright", 44, 4, 12, 12)])
+    writer = cv2.VideoWriter(str(folder / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
+    for _ in range(3):
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    (folder / "small.toml").write_text(_CHAIN)
+    shutil.copytree(example_session(), folder / "s")
+    app(["calibrate", str(folder / "s"), "--output", str(folder / "c")], standalone_mode=False)
+    # As if it was made from another session: its own one verifies nothing.
+    calibration = load(folder / "c" / "calibration.json")
+    provenance = replace(calibration.provenance, input_sha256="0" * 64)
+    (folder / "c" / "calibration.json").unlink()
+    save(replace(calibration, provenance=provenance), folder / "c" / "calibration.json")
+    return folder
 
-    def run(*arguments, stdin=None):
-        done = labcdp(*arguments, stdin=stdin)
-        assert done.returncode == 1, done
-        assert "Traceback" not in done.stderr
-        # Bars of work done before the mistake could be seen, and what a person was asked, may stand before it.
-        lines = [line for line in done.stderr.splitlines() if not _PROGRESS.search(line)]
-        assert len(lines) == 1, done.stderr
-        assert lines[0].startswith("labcdp: ")
-        return lines[0]
 
-    return run
+def results_of(done, status=0):
+    """Return what a finished command printed with --json, once it follows the schema."""
+    assert done.returncode == status, done.stderr
+    values = json.loads(done.stdout)
+    Draft202012Validator(schema()).validate(values)
+    return values
+
+
+def rows_of(done, table):
+    """Rows of a table in what a finished command printed with --json."""
+    return results_of(done)["tables"][table]["rows"]
+
+
+def only_line(done):
+    """Return the one line that a command says which fails."""
+    assert done.returncode == 1, done
+    lines = [line for line in done.stderr.splitlines() if not _PROGRESS.search(line)]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("labcdp: ")
+    return lines[0]
+
+
+def plan(patches, exposures_s):
+    """Configuration of the example session with some patches, a pattern, and these exposures."""
+    text = re.sub(r"\[\[contrast\]\][^\[]*", "", (example_session() / "session.toml").read_text())
+    text = re.sub(r"exposures_s = .*", f"exposures_s = {exposures_s}", text)
+    return re.sub(rf'\[\[target\.patch\]\]\nname = "(?!{patches})[^[]*\[[^\[]*', "", text)
 
 
 @pytest.fixture
 def running_bench(aravis):
     """`labcdp simulate-bench` with a small target; yields its process and what it printed."""
-    from labcdp.report.envelope import schema
-    from labcdp.session import example_session
-
     started = []
 
     def start():

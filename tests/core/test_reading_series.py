@@ -28,32 +28,8 @@ READING = Reading(
 )
 
 
-def series(*values, **changes):
-    return ReadingSeries(tuple(replace(READING, value=value, **changes) for value in values))
-
-
-def test_mean_and_scatter_of_a_known_sample():
-    # Sum 40, squares of the differences to 5 sum to 32: NIST's textbook sample of 8.
-    one = series(2, 4, 4, 4, 5, 5, 7, 9)
-    assert one.mean_cd_m2 == 5
-    assert one.scatter_cd_m2 == pytest.approx(sqrt(32 / 7))
-    assert one.scatter_rel == pytest.approx(sqrt(32 / 7) / 5)
-
-
-def test_readings_that_scatter_set_the_uncertainty_themselves():
-    one = series(90, 100, 110)
-    assert one.standard_uncertainty_random_cd_m2 == pytest.approx(10 / sqrt(3))
-
-
-def test_readings_that_agree_keep_the_uncertainty_of_the_data_sheet():
-    one = series(100, 100, 100, 100)
-    assert one.scatter_cd_m2 == 0
-    assert one.standard_uncertainty_random_cd_m2 == pytest.approx(hypot(0.2 / sqrt(4), 0.1 / sqrt(3)))
-
-
-def test_the_scale_is_common_and_does_not_average_down():
-    readings = (READING, replace(READING, scale_half_width_rel=0.03))
-    assert ReadingSeries(readings).standard_uncertainty_common_rel == pytest.approx(0.03 / sqrt(3))
+def series(*values):
+    return ReadingSeries(tuple(replace(READING, value=value) for value in values))
 
 
 @given(st.lists(st.floats(0.01, 1e6), min_size=2, max_size=30))
@@ -61,15 +37,30 @@ def test_mean_and_scatter_agree_with_numpy(values):
     one = series(*values)
     assert one.mean_cd_m2 == pytest.approx(np.mean(values))
     assert one.scatter_cd_m2 == pytest.approx(np.std(values, ddof=1), abs=1e-9 * max(values))
+    assert one.scatter_rel == pytest.approx(one.scatter_cd_m2 / one.mean_cd_m2)
+
+
+@pytest.mark.parametrize(
+    ("values", "u_cd_m2"),
+    [
+        # Readings that scatter set the uncertainty themselves; those that agree keep that of the data sheet.
+        ((90, 100, 110), 10 / sqrt(3)),
+        ((100, 100, 100, 100), hypot(0.2 / sqrt(4), 0.1 / sqrt(3))),
+    ],
+)
+def test_the_random_uncertainty_is_that_of_scatter_or_data_sheet(values, u_cd_m2):
+    assert series(*values).standard_uncertainty_random_cd_m2 == pytest.approx(u_cd_m2)
+
+
+def test_the_scale_is_common_and_does_not_average_down():
+    readings = (READING, replace(READING, scale_half_width_rel=0.03))
+    assert ReadingSeries(readings).standard_uncertainty_common_rel == pytest.approx(0.03 / sqrt(3))
 
 
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (
-            {"unit": "fL", "raw": "OK00,CfPH 29.18"},
-            r"'OK00,CcPH 100.0' and 'OK00,CfPH 29.18' are in cd/m2 and fL: leave",
-        ),
+        ({"unit": "fL", "raw": "OK00,CfPH 29.18"}, r"'OK00,CcPH 100.0' and 'OK00,CfPH 29.18' are in cd/m2 and fL"),
         ({"correction": "colour"}, r"have the corrections .* and 'colour': leave the meter's correction alone"),
         ({"unit": "%"}, r"ratio in %, not a luminance: set the meter to ABS"),
         ({"meter": MeterIdentity("LS-100", "1")}, r"meters LS-110 73323007 and LS-100 1: average the readings of one"),

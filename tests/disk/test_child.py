@@ -34,12 +34,9 @@ def read(tmp_path, monkeypatch):
     return lambda name: child.read_in_child(f"readers_of_test:{name}", b"12345")
 
 
-def test_the_result_comes_back(read):
-    assert read("length") == {"length": 5}
-
-
 @pytest.mark.parametrize("name", ["loops", "crashes", "takes_all", "raises"])
-def test_what_goes_wrong_is_an_error(read, monkeypatch, name):
+def test_results_come_back_and_what_goes_wrong_is_an_error(read, monkeypatch, name):
+    assert read("length") == {"length": 5}
     monkeypatch.setattr(child, "_SECONDS", 1)
     with pytest.raises(InputError, match=r"damaged|not read|HDF error|MemoryError|memory"):
         read(name)

@@ -31,18 +31,14 @@ def read(path: Path, head=HEAD) -> list[str]:
     return rows
 
 
-def test_rows_are_read_back_bit_for_bit(tmp_path):
-    written(tmp_path / "a" / "j.jsonl")
-    assert read(tmp_path / "a" / "j.jsonl") == [json.dumps(row) for row in ROWS]
-
-
-def test_journal_cut_anywhere_loses_only_the_line_that_was_cut(tmp_path):
+def test_rows_are_read_back_bit_for_bit_and_a_cut_loses_only_its_line(tmp_path):
     path = tmp_path / "j.jsonl"
     whole = written(path)
     ends = [index + 1 for index, byte in enumerate(whole) if byte == ord("\n")]
     for cut in range(len(whole) + 1):
         path.write_bytes(whole[:cut])
-        assert len(read(path)) == max(0, sum(end <= cut for end in ends) - 1)
+        n = max(0, sum(end <= cut for end in ends) - 1)
+        assert read(path) == [json.dumps(row) for row in ROWS[:n]]
         # What was cut off is gone, so that the next row begins on a line of its own.
         assert path.read_bytes().endswith(b"\n")
 
@@ -59,18 +55,19 @@ def test_an_altered_row_and_those_behind_it_are_not_read(tmp_path_factory, data)
     assert read(path) == [json.dumps(row) for row in ROWS[:n_before]]
 
 
-def test_the_journal_of_something_else_is_refused_and_left_alone(tmp_path):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"holds the results of another sweep \(another settings\): give another"),
+        (b"a file of the user\n", r"j\.jsonl is no journal of this version of labcdp"),
+        (b'{"first": 1}\n{"first": 2}\n', r"j\.jsonl is no journal"),
+        (b"\x00" * 100, r"j\.jsonl is no journal"),
+    ],
+)
+def test_what_is_not_this_journal_is_refused_and_left_alone(tmp_path, content, message):
     path = tmp_path / "j.jsonl"
-    whole = written(path)
-    with pytest.raises(InputError, match=r"holds the results of another sweep \(another settings\): give another"):
-        LineJournal.open(path, HEAD | {"settings": "other"}, "sweep")
-    assert path.read_bytes() == whole
-
-
-@pytest.mark.parametrize("content", [b"a file of the user\n", b'{"first": 1}\n{"first": 2}\n', b"\x00" * 100])
-def test_a_file_that_is_not_a_journal_is_refused_and_left_alone(tmp_path, content):
-    path = tmp_path / "j.jsonl"
+    content = content or written(path)
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"j\.jsonl is no journal of this version of labcdp"):
-        LineJournal.open(path, HEAD, "sweep")
+    with pytest.raises(InputError, match=message):
+        LineJournal.open(path, HEAD | {"settings": "other"}, "sweep")
     assert path.read_bytes() == content

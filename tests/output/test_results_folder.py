@@ -96,26 +96,18 @@ def test_files_of_others_stay_whatever_happens(steps: list[tuple]) -> None:
         assert contents(outside) == {"file": b"outside"}
 
 
-def test_a_new_folder_holds_the_files_and_their_list(tmp_path: Path) -> None:
-    folder = tmp_path / "a" / "b"
-    assert write_files(folder, "image", {"x": b"1", "s/y": b"2"}) == [folder / "x", folder / "s/y"]
-    listed = json.loads((folder / LIST_FILE).read_bytes())
-    assert (listed["command"], listed["finished"], [one["name"] for one in listed["files"]]) == (
-        "image",
-        True,
-        ["s/y", "x"],
-    )
-    assert set(contents(folder)) == {"x", "s/y", LIST_FILE}
-
-
 def _write(folder: Path, files: dict[str, bytes], command: str = "image", **options: bool) -> None:
     with ResultsFolder(folder, command, **options) as results:
         results.add(files)
 
 
-def test_force_replaces_what_was_written_and_removes_what_is_left_over(tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    _write(folder, {"x": b"1", "s/y": b"2", "t/z": b"3"})
+def test_a_folder_holds_the_files_and_their_list_and_force_replaces_them(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "out"
+    files = {"x": b"1", "s/y": b"2", "t/z": b"3"}
+    assert write_files(folder, "image", files) == [folder / name for name in files]
+    listed = json.loads((folder / LIST_FILE).read_bytes())
+    assert (listed["command"], listed["finished"]) == ("image", True)
+    assert [one["name"] for one in listed["files"]] == sorted(files)
     (folder / "t/mine").write_bytes(b"mine")
     with pytest.raises(InputError, match="already has results: give --force"):
         _write(folder, {"x": b"2"})
@@ -125,14 +117,9 @@ def test_force_replaces_what_was_written_and_removes_what_is_left_over(tmp_path:
     assert not (folder / "s").exists()
 
 
-def _foreign(folder: Path) -> None:
-    folder.mkdir()
-    (folder / "mine.png").touch()
-
-
-def _changed(folder: Path) -> None:
+def _changed(folder: Path, name: str = "x", text: str = "2") -> None:
     _write(folder, {"x": b"1"})
-    (folder / "x").write_bytes(b"2")
+    (folder / name).write_text(text)
 
 
 def _linked(folder: Path) -> None:
@@ -141,18 +128,13 @@ def _linked(folder: Path) -> None:
     (folder / "s").symlink_to(folder.parent / "elsewhere")
 
 
-def _damaged(folder: Path) -> None:
-    _write(folder, {"x": b"1"})
-    (folder / LIST_FILE).write_text('{"format": "labcdp-files", "version": 1, "files": ["../mine"]}')
-
-
 @pytest.mark.parametrize(
     ("prepare", "words"),
     [
-        (_foreign, f"has files and no {LIST_FILE}"),
+        (lambda folder: (folder / "mine.png").mkdir(parents=True), f"has files and no {LIST_FILE}"),
         (_changed, "x was changed since labcdp wrote it"),
         (_linked, "x was changed since labcdp wrote it"),
-        (_damaged, "is damaged"),
+        (lambda folder: _changed(folder, LIST_FILE, '{"format": "labcdp-files", "version": 1}'), "is damaged"),
         (lambda folder: _write(folder, {"x": b"1"}, "video"), "has results of labcdp video"),
         (lambda folder: folder.write_text("mine"), "is not a folder"),
         (lambda folder: folder.symlink_to("nowhere"), "is not a folder"),
@@ -166,31 +148,32 @@ def test_refused_before_any_work_even_with_force(tmp_path: Path, prepare: Callab
     assert contents(tmp_path) == before
 
 
-def test_an_input_is_never_replaced(tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    _write(folder, {"s/chain.toml": b"1"})
-    os.link(folder / "s/chain.toml", tmp_path / "same.toml")
-    for path in (folder, folder / "s", folder / "s/chain.toml", tmp_path / "same.toml"):
+def test_inputs_other_results_and_what_appears_during_the_work_are_not_replaced(tmp_path: Path) -> None:
+    folder, name = tmp_path / "out", "s/chain.toml"
+    _write(folder, {name: b"1"})
+    os.link(folder / name, tmp_path / "same.toml")
+    for path in (folder, folder / "s", folder / name, tmp_path / "same.toml"):
         with pytest.raises(InputError, match="is an input of this command"):
             ResultsFolder(folder, "image", force=True, inputs=[path]).__enter__()
+    with pytest.raises(InputError, match=r"chain\.toml is an input of this command"):
+        check_file(folder / name, force=True, inputs=[folder])
+    for listed in (name, LIST_FILE):
+        with pytest.raises(InputError, match="belongs to the results of labcdp image: give another name"):
+            check_file(folder / listed, force=True)
 
+    with ResultsFolder(tmp_path / "two", "image") as results:
+        results.add({"x": b"1"})
+        with pytest.raises(InputError, match="another labcdp writes to"):
+            ResultsFolder(tmp_path / "two", "image").__enter__()
 
-def test_a_file_that_appears_during_the_work_is_not_replaced(tmp_path: Path) -> None:
     def work() -> None:
-        with ResultsFolder(tmp_path / "out", "image") as results:
+        with ResultsFolder(tmp_path / "new", "image") as results:
             results.add({"x": b"1", "y": b"2"})
-            (tmp_path / "out/x").write_bytes(b"mine")
+            (tmp_path / "new/x").write_bytes(b"mine")
 
     with pytest.raises(InputError, match="x was not written by labcdp"):
         work()
-    assert contents(tmp_path) == {"out/x": b"mine"}
-
-
-def test_two_at_a_time(tmp_path: Path) -> None:
-    with ResultsFolder(tmp_path, "image") as results:
-        results.add({"x": b"1"})
-        with pytest.raises(InputError, match="another labcdp writes to"):
-            ResultsFolder(tmp_path, "image").__enter__()
+    assert contents(tmp_path / "new") == {"x": b"mine"}
 
 
 def test_resume_after_kill_needs_no_force(tmp_path: Path) -> None:
@@ -231,17 +214,16 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path: Path, monkeypat
 
 # Root may do anything, so it becomes somebody else first, who may not be able to import what is loaded late.
 WITHOUT_RIGHTS = """
-import os, sys, tempfile
+import os, sys
 from labcdp.core.errors import InputError
 from labcdp.output import ResultsFolder
 
-with tempfile.TemporaryDirectory() as folder:
-    for _ in range(2):
-        with ResultsFolder(folder + "/out", "image", force=True) as results:
-            results.add({"x": b"1"})
+for _ in range(2):
+    with ResultsFolder(sys.argv[1] + "/out", "image", force=True) as results:
+        results.add({"x": b"1"})
 if os.geteuid() == 0:
     os.setuid(65534)
-for folder in sys.argv[1:]:
+for folder in sys.argv[2:]:
     try:
         with ResultsFolder(folder, "image", force=True):
             print("work")
@@ -250,55 +232,36 @@ for folder in sys.argv[1:]:
 """
 
 
-def test_a_folder_that_may_not_be_written_to_is_refused_before_any_work() -> None:
-    with TemporaryDirectory() as temporary:
+def test_a_folder_that_may_not_be_written_to_is_refused_before_any_work():
+    with TemporaryDirectory() as writable, TemporaryDirectory() as temporary:
         folders = [Path(temporary, name) for name in ("out", "new")]
         _write(folders[0], {"x": b"1"})
         before = contents(Path(temporary))
         for folder in (folders[0], Path(temporary)):
             folder.chmod(0o555)
-        command = [sys.executable, "-c", WITHOUT_RIGHTS, *folders]
+        command = [sys.executable, "-c", WITHOUT_RIGHTS, writable, *folders]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-        for folder in (folders[0], Path(temporary)):
-            folder.chmod(0o755)
         assert contents(Path(temporary)) == before
     for folder, line in zip(folders, said, strict=True):
         assert line.startswith(f"{folder} cannot be written (Permission denied)")
 
 
-def test_force_replaces_no_file_of_an_input_folder_and_no_result(tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    (folder / "frames").mkdir(parents=True)
-    frame = folder / "frames" / "1.tif"
-    frame.write_bytes(b"recorded")
-    with pytest.raises(InputError, match=r"1\.tif is an input of this command"):
-        check_file(frame, force=True, inputs=[folder])
-    assert check_file(folder / "frames" / "new.tif", force=True, inputs=[folder])
-    _write(tmp_path / "out", {"s/x": b"1"}, command="video")
-    for name in ("s/x", LIST_FILE):
-        with pytest.raises(InputError, match="belongs to the results of labcdp video: give another name"):
-            check_file(tmp_path / "out" / name, force=True)
-    (tmp_path / "out" / "mine").write_bytes(b"mine")
-    assert check_file(tmp_path / "out" / "mine", force=True)
-
-
-@pytest.mark.parametrize("force", [False, True])
-def test_a_file_is_written_whole_and_replaced_with_force_only(tmp_path: Path, force: bool) -> None:
+def test_a_file_is_written_whole_and_replaced_with_force_only(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     write_file(path, b"1")
-    if force:
-        write_file(check_file(path, force=True), b"2", force=True)
-    else:
-        for attempt, remedy in ((lambda: check_file(path), "--force"), (lambda: write_file(path, b"2"), "force=True")):
-            with pytest.raises(InputError, match=rf"a\.tif exists: give another name, or {remedy} to replace it"):
-                attempt()
-    assert contents(tmp_path) == {"a.tif": b"2" if force else b"1"}
-    with pytest.raises(InputError, match="is an input of this command"):
-        check_file(path, force=force, inputs=[tmp_path / "." / "a.tif"])
-    with pytest.raises(InputError, match="is a folder"):
-        check_file(tmp_path, force=force)
-    with pytest.raises(InputError, match="is not a folder"):
-        check_file(tmp_path / "no" / "a.tif", force=force)
+    for attempt, remedy in ((lambda: check_file(path), "--force"), (lambda: write_file(path, b"2"), "force=True")):
+        with pytest.raises(InputError, match=rf"a\.tif exists: give another name, or {remedy} to replace it"):
+            attempt()
+    assert contents(tmp_path) == {"a.tif": b"1"}
+    write_file(check_file(path, force=True), b"2", force=True)
+    assert contents(tmp_path) == {"a.tif": b"2"}
+    for wrong, message in (
+        (path, "is an input of this command"),
+        (tmp_path, "is a folder"),
+        (tmp_path / "no" / "a.tif", "is not a folder"),
+    ):
+        with pytest.raises(InputError, match=message):
+            check_file(wrong, force=True, inputs=[tmp_path / "." / "a.tif"])
 
 
 def test_a_file_system_without_hard_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

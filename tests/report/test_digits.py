@@ -20,44 +20,27 @@ def test_shows_the_significant_digits_of_decimal_arithmetic(value: float, n: int
     assert digits.decimals(value, n) == n - 1 - expected.adjusted()
 
 
-def test_gum_example_of_a_result_with_its_uncertainty() -> None:
-    # JCGM 100:2008, 7.2.4: m_S = (100.021 47 +- 0.000 79) g
-    assert digits.with_half_width(100.021472, 0.00079) == "100.02147 ± 0.00079"
-
-
 @pytest.mark.parametrize(
-    ("value", "half_width", "text"),
+    ("shown", "arguments", "text"),
     [
-        (12345.0, 123.0, "12340 ± 120"),
-        (5.0, 0.0996, "5.00 ± 0.10"),
-        (-0.004, 0.5, "0.00 ± 0.50"),
-        (4.0, 0.0, "4.00000 ± 0.00000"),
-        (4.0, float("inf"), "4.00 ± unknown"),
+        # JCGM 100:2008, 7.2.4: m_S = (100.021 47 +- 0.000 79) g
+        (digits.with_half_width, (100.021472, 0.00079), "100.02147 ± 0.00079"),
+        (digits.with_half_width, (12345.0, 123.0), "12340 ± 120"),
+        (digits.with_half_width, (5.0, 0.0996), "5.00 ± 0.10"),
+        (digits.with_half_width, (-0.004, 0.5), "0.00 ± 0.50"),
+        (digits.with_half_width, (4.0, float("inf")), "4.00 ± unknown"),
+        # A share near all is not called all.
+        (digits.share_percent, (1.0,), "100 %"),
+        (digits.share_percent, (0.99972,), "99.972 %"),
+        (digits.share_percent, (0.00028,), "0.028 %"),
+        (digits.share_percent, (1e-8,), "less than 0.0001 %"),
+        (digits.share_percent, (1 - 1e-8,), "more than 99.9999 %"),
+        (digits.exposure, (0.0005,), "500 µs"),
+        (digits.exposure, (0.0125,), "12.5 ms"),
     ],
 )
-def test_value_matches_two_digits_of_the_half_width(value: float, half_width: float, text: str) -> None:
-    assert digits.with_half_width(value, half_width) == text
-
-
-@pytest.mark.parametrize(
-    ("share", "text"),
-    [
-        (0.0, "0 %"),
-        (1.0, "100 %"),
-        (0.5, "50 %"),
-        (0.99972, "99.972 %"),
-        (0.00028, "0.028 %"),
-        (1e-8, "less than 0.0001 %"),
-        (1 - 1e-8, "more than 99.9999 %"),
-    ],
-)
-def test_a_share_near_all_is_not_called_all(share: float, text: str) -> None:
-    assert digits.share_percent(share) == text
-
-
-@pytest.mark.parametrize(("exposure_s", "text"), [(0.0005, "500 µs"), (0.0125, "12.5 ms"), (2.0, "2 s")])
-def test_exposure_in_a_handy_unit(exposure_s: float, text: str) -> None:
-    assert digits.exposure(exposure_s) == text
+def test_numbers_are_shown_with_the_digits_that_count(shown, arguments, text) -> None:
+    assert shown(*arguments) == text
 
 
 @given(st.text(max_size=50), st.integers(2, 20))

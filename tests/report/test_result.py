@@ -123,12 +123,9 @@ def test_a_table_becomes_a_dataset_with_units(result: Result) -> None:
     assert list(dataset["patch"].values) == ["=1+1", "<b>"]
 
 
-def test_each_finding_stands_once_with_the_severe_ones_first() -> None:
+def test_each_finding_stands_once_with_the_severe_ones_first_and_inputs_have_hashes(tmp_path) -> None:
     first, second = info("a"), Finding("b", "error")
     assert unique([first, second, first, warning("c")]) == (second, warning("c"), first)
-
-
-def test_inputs_are_recorded_with_their_hash(tmp_path) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     assert InputFile.of("picture", tmp_path / "a").sha256.startswith("ba7816bf")
     with pytest.raises(InputError, match="cannot be read"):

@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from labcdp.metrics import Distribution, cdp_range, contrast_distribution
 from labcdp.report.plots import _drawn_contrasts
-from labcdp.report.stage_plots import _bars, _moments, stage_figure
+from labcdp.report.stage_plots import _bars, stage_figure
 
 VERMILLION, BLUE, GREY = (213, 94, 0), (0, 114, 178), (153, 153, 153)
 
@@ -19,52 +19,28 @@ def area(png: bytes, colour: tuple[int, int, int]) -> int:
     return int(np.all(decoded[..., ::-1] == colour, axis=-1).sum())
 
 
-def distribution(values: ArrayLike) -> Distribution:
-    return Distribution.from_array(values)
-
-
-def heights(values: Distribution) -> NDArray[np.float64]:
-    """Density of the bars that are not empty."""
-    density = _bars(values)[1]
-    return density[density > 0]
-
-
-@pytest.mark.parametrize("n", [257, 700, 1000])
-def test_many_values_share_bars_that_all_hold_as_many(n: int) -> None:
-    found = heights(Distribution(np.arange(n), np.full(n, 7)))
-    assert 100 <= found.size <= 256
-    np.testing.assert_allclose(found, found[0], rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     "values",
     [
         np.random.default_rng(1).normal(5, 1, 3000),
         np.random.default_rng(1).poisson(900, 3000),
-        [10, 10, 20, 20],
+        np.arange(1000).repeat(7),
         [1.0, 1.0, 1.01, 1.01, 500.0, 500.0],
         [0.1 + 0.2, 0.3, 0.3, 0.1 + 0.2],
-        [7],
         [0.0],
         [-3.5],
     ],
 )
 def test_bars_hold_all_of_a_distribution(values: ArrayLike) -> None:
-    edges, density = _bars(distribution(values))
+    edges, density = _bars(Distribution.from_array(values))
     assert (np.diff(edges) >= 0).all()
     assert density @ np.diff(edges) == pytest.approx(1.0, rel=1e-9)
+    assert (density > 0).sum() <= 256
 
 
-def test_moments_are_those_of_the_values() -> None:
-    values = np.random.default_rng(2).normal(200.0, 4.0, 5000)
-    text = _moments(distribution(values))
-    snr = values.mean() / values.std()
-    assert text == f"mean {values.mean():.2f}, std {values.std():.2f}, SNR (mean/std) {snr:.1f}"
-
-
-@pytest.mark.parametrize("values", [[7], [10.0, 20.0], np.arange(5000), np.random.default_rng(0).normal(5, 1, 500)])
+@pytest.mark.parametrize("values", [[7], np.random.default_rng(0).normal(5, 1, 500)])
 def test_stage_figure_draws_line_and_bars(values: ArrayLike) -> None:
-    png = stage_figure("Stage $x_{", distribution(values), "signal in $", distribution(values))
+    png = stage_figure("Stage $x_{", Distribution.from_array(values), "signal in $", Distribution.from_array(values))
     assert area(png, BLUE) > 300
     assert area(png, GREY) > 300
     assert area(png, VERMILLION) > 50

@@ -3,7 +3,6 @@
 import re
 import signal
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -140,9 +139,7 @@ def open_tab(browser: Any) -> Iterator[Callable[[Served], Tab]]:
         context.close()
 
 
-def test_regions_are_drawn_measured_saved_and_read_again(
-    picture: Path, tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
-) -> None:
+def test_regions_are_drawn_measured_saved_and_read_again(picture, tmp_path, serve, open_tab):
     output = tmp_path / "regions.json"
     served = serve(picture, "--output", output, "--contrast", "900%")
     tab = open_tab(served)
@@ -187,10 +184,6 @@ def test_regions_are_drawn_measured_saved_and_read_again(
     shown = float(tab.page.locator("td.cdp").inner_text())
     assert shown == pytest.approx(result.results[0].result.cdp, abs=1e-4)
     assert shown == pytest.approx(cdp(first.select(known_dn()), second.select(known_dn()), 9.0).cdp, abs=1e-4)
-    low, high = result.results[0].confidence_interval
-    said = re.search(r"([\d.]+) to ([\d.]+)", tab.page.locator("td.cdp + td").inner_text())
-    assert said is not None
-    assert [float(said[1]), float(said[2])] == pytest.approx([low, high], abs=1e-4)
 
     # Ctrl-C ends it cleanly.
     assert tab.complaints == []
@@ -205,9 +198,7 @@ def test_regions_are_drawn_measured_saved_and_read_again(
     assert (status, said_last.splitlines()) == (0, ["Nothing was changed"])
 
 
-def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(
-    picture: Path, tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
-) -> None:
+def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_path, serve, open_tab):
     output = tmp_path / "regions.json"
     served = serve(picture, "--output", output)
     tab = open_tab(served)
@@ -309,9 +300,7 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(
     assert {path.name for path in tmp_path.iterdir()} == {"regions.json", ".regions.json.lock"}
 
 
-def test_proposals_count_once_a_person_accepts_them(
-    tmp_path: Path, serve: Callable[..., Served], open_tab: Callable[[Served], Tab]
-) -> None:
+def test_proposals_count_once_a_person_accepts_them(tmp_path, serve, open_tab):
     rng = np.random.default_rng(1)
     squares = np.where(np.indices((4, 5)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
     dn = np.clip(rng.normal(np.pad(squares, 30, constant_values=120), 4), 0, 255).astype(np.uint8)

@@ -23,13 +23,6 @@ def test_the_scale_that_suits_is_chosen() -> None:
     assert DisplayScale.of(night).name == "logarithm"
 
 
-def test_a_part_no_larger_than_its_place_is_shown_pixel_by_pixel() -> None:
-    values = np.arange(48, dtype=np.uint16).reshape(6, 8)
-    shown = tile(values, DisplayScale("linear", 0, 255), (2.4, 1.2, 6.0, 5.9), (400, 400))
-    assert (shown.x, shown.y, shown.width, shown.height) == (2, 1, 4, 5)
-    assert shown.pixels.tolist() == values[1:6, 2:6].tolist()
-
-
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 def test_larger_parts_are_means_of_blocks(dtype: type) -> None:
     values = np.random.default_rng(5).integers(0, 250, (60, 90)).astype(dtype)
@@ -46,3 +39,7 @@ def test_blocks_stay_where_they_are_while_the_picture_is_moved() -> None:
     part = tile(values, scale, (9, 5, 41, 37), (8, 8))
     assert (part.x, part.y) == (8, 4)
     assert part.pixels.tolist() == whole.pixels[1:10, 2:11].tolist()
+    # A part no larger than its place is shown pixel by pixel.
+    shown = tile(values, scale, (2.4, 1.2, 6.0, 5.9), (400, 400))
+    assert (shown.x, shown.y, shown.width, shown.height) == (2, 1, 4, 5)
+    assert shown.pixels.tolist() == values[1:6, 2:6].tolist()

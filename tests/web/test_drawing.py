@@ -23,29 +23,25 @@ def test_the_first_two_regions_are_the_pair_and_gaps_are_filled() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "message"),
+    ("act", "message"),
     [
-        (RectangleShape("A", 50, 50, 5, 5), "2 regions have the name 'A'"),
-        (RectangleShape("x", 95, 5, 10, 10), "'x' spans x 95 to 105"),
-        (PolygonShape("x", ((10, 10), (40, 40), (40, 10), (10, 40))), "'x' crosses itself at x 25, y 25"),
-        (PolygonShape("x", ((10.6, 10.1), (11.4, 10.1), (11, 10.3))), "'x' holds no pixel"),
+        (lambda of: of.added(RectangleShape("A", 50, 50, 5, 5)), "2 regions have the name 'A'"),
+        (lambda of: of.added(RectangleShape("x", 95, 5, 10, 10)), "'x' spans x 95 to 105"),
+        (
+            lambda of: of.added(PolygonShape("x", ((10, 10), (40, 40), (40, 10), (10, 40)))),
+            "'x' crosses itself at x 25",
+        ),
+        (lambda of: of.added(PolygonShape("x", ((10.6, 10.1), (11.4, 10.1), (11, 10.3)))), "'x' holds no pixel"),
+        (lambda of: of.renamed("A", "C"), "there is a region 'C' already"),
+        (lambda of: of.renamed("A", ""), "the name of a region is ''"),
+        (lambda of: of.deleted("D"), "there is no region 'D'"),
+        (lambda of: of.paired("A", "D"), "there is no region 'D'"),
+        (lambda of: of.accepted(["A"]), "there is no such proposal"),
     ],
 )
-def test_what_cannot_be_a_region_is_refused(shape: Any, message: str) -> None:
+def test_what_cannot_be_a_region_or_is_unknown_is_refused(act: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Drawing.of(SIZE, (A,)).added(shape)
-
-
-def test_names_that_are_taken_or_unknown_are_refused() -> None:
-    drawing = Drawing.of(SIZE, (A, B)).proposed((C,))
-    with pytest.raises(InputError, match="there is a region 'C' already"):
-        drawing.renamed("A", "C")
-    with pytest.raises(InputError, match="the name of a region is ''"):
-        drawing.renamed("A", "")
-    with pytest.raises(InputError, match="there is no region 'D'"):
-        drawing.deleted("D")
-    with pytest.raises(InputError, match="there is no region 'D'"):
-        drawing.paired("A", "D")
+        act(Drawing.of(SIZE, (A, B)).proposed((C,)))
 
 
 def test_proposals_count_once_they_are_accepted() -> None:
@@ -56,8 +52,6 @@ def test_proposals_count_once_they_are_accepted() -> None:
     assert ([shape.name for shape in one.shapes], len(one.proposals)) == (["A", "B"], 2)
     assert [shape.name for shape in one.accepted().shapes] == ["A", "B", "A (2)", "C"]
     assert [shape.name for shape in drawing.deleted("C").proposals] == ["A (2)", "B"]
-    with pytest.raises(InputError, match="there is no such proposal"):
-        drawing.accepted(["A"])
 
 
 @given(st.lists(st.sampled_from(["add", "delete", "undo", "redo"]), max_size=30))
@@ -85,25 +79,25 @@ def test_undo_and_redo_are_each_others_way_back(steps: list[str]) -> None:
 
 
 def test_mouse_and_keys_change_the_drawing() -> None:
-    drawing, selected = change(Drawing(SIZE), {"do": "polygon", "corners": [[1, 1], [20, 1], [20, 20]]})
-    assert (drawing.shapes, selected) == ((PolygonShape("region 1", ((1, 1), (20, 1), (20, 20))),), "region 1")
-    drawing, selected = change(drawing, {"do": "box", "kind": "rectangle", "start": [30, 1], "end": [40, 11]})
-    assert drawing.shapes[1] == RectangleShape("region 2", 30, 1, 10, 10)
-    drawing, _ = change(drawing, {"do": "corner", "name": "region 2", "at": 2, "to": [50, 21]})
-    assert drawing.shapes[1] == RectangleShape("region 2", 30, 1, 20, 20)
-    drawing, _ = change(drawing, {"do": "move", "name": "region 2", "by": [5, 5]})
-    assert drawing.shapes[1] == RectangleShape("region 2", 35, 6, 20, 20)
-    drawing, _ = change(drawing, {"do": "insert", "name": "region 1", "after": 2, "at": [1, 20]})
-    drawing, _ = change(drawing, {"do": "remove corner", "name": "region 1", "at": 0})
-    assert drawing.shapes[0] == PolygonShape("region 1", ((20, 1), (20, 20), (1, 20)))
-    drawing, selected = change(drawing, {"do": "rename", "name": "region 1", "to": " sky "})
-    assert selected == "sky"
-    drawing, selected = change(drawing, {"do": "delete", "name": "sky"})
-    assert ([shape.name for shape in drawing.shapes], selected) == (["region 2"], None)
-    drawing, _ = change(drawing.proposed((A,)), {"do": "accept", "name": "A"})
-    assert [shape.name for shape in drawing.shapes] == ["region 2", "A"]
+    drawing, selected = Drawing(SIZE), None
+    for message in (
+        {"do": "polygon", "corners": [[1, 1], [20, 1], [20, 20]]},
+        {"do": "box", "kind": "rectangle", "start": [30, 1], "end": [40, 11]},
+        {"do": "corner", "name": "region 2", "at": 2, "to": [50, 21]},
+        {"do": "move", "name": "region 2", "by": [5, 5]},
+        {"do": "insert", "name": "region 1", "after": 2, "at": [1, 20]},
+        {"do": "remove corner", "name": "region 1", "at": 0},
+        {"do": "rename", "name": "region 1", "to": " sky "},
+    ):
+        drawing, selected = change(drawing, message)
+    sky, box = PolygonShape("sky", ((20, 1), (20, 20), (1, 20))), RectangleShape("region 2", 35, 6, 20, 20)
+    assert (drawing.shapes, selected) == ((sky, box), "sky")
+    drawing, selected = change(drawing.proposed((A,)), {"do": "delete", "name": "sky"})
+    assert (drawing.shapes, selected) == ((box,), None)
+    assert change(drawing, {"do": "accept", "name": "A"})[0].shapes == (box, A)
 
 
+ACTS = ("polygon", "box", "corner", "insert", "remove corner", "move", "delete", "rename", "accept", "x")
 _JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
@@ -112,9 +106,7 @@ _JSON = st.recursive(
 
 
 @given(
-    do=st.sampled_from(
-        ["polygon", "box", "corner", "insert", "remove corner", "move", "delete", "rename", "accept", "x"]
-    ),
+    do=st.sampled_from(ACTS),
     rest=st.fixed_dictionaries(
         {},
         optional={

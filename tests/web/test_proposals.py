@@ -36,12 +36,3 @@ def test_more_proposals_than_a_person_confirms_are_refused(monkeypatch: pytest.M
     monkeypatch.setattr(proposals, "MOST_PROPOSALS", 40)
     with pytest.raises(InputError, match=rf"{n} regions were found, .* limit of 40: give a larger size"):
         propose(image, "superpixels", 20)
-
-
-def test_a_checkerboard_of_a_colour_sensor_is_found_where_it_is() -> None:
-    rng = np.random.default_rng(1)
-    squares = np.where(np.indices((4, 5)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
-    light = rng.normal(np.pad(squares, 30, constant_values=120), 4).astype(np.float32)
-    rois = rois_of(propose(bayer(light), "checkerboard"))
-    assert len(rois) == 20
-    assert rois[0].centre == pytest.approx((100, 100), abs=2)

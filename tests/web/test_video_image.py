@@ -59,35 +59,26 @@ def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:
     assert (opened(tmp_path, "10").values == frame(2)).all()
 
 
-def refused(*arguments: str | Path) -> str:
-    with pytest.raises(InputError) as error:
-        app(["rois", *map(str, arguments)], standalone_mode=False)
-    return str(error.value)
-
-
-def test_what_does_not_fit_is_one_line(video: Path, picture: Path, tmp_path: Path) -> None:
-    assert "drive.mkv has 5 frames, 0 to 4, and none at 9: choose another with --frame" in refused(
-        video, "--frame", "9"
-    )
-    assert "--frame is 'x': give a number of frames" in refused(video, "--frame", "x")
-    assert "--frame chooses a frame of a video, and" in refused(picture, "-o", tmp_path / "r.json", "--frame", "1")
-    for option in (("--size", "64x48"), ("--pixel-format", "BayerRG8")):
-        assert "--size and --pixel-format are for raw dumps: leave them out" in refused(video, *option)
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("drive.mkv", ("--frame", "9"), "drive.mkv has 5 frames, 0 to 4, and none at 9: choose another with --frame"),
+        ("drive.mkv", ("--size", "64x48"), "--size and --pixel-format are for raw dumps: leave them out"),
+        ("drive.mkv", ("--camera-spec", "camera.toml"), "drive.mkv does not state its exposure time"),
+        ("notes.mp4", (), "notes.mp4 is no video that FFmpeg reads"),
+    ],
+)
+def test_what_does_not_fit_is_refused(video, tmp_path, monkeypatch, name, options, message):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "notes.mp4").write_text("no video")
-    assert "notes.mp4 is no video that FFmpeg reads" in refused(tmp_path / "notes.mp4")
-    (tmp_path / "empty").mkdir()
-    assert "empty" in refused(tmp_path / "empty")
     camera = Path(__file__).parents[2] / "labcdp/data/cameras/thesis-2018.toml"
     text = "".join(line for line in camera.read_text().splitlines(True) if not line.startswith("exposure_s"))
     (tmp_path / "camera.toml").write_text(text)
-    assert "drive.mkv does not state its exposure time: give it with --exposure" in refused(
-        video, "--camera-spec", tmp_path / "camera.toml"
-    )
+    with pytest.raises(InputError, match=message):
+        app(["rois", name, *options], standalone_mode=False)
 
 
-def test_regions_found_in_a_frame_lie_next_to_the_video(
-    video: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_regions_found_in_a_frame_lie_next_to_the_video(video, monkeypatch, capsys):
     app(["rois", str(video), "--frame", "2", "--detect", "superpixels", "--no-page"], standalone_mode=False)
     regions = load_regions(video.with_name("drive.rois.json"), SHAPE[::-1])
     assert [len(one.rois()) for one in regions] == [1, 1]

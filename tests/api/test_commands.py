@@ -1,0 +1,111 @@
+"""Numbers of the API are those of the command line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import labcdp as api
+from labcdp.session import example_session
+
+
+@pytest.fixture
+def tables(labcdp):
+    """Run a command in the test's folder; returns the tables it printed."""
+
+    def run(*arguments):
+        done = labcdp(*arguments, "--json")
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)["tables"]
+
+    return run
+
+
+def test_regions_of_a_picture(picture, rois, tables):
+    contrasts = [1.0, 2.0, 10.0]
+    options = [word for contrast in contrasts for word in ("--contrast", f"{100 * contrast:g}%")]
+    rows = tables("image", picture, "--roi", rois, *options, "--epsilon", "40%")["cdp"]["rows"]
+    assert [row["contrast"] for row in rows] == contrasts
+    result = api.read_image(picture).regions(rois).cdp(contrasts, epsilon=0.4)
+    assert result.sizes == {"pair": 1, "contrast": 3, "side": 2}
+    for row in rows:
+        found = result.sel(pair=row["pair"], contrast=row["contrast"])
+        for name in ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined", "csnr", "u_csnr"):
+            assert float(found[name]) == row[name]
+        for name in ("measured_contrast", "u_measured_contrast"):
+            assert float(found[name]) == row[name]
+
+
+@pytest.mark.parametrize("contrast", [("--contrast", "5%"), ()])
+def test_neighbours_of_a_picture(picture, tables, contrast):
+    (row,) = tables("image", picture, "--neighbours", *contrast)["cdp"]["rows"]
+    found = api.read_image(picture).cdp_neighbours(0.05 if contrast else None)
+    for name in ("contrast", "cdp", "u_cdp"):
+        assert float(found[name]) == row[name]
+
+
+def test_regions_of_a_video(video, rois, tables, tmp_path):
+    tables("video", video, "--roi", rois, "--contrast", "100%", "--contrast", "200%", "--stop", "4", "-o", "out")
+    expected = api.read_dataset(tmp_path / "out" / "results.nc")
+    result = api.open_video(video).track(rois, stop=4).cdp([1, 2])
+    assert dict(result.sizes) == {"frame": 4, "pair": 1, "contrast": 2, "side": 2, "corner": 4}
+    one = result.isel(pair=0)
+    for name in ("cdp", "cdp_low", "cdp_high", "below", "above", "measured_contrast", "csnr", "mean", "quality"):
+        np.testing.assert_array_equal(one[name], expected[name])
+    for name in ("lost", "centre_x", "saturated", "corner_x", "time_s"):
+        np.testing.assert_array_equal(one[name], expected[name])
+    for name in ("cdp", "measured_contrast", "mean", "snr"):
+        np.testing.assert_array_equal(one[f"u_{name}"], expected[f"{name}_standard_uncertainty"])
+    assert one["region"].values.tolist() == expected["region"].values.tolist()
+
+
+def test_sweep(tables, tmp_path):
+    arguments = ("--exact", "--over", "scene.luminance_cd_m2=0.1:10000:9:log", "--set", "scene.contrast=0.3")
+    tables("sweep", "manta-g505", *arguments, "-o", "out")
+    expected = api.read_dataset(tmp_path / "out" / "map.nc")
+    chain = api.Chain.load("manta-g505").with_(scene__contrast=0.3)
+    result = chain.sweep(scene__luminance_cd_m2=np.geomspace(0.1, 1e4, 9), exact=True)
+    for name in result:
+        np.testing.assert_array_equal(result[name], expected[name])
+    assert result.attrs["chain"] == expected.attrs["chain"]
+
+
+def same(one, other):
+    """Whether two results agree; sums by BLAS may differ in the last digits with the place of arrays in memory."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
+    if isinstance(one, list):
+        return len(one) == len(other) and all(same(*pair) for pair in zip(one, other, strict=True))
+    return one == (pytest.approx(other, rel=1e-9, abs=1e-15) if isinstance(one, float) else other)
+
+
+def test_session_and_its_saved_calibration(tables, tmp_path):
+    calibrated = api.Session.open(example_session()).calibrate()
+    path = calibrated.save(tmp_path / "calibration.json")
+    with pytest.raises(api.InputError, match="exists"):
+        calibrated.save(path)
+    quantities = tables("calibrate", example_session(), "-o", "out")["calibration"]["rows"]
+    found = {row["quantity"]: row["value"] for row in quantities}
+    found_range = [found[f"{end} calibrated luminance"] for end in ("lowest", "highest")]
+    assert same(found_range, list(calibrated.calibration.range_cd_m2))
+    expected = tables("evaluate", example_session(), "--calibration", path)
+    result = calibrated.evaluate()
+    assert same(json.loads(json.dumps(result.to_dict()["tables"])), expected)
+    dataset = result.to_dataset()
+    names = {name: name for name in ("cdp", "below", "above", "epsilon", "cdp_low", "cdp_high")}
+    for row in expected["contrasts"]["rows"]:
+        found = dataset.sel(pair=row["pair"], contrast=row["target_contrast"])
+        for name, key in {
+            **names,
+            "measured_contrast": "camera_contrast",
+            "meter_contrast": "measured_contrast",
+        }.items():
+            assert same(float(found[name]), row[key])
+    for row in expected["luminance"]["rows"]:
+        assert same(float(dataset["camera_luminance"].sel(patch=row["patch"])), row["calibrated_cd_m2"])
+    assert api.Session.open(str(example_session())).evaluate(path).to_dataset().equals(dataset)
+    # It serves single frames of its camera, too.
+    frame = min((example_session() / "frames").iterdir())
+    by_object, by_file = (api.read_image(frame, calibration=one) for one in (calibrated.calibration, str(path)))
+    assert by_file.unit == "cd/m^2"
+    np.testing.assert_array_equal(np.asarray(by_object), np.asarray(by_file))

@@ -1,0 +1,177 @@
+"""Objects of the API, what they take, and how they show themselves."""
+
+from functools import partial
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import xarray as xr
+
+import labcdp
+from labcdp.session import example_session
+
+CONTRASTS = [1.0, 2.0, 10.0]
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return labcdp.Chain.load("manta-g505").with_(scene__width=40, scene__height=30, scene__square_px=5)
+
+
+def test_regions_may_be_a_file_shapes_regions_or_named_corners_and_pairs_chosen(picture, rois, three):
+    image = labcdp.read_image(str(picture))
+    named = {"sign": (22, 42, 26, 26), "ground": np.array([(22, 82), (48, 82), (48, 108), (22, 108)])}
+    listed = [labcdp.Roi.rectangle(*one) for one in (("sign", 22, 42, 26, 26), ("ground", 22, 82, 26, 26))]
+    expected = image.regions(rois).cdp(CONTRASTS)
+    for regions in (str(rois), labcdp.regions.load_regions(rois), listed, iter(listed), named):
+        assert image.regions(regions).cdp(np.array(CONTRASTS)).identical(expected)
+    assert image.regions(three, ("sky", "ground")).cdp(1.0)["pair"].values.tolist() == ["sky / ground"]
+    result = image.regions(three, [("sky", "ground"), ("sign", "sky")]).cdp(1.0)
+    assert result["pair"].values.tolist() == ["sky / ground", "sign / sky"]
+    assert result["region"].sel(side="dark").values.tolist() == ["ground", "sky"]
+
+
+def test_without_contrasts_the_measured_one_of_each_pair_or_of_the_first_frame_counts(picture, video, rois, three):
+    regions = labcdp.read_image(picture).regions(three)
+    result = regions.cdp()
+    assert dict(result.sizes) == {"pair": 3, "side": 2}
+    np.testing.assert_array_equal(result["contrast"], result["measured_contrast"])
+    for pair in result["pair"].values:
+        contrast = float(result["contrast"].sel(pair=pair))
+        np.testing.assert_array_equal(regions.cdp(contrast)["cdp"].sel(pair=pair), result["cdp"].sel(pair=pair))
+        assert float(result["cdp"].sel(pair=pair)) > 0.5
+    regions = labcdp.open_video(video).track(rois, "fixed")
+    result = regions.cdp()
+    assert dict(result["cdp"].sizes) == {"frame": 5, "pair": 1}
+    assert float(result["contrast"][0]) == pytest.approx(float(result["measured_contrast"][0, 0]), rel=1e-12)
+    np.testing.assert_array_equal(regions.cdp(float(result["contrast"][0]))["cdp"], result["cdp"])
+
+
+def test_picture_and_first_frame_have_the_same_cdp(video, rois, tmp_path):
+    _, pixels = cv2.VideoCapture(str(video)).read()
+    cv2.imwrite(str(tmp_path / "first.png"), pixels[:, :, 0])
+    image = labcdp.read_image(tmp_path / "first.png", encoding="linear")
+    moving = labcdp.open_video(video, encoding="linear")
+    regions = (moving.track(rois, "fixed", stop=1).cdp([1.0, 2.0]), image.regions(rois).cdp([1.0, 2.0]))
+    neighbours = (moving.cdp_neighbours([0.05, 0.1], stop=1), image.cdp_neighbours([0.05, 0.1]))
+    for name, (frame, still) in (
+        *((name, regions) for name in ("cdp", "below", "above", "measured_contrast")),
+        *((name, neighbours) for name in ("cdp", "u_cdp")),
+    ):
+        np.testing.assert_allclose(frame[name].isel(frame=0), still[name], rtol=1e-6)
+
+
+def test_variables_have_units_and_meaning_and_can_be_saved(picture, video, rois, tmp_path):
+    result = labcdp.read_image(picture).regions(rois).cdp(CONTRASTS)
+    assert all({"long_name", "units"} <= set(result[name].attrs) for name in result)
+    assert result["mean"].attrs["units"] == result.attrs["unit"] == "relative"
+    of_video = labcdp.open_video(video).track(rois, "fixed", stop=2).cdp(1.0)
+    assert all("long_name" in of_video[name].attrs for name in of_video)
+    for name, one in (("picture.nc", result), ("video.nc", of_video)):
+        one.labcdp.save(tmp_path / name)
+        xr.testing.assert_equal(labcdp.read_dataset(tmp_path / name), one)
+        with pytest.raises(labcdp.InputError, match="exists: give another name"):
+            one.labcdp.save(tmp_path / name)
+
+
+def test_simulated_sweep_takes_lists_and_is_repeatable(chain):
+    first = chain.sweep(scene__contrast=[0.2, 0.5], exposure__gain_db=(0, 6), seed=3)
+    assert dict(first.sizes) == {"scene.contrast": 2, "exposure.gain_db": 2}
+    assert first.equals(chain.sweep(**{"scene.contrast": [0.2, 0.5], "exposure.gain_db": (0, 6)}, seed=3))
+    assert not first.equals(chain.sweep(scene__contrast=[0.2, 0.5], exposure__gain_db=(0, 6), seed=4))
+
+
+def test_accessor_finds_usable_range_and_isolines(chain):
+    luminances = np.geomspace(0.1, 1e4, 60)
+    result = chain.sweep(scene__luminance_cd_m2=luminances, scene__contrast=[0.02, 0.3, 1.0], exact=True)
+    usable = result.labcdp.usable_range(0.9)
+    assert usable["intervals"].values.tolist() == [0, 1, 1]
+    assert np.isnan(usable["low"][0])
+    for index in (1, 2):
+        inside = luminances[result["cdp"].isel({"scene.contrast": index}).values >= 0.9]
+        assert usable["low"][index] <= inside.min()
+        assert usable["high"][index] >= inside.max()
+    assert usable["low"].attrs["units"] == "cd/m^2"
+    assert {line.level for line in result.labcdp.isolines(levels=[0.5, 0.9])} == {0.5, 0.9}
+    assert result.labcdp.plot().axes
+    one = chain.sweep(scene__luminance_cd_m2=luminances, exact=True).labcdp.usable_range()
+    assert one["low"].shape == ()
+    assert float(one["low"]) < float(one["high"])
+
+
+def test_objects_show_themselves(picture, video, rois, chain):
+    image, opened, run = labcdp.read_image(picture), labcdp.open_video(str(video)), chain.run(seed=3)
+    calibrated = labcdp.Session.open(example_session()).calibrate()
+    assert (opened.shape, opened.frame_count, opened.frame_rate) == ((120, 160), 5, 25)
+    for one, start in (
+        (image, "<labcdp.Image night.png: 160 x 120 pixels, relative>"),
+        (image.regions(rois), "<labcdp."),
+        (opened, "<labcdp.Video drive.avi: 5 frames of 160 x 120 pixels>"),
+        (calibrated.session, "<labcdp.Session example-session: "),
+        (calibrated, "<labcdp."),
+        (calibrated.evaluate(), "<labcdp."),
+    ):
+        assert repr(one).startswith(start)
+        assert one._repr_html_().startswith("<table>")
+    assert "2 regions, 1 pairs" in repr(image.regions(rois))
+    assert "1 pairs, follow" in repr(opened.track(rois))
+    assert repr(chain) == "<labcdp.Chain 'manta-g505': 40 x 30 pixels, scene > optics > sensor>"
+    assert "[sensor]" in chain._repr_html_()
+    assert repr(run) == "<ChainRun of 'manta-g505', seed 3: scene > optics > sensor>"
+    assert repr(run["optics"]) == "<Signal illuminance in lx, shape (30, 40)>"
+
+
+SQUARES = {"a": (0, 0, 5, 5), "b": (9, 0, 5, 5)}
+
+
+@pytest.fixture(scope="module")
+def given(files, chain):
+    """Objects that are asked for what they refuse."""
+    image, calibrated = labcdp.read_image(files / "night.png"), labcdp.Session.open(example_session()).calibrate()
+    rois, video = files / "rois.json", labcdp.open_video(files / "drive.avi")
+    return SimpleNamespace(
+        regions=image.regions,
+        cdp=image.regions(rois).cdp,
+        track=partial(video.track, rois),
+        sweep=chain.sweep,
+        evaluate=calibrated.evaluate,
+    )
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda of: of.regions(3), "regions is 3: give a region file"),
+        (lambda of: of.regions([1, 2]), "regions has 1: give a region file"),
+        (lambda of: of.regions({"a": (1, 2, 3)}), r"region 'a' is \(1, 2, 3\): give \(x, y, width, height\)"),
+        (lambda of: of.regions(SQUARES | {"b": (150, 0, 20, 5)}), "region 'b' spans x 150 to 170"),
+        (lambda of: of.regions(SQUARES, [("a", "c")]), "there is no region 'c'"),
+        (lambda of: of.regions(SQUARES, ["ab"]), "pairs has 'ab': give two names of regions"),
+        (lambda of: of.regions({"a": (0, 0, 5, 5)}), "region 'a' is alone"),
+        (lambda of: of.regions([]), "there is no region"),
+        (lambda of: of.cdp("10%"), "contrast is '10%': give a number"),
+        (lambda of: of.cdp([[1.0]]), r"contrasts have the shape \(1, 1\)"),
+        (lambda of: of.cdp([1.0, 1.0]), "a contrast is given twice"),
+        (lambda of: of.cdp(-1), r"contrast is -1\.0"),
+        (lambda of: of.cdp(1.0, "50%"), "epsilon is '50%'"),
+        (lambda of: of.track(method="magic"), "unknown tracking method 'magic': give one of"),
+        (lambda of: of.track(start=1.5), "start is 1.5: give a number of frames, or a time"),
+        (lambda of: of.track(pairs=[("sign", "sky")]), "there is no region 'sky'"),
+        (lambda of: of.evaluate("10%"), "contrast is '10%'"),
+        (lambda of: of.evaluate(1.0, 2.0), "epsilon is 2.0"),
+        (lambda of: of.evaluate(pairs=[("a", "b")]), "pairs need contrasts"),
+        (lambda of: of.evaluate(1.0, pairs=["ab"]), "pairs has 'ab'"),
+        (lambda of: of.evaluate(1.0, pairs=[("a", "b")]), "there is no patch 'a'"),
+        (lambda of: of.sweep(), "there is nothing to sweep over"),
+        (lambda of: of.sweep(scene__contrast=0.3), "scene.contrast is 0.3: give a list"),
+        (lambda of: of.sweep(scene__contrast=[0.3, None]), "give a list of numbers or texts"),
+        (lambda of: of.sweep(scene__contrst=[0.3]), "did you mean contrast"),
+        (lambda of: of.sweep(scene__contrast=[0.3], contrast="50%"), "contrast is '50%'"),
+        (lambda of: of.sweep(scene__contrast=[0.3], folder=3), "folder is 3"),
+        (lambda of: of.sweep(scene__contrast=[0.3], stage="lens"), "stage is 'lens'"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_any_work(given, ask, message):
+    with pytest.raises(labcdp.InputError, match=message):
+        ask(given)

@@ -1,19 +1,15 @@
 """A RAW-shooting still camera becomes a luminance meter: import, calibration, evaluation; and what goes wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
 from dataclasses import replace
-from math import sqrt
 
 import cv2
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.acquire.imports.check import ImportFile
 from labcdp.acquire.imports.files import import_session
 from labcdp.calibration import Setup, patch_luminance
 from labcdp.calibration.colour.conversion import colour_patch_luminance
@@ -26,12 +22,12 @@ from labcdp.evaluate.bench.recorded import lens_of
 from labcdp.report.envelope import schema
 from labcdp.session import EventRecord, Session, SessionConfiguration
 
+from .conftest import picture_files
+
 
 @pytest.fixture
 def files(still_camera):
-    return [
-        ImportFile(path, role) for role in ("light", "dark") for path in sorted((still_camera.folder / role).iterdir())
-    ]
+    return picture_files(still_camera.folder)
 
 
 @pytest.fixture
@@ -41,63 +37,66 @@ def configuration(still_camera):
 
 @pytest.fixture
 def imported(still_camera, configuration, files):
-    def run(to="session", of=None, **changes):
-        wanted = changes.get("configuration", configuration)
-        readings = changes.get("readings", still_camera.folder / "readings.csv")
-        return import_session(wanted, still_camera.folder / to, files if of is None else of, readings)
+    """Import files, all unless told otherwise, into a session of that name."""
+
+    def run(of=None, to="session", bench=configuration, readings="readings.csv"):
+        folder = still_camera.folder
+        return import_session(bench, folder / to, files if of is None else of, folder / readings)
 
     return run
 
 
-def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
+@pytest.fixture
+def session(still_camera):
+    """Open what was imported."""
+    return lambda name="session": Session.open(still_camera.folder / name)
+
+
+def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp, session):
     done = labcdp(*still_camera.arguments(), "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     Draft202012Validator(schema()).validate(result)
     counts = {row["quantity"]: row["value"] for row in result["tables"]["imported"]["rows"]}
     assert (counts["frames"], counts["readings"], result["findings"]) == (12, 39, [])
-    session = Session.open(still_camera.folder / "session")
+    session = session()
     session.verify()
     observed = observe_session(session)
-    sensitivity = session.configuration.camera.spectral_sensitivity
-    assert sensitivity is not None
-    held_out = ("magenta", "foliage", "grey")
     calibration = fit_colour(
         {plane: [o for group in one.patches.values() for o in group] for plane, one in observed.planes.items()},
         {plane: one.darks for plane, one in observed.planes.items()},
         observed.readings,
         Setup(lens_of(session.configuration), session.configuration.source.spectrum, observed.input_sha256),
-        sensitivities=sensitivity.spectra,
-        held_out=held_out,
+        sensitivities=session.configuration.camera.spectral_sensitivity.spectra,
+        held_out=("magenta", "foliage", "grey"),
     )
     assert calibration.state.camera == CameraIdentity("Acme", "Still 1", "0815")
-    for name, truth in still_camera.luminance_cd_m2.items():
+    truth = still_camera.luminance_cd_m2
+    for name in truth:
         seen = colour_patch_luminance(calibration, {p: one.patches[name] for p, one in observed.planes.items()})
         low, high = seen.interval_95_cd_m2
-        assert low < truth < high
-        assert seen.luminance_cd_m2 == pytest.approx(truth, rel=0.01 if name == "grey" else 0.1)
+        assert low < truth[name] < high
+        assert seen.luminance_cd_m2 == pytest.approx(truth[name], rel=0.01 if name == "grey" else 0.1)
+    # Of a colour that was held out, each plane alone knows less.
     magenta = {row.patch: row.residual_rel for row in calibration.held_out}["magenta"]
-    alone = [
-        patch_luminance(plane, observed.planes[plane.state.plane].patches["magenta"]).luminance_cd_m2
-        / still_camera.luminance_cd_m2["magenta"]
-        - 1
-        for plane in calibration.planes
-    ]
-    assert abs(magenta) < 0.4 * np.abs(alone).min()
-    frame = session.load(session.frames("light")[2])
-    luminance = calibration.to_luminance(frame)
+    for plane in calibration.planes:
+        alone = patch_luminance(plane, observed.planes[plane.state.plane].patches["magenta"]).luminance_cd_m2
+        assert abs(magenta) < 0.4 * abs(alone / truth["magenta"] - 1)
+    luminance = calibration.to_luminance(session.load(session.frames("light")[2]))
     region = next(p.region() for p in session.configuration.target.patches if p.name == "grey")
     pixels = luminance.select(region)
-    assert pixels.mean() == pytest.approx(still_camera.luminance_cd_m2["grey"], rel=0.01)
-    assert np.std(pixels) / pixels.mean() == pytest.approx(
-        sqrt(float(np.mean(np.square(luminance.random_rel[luminance.scaled(region).window(luminance.shape)])))),
-        rel=0.25,
-    )
+    assert pixels.mean() == pytest.approx(truth["grey"], rel=0.01)
+    random_rel = luminance.random_rel[luminance.scaled(region).window(luminance.shape)]
+    assert np.std(pixels) / pixels.mean() == pytest.approx(np.sqrt(np.mean(np.square(random_rel))), rel=0.25)
 
 
-def test_frames_are_the_pixels_of_the_files(still_camera, imported, dn):
-    imported()
-    session = Session.open(still_camera.folder / "session")
+def test_what_is_imported_in_parts_and_again_is_there_once(still_camera, imported, files, session):
+    first = imported([f for f in files if f.role == "light"])
+    assert (first.frames, first.findings) == (6, (warning("no-dark-pictures"),))
+    assert imported().frames == 6
+    again = imported()
+    assert (again.frames, again.readings, again.known_frames, again.known_readings) == (0, 0, 12, 39)
+    session = session()
     frame = session.load(session.frames("light")[0])
     assert (frame.exposure_s, frame.gain_db, frame.colour_filter, frame.saturation_dn) == (1 / 100, 0.0, "RG", 15000)
     assert frame.plane_black_levels_dn == (510, 512, 512, 515)
@@ -110,15 +109,8 @@ def test_frames_are_the_pixels_of_the_files(still_camera, imported, dn):
     assert {record.patch for record in session.readings()} == {p.name for p in session.configuration.target.patches}
 
 
-def test_the_same_import_again_adds_nothing(imported):
-    imported()
-    again = imported()
-    assert (again.frames, again.readings, again.known_frames, again.known_readings) == (0, 0, 12, 39)
-
-
-def test_an_import_that_was_interrupted_is_resumed(still_camera, imported, files, monkeypatch):
-    written = Session.add_frames
-    calls = []
+def test_an_import_that_was_interrupted_is_resumed(imported, session, monkeypatch):
+    written, calls = Session.add_frames, []
 
     def fails_after_one_batch(self, frames):
         calls.append(len(frames))
@@ -129,20 +121,25 @@ def test_an_import_that_was_interrupted_is_resumed(still_camera, imported, files
     monkeypatch.setattr(Session, "add_frames", fails_after_one_batch)
     with pytest.raises(SessionError, match="disk full"):
         imported()
-    monkeypatch.setattr(Session, "add_frames", written)
+    monkeypatch.undo()
     done = imported()
-    assert (done.known_frames, done.frames, done.readings) == (4, 8, 39)
-    session = Session.open(still_camera.folder / "session")
-    session.verify()
-    assert len(session.frames()) == 12
+    assert (done.known_frames, done.frames, done.readings) == (calls[0], 12 - calls[0], 39)
+    session().verify()
+    assert len(session().frames()) == 12
 
 
-def test_the_same_picture_twice_counts_once(imported, files, still_camera):
+def test_what_is_given_twice_counts_once_and_what_is_alone_is_warned_about(imported, files, still_camera):
     copy = still_camera.folder / "copy.dng"
     shutil.copy(files[0].path, copy)
-    done = imported(of=[*files, ImportFile(copy, "light")])
-    assert done.frames == 12
-    assert done.findings == (info("picture-repeated", str(copy), same_as=str(files[0].path)),)
+    done = imported([*files, replace(files[0], path=copy)], "copied")
+    assert (done.frames, done.findings) == (12, (info("picture-repeated", str(copy), same_as=str(files[0].path)),))
+    done = imported([f for f in files if f.path.name != "400_2.dng"], "alone")
+    assert done.findings == tuple(warning("one-picture", role=role, exposure_s=0.0025) for role in ("light", "dark"))
+    path = still_camera.folder / "readings.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    path.write_text("\n".join([*lines, lines[1]]), encoding="utf-8")
+    done = imported(to="lines")
+    assert (done.readings, done.findings) == (39, (warning("lines-repeated", "white", path=str(path), count=1),))
 
 
 @pytest.mark.parametrize(
@@ -160,7 +157,7 @@ def test_pictures_that_do_not_belong_together_are_refused(imported, files, still
     options = {"black": (510, 512, 512, 515), "white": 15000, "iso": 100} | changes
     path = new_dng(still_camera.folder / "other.dng", dn, **options)
     with pytest.raises(InputError, match=match):
-        imported(of=[*files, ImportFile(path, "light")])
+        imported([*files, replace(files[0], path=path)])
     assert not (still_camera.folder / "session").exists()
 
 
@@ -170,127 +167,82 @@ def test_pictures_that_do_not_belong_together_are_refused(imported, files, still
         ("camera", {"serial": "4711"}, r"by a camera with serial '0815', the configuration says '4711': correct"),
         ("lens", {"f_number": 4.0}, r"was taken with f_number 2\.8, the configuration says 4: correct lens\.f_number"),
         ("lens", {"focal_length_m": 0.035}, r"was taken with focal_length_m 0\.05, the configuration says 0\.035"),
+        ("target", {"presentation": "one by one"}, r"shows which patch\? .* give --light PATCH=FILE"),
     ],
 )
 def test_pictures_of_another_bench_are_refused(imported, configuration, table, changes, match):
-    other = configuration.model_copy(
-        update={table: getattr(configuration, table).model_copy(update=changes)},
-    )
+    changed = getattr(configuration, table).model_copy(update=changes)
     with pytest.raises(InputError, match=match):
-        imported(configuration=other)
-
-
-def test_readings_in_foot_lamberts_are_converted(imported, still_camera):
-    names = [line.split(";")[0] for line in (still_camera.folder / "readings.csv").read_text().splitlines()[1:14]]
-    text = "\n".join(["patch;luminance_fL", *(f"{name};12,5" for name in names)])
-    (still_camera.folder / "readings.csv").write_text(text, encoding="utf-8")
-    imported()
-    reading = Session.open(still_camera.folder / "session").readings()[0].reading
-    assert (reading.unit, reading.luminance_cd_m2) == ("fL", pytest.approx(12.5 * 3.42625910))
-    # LS-110: +-1 digit from 10 on, with 2 % and 0.2 %.
-    assert (reading.digits_half_width, reading.scale_half_width_rel, reading.repeatability_rel) == (0.1, 0.02, 0.002)
-
-
-@pytest.mark.parametrize(
-    ("edit", "match"),
-    [
-        (lambda lines: [*lines, "mauve;12,5;2026-03-01 12:00"], r"has readings of patch 'mauve', the target has white"),
-        (lambda lines: [x for x in lines if not x.startswith("white")], r"has no reading of patch 'white': add one"),
-    ],
-)
-def test_readings_of_other_patches_are_refused(imported, still_camera, edit, match):
-    path = still_camera.folder / "readings.csv"
-    path.write_text("\n".join(edit(path.read_text(encoding="utf-8").splitlines())), encoding="utf-8")
-    with pytest.raises(InputError, match=match):
-        imported()
-    assert not (still_camera.folder / "session").exists()
+        imported(bench=configuration.model_copy(update={table: changed}))
 
 
 def test_patches_shown_one_by_one_name_their_pictures(imported, configuration, files):
     target = configuration.target.model_copy(update={"presentation": "one by one"})
     one_by_one = configuration.model_copy(update={"target": target})
-    with pytest.raises(InputError, match=r"shows which patch\? .* give --light PATCH=FILE"):
-        imported(configuration=one_by_one)
     with pytest.raises(InputError, match=r"there is no patch 'mauve' for .*: choose from white"):
-        imported(configuration=one_by_one, of=[replace(files[0], patch="mauve")])
+        imported([replace(files[0], patch="mauve")], bench=one_by_one)
     with pytest.raises(InputError, match=r"is given for patch 'white', but the target's patches are shown together"):
-        imported(of=[replace(files[0], patch="white")])
+        imported([replace(files[0], patch="white")])
     dark = [f for f in files if f.role == "dark"]
-    assert imported(configuration=one_by_one, of=[replace(files[0], patch="white"), *dark]).frames == 7
+    assert imported([replace(files[0], patch="white"), *dark], bench=one_by_one).frames == 7
 
 
-def test_images_of_other_programs_are_imported(still_camera, labcdp):
-    folder = still_camera.folder
+def test_readings_of_other_patches_are_refused(imported, still_camera):
+    path = still_camera.folder / "readings.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for changed, match in (
+        ([*lines, "mauve;12,5;2026-03-01 12:00"], r"has readings of patch 'mauve', the target has white"),
+        ([x for x in lines if not x.startswith("white")], r"has no reading of patch 'white': add one"),
+    ):
+        path.write_text("\n".join(changed), encoding="utf-8")
+        with pytest.raises(InputError, match=match):
+            imported()
+    assert not (still_camera.folder / "session").exists()
+
+
+def test_readings_have_the_digits_and_accuracy_of_the_meter_in_any_unit(imported, still_camera, session):
+    """LS-110: +-1 digit, with 2 % and 0.2 %; a list in which some number has two decimals was not rounded."""
+    luminances = still_camera.luminance_cd_m2
+    # Foot-lamberts; and a spreadsheet that drops zeros of 10.00 and 225.0, which makes no reading coarser.
+    for name, header, rows in (
+        ("fl", "patch;luminance_fL", [f"{name};12,5" for name in luminances]),
+        ("dropped", "patch,luminance_cd_m2", [f"{name},{round(value, 2):g}" for name, value in luminances.items()]),
+    ):
+        (still_camera.folder / f"{name}.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
+        imported(to=name, readings=f"{name}.csv")
+    reading = session("fl").readings()[0].reading
+    assert (reading.unit, reading.luminance_cd_m2) == ("fL", pytest.approx(12.5 * 3.42625910))
+    assert (reading.digits_half_width, reading.scale_half_width_rel, reading.repeatability_rel) == (0.1, 0.02, 0.002)
+    seen = {record.patch: record.reading for record in session("dropped").readings()}
+    digits = [(seen[name].resolution, seen[name].digits_half_width) for name in ("black", "white")]
+    assert digits == [(0.01, 0.01), (0.1, 0.1)]
+
+
+def test_images_of_other_programs_are_imported(still_camera, labcdp, session):
+    folder, rng = still_camera.folder, np.random.default_rng(1)
     text = (folder / "bench.toml").read_text(encoding="utf-8")
     (folder / "bench.toml").write_text(text.replace("[plan]\n", '[plan]\npixel_format = "Mono12"\n'), encoding="utf-8")
-    rng = np.random.default_rng(1)
     for name in ("a", "b", "c", "dark"):
         cv2.imwrite(str(folder / f"{name}.png"), rng.integers(50, 70, (56, 312)).astype(np.uint16))
     arguments = ["import", "bench.toml", "s", "--readings", "readings.csv", "--dark", "dark.png"]
     arguments += ["--light", "[abc].png", "--json"]
-    failed = labcdp(*arguments)
-    assert failed.returncode == 1
-    assert (
-        failed.stderr.strip() == "labcdp: a.png does not state its exposure time: give it with --exposure, in seconds"
-    )
-    failed = labcdp(*arguments, "--exposure", "d.png=0.1")
-    assert failed.stderr.strip() == (
-        "labcdp: --exposure names d.png, which is not among the imported pictures: correct the name"
-    )
+    assert "a.png does not state its exposure time: give it with --exposure, in seconds" in labcdp(*arguments).stderr
     done = labcdp(*arguments, "--exposure", "0.01", "--exposure", "c.png=0.02")
     assert done.returncode == 0, done.stderr
-    frames = Session.open(folder / "s").frames("light")
-    assert [(r.exposure_s, r.pixel_format, r.camera.model) for r in frames] == [
-        (0.01, "Mono12", "Still 1"),
-        (0.01, "Mono12", "Still 1"),
-        (0.02, "Mono12", "Still 1"),
-    ]
+    frames = [(r.exposure_s, r.pixel_format, r.camera.model) for r in session("s").frames("light")]
+    assert frames == [(exposure_s, "Mono12", "Still 1") for exposure_s in (0.01, 0.01, 0.02)]
 
 
-def test_zeros_that_a_spreadsheet_drops_make_no_reading_coarser(imported, still_camera):
-    """An LS-110 shows 10.00 and 225.0; a list in which some number has two decimals was not rounded."""
-    lines = ["patch,luminance_cd_m2"]
-    lines += [f"{name},{round(value, 2):g}" for name, value in still_camera.luminance_cd_m2.items()]
-    path = still_camera.folder / "dropped.csv"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    imported(readings=path)
-    with Session.open(still_camera.folder / "session") as session:
-        seen = {record.patch: record.reading for record in session.readings()}
-    assert (seen["black"].resolution, seen["black"].digits_half_width) == (0.01, 0.01)
-    assert (seen["white"].resolution, seen["white"].digits_half_width) == (0.1, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
+def test_mistakes_are_one_line(labcdp, still_camera):
+    for changes, line in (
         (["--light", "none.dng"], r"none.dng cannot be read (No such file or directory): give an image file"),
         (["--light", "no/*.NEF"], "--light no/*.NEF matches no file: check folder and pattern"),
         (["--light", "light", "--exposure", "fast"], "--exposure is 'fast': give seconds above 0, or FILE=SECONDS"),
+        (["--light", "light", "--exposure", "d.png=0.1"],
+         "--exposure names d.png, which is not among the imported pictures: correct the name"),
         (["--dark", "dark"], "no picture of the target: give --light with a file, folder or pattern"),
         (["--light", "=a.dng"], "--light is '=a.dng': give FILE, or PATCH=FILE"),
-    ],
-)
-def test_mistakes_are_one_line(labcdp, still_camera, changes, line):
-    done = labcdp("import", "bench.toml", "session", "--readings", "readings.csv", *changes)
-    assert (done.returncode, done.stderr.strip()) == (1, f"labcdp: {line}")
+    ):  # fmt: skip
+        done = labcdp("import", "bench.toml", "session", "--readings", "readings.csv", *changes)
+        assert (done.returncode, done.stderr.strip()) == (1, f"labcdp: {line}")
     assert not (still_camera.folder / "session").exists()
-
-
-def test_later_pictures_complete_a_session(imported, files):
-    first = imported(of=[f for f in files if f.role == "light"])
-    assert first.findings == (warning("no-dark-pictures"),)
-    assert imported().frames == 6
-
-
-def test_one_frame_at_an_exposure_is_warned_about(imported, files):
-    done = imported(of=[f for f in files if f.path.name != "400_2.dng"])
-    assert done.findings == tuple(warning("one-picture", role=role, exposure_s=0.0025) for role in ("light", "dark"))
-
-
-def test_lines_that_are_there_twice_count_once(imported, still_camera):
-    path = still_camera.folder / "readings.csv"
-    lines = path.read_text(encoding="utf-8").splitlines()
-    path.write_text("\n".join([*lines, lines[1]]), encoding="utf-8")
-    done = imported()
-    assert done.readings == 39
-    assert done.findings == (warning("lines-repeated", "white", path=str(path), count=1),)

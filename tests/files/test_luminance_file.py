@@ -9,6 +9,7 @@ from PIL import Image
 
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.files import read_picture
 from labcdp.files.luminance_file import load_luminance, save_luminance
 
 ABOUT = {"calibration": {"camera": "Manta µ"}, "exposures_s": [0.008]}
@@ -38,6 +39,8 @@ def test_round_trip(luminance, tmp_path, name):
     assert (about["calibration"], about["unit"]) == (ABOUT["calibration"], "cd/m^2")
     assert about["invalid_share"] == {"SATURATED": 1 / 1200, "DEFECT": 1 / 1200}
     assert [p.name for p in tmp_path.iterdir()] == [name]
+    picture = read_picture(tmp_path / name)
+    assert (picture.light_is_cd_m2, np.array_equal(picture.light, luminance.luminance_cd_m2)) == (True, True)
     if name == "a.npz":
         # An archive keeps common errors apart.
         assert [(e.source, e.rectangular) for e in loaded.common] == [("meter scale", True), ("fit", False)]

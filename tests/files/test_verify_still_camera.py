@@ -1,7 +1,5 @@
 """A still camera that was calibrated by its RAW files is verified by later ones, and has a history."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 import tifffile
 from jsonschema import Draft202012Validator
 
-from labcdp.acquire.imports.check import ImportFile
 from labcdp.acquire.imports.files import import_session
 from labcdp.calibration import save
 from labcdp.calibration.verify.file import save_verification
@@ -20,53 +17,40 @@ from labcdp.evaluate.bench.verify import verify_session
 from labcdp.report.envelope import schema
 from labcdp.session import Session, SessionConfiguration
 
-PLACES = {"R": (0, 0), "Gr": (0, 1), "Gb": (1, 0), "B": (1, 1)}
-BLACK_DN = {"R": 510, "Gr": 512, "Gb": 512, "B": 515}
+from .conftest import BLACK_DN, PLACES, picture_files, write_frame
+
 GREY_ONES = ("--patch", "white", "--patch", "grey", "--patch", "black")
 
 
-@pytest.fixture
-def later(still_camera, labcdp, new_dng):
-    """Import pictures of a later day, on which planes see another part of the light."""
-
-    def record(name, factors):
-        folder = still_camera.folder / name
-        rng = np.random.default_rng(3)
-        for role in ("light", "dark"):
-            (folder / role).mkdir(parents=True)
-            for path in sorted((still_camera.folder / role).iterdir()):
-                dn = tifffile.imread(path).astype(float)
-                for plane, factor in factors.items():
-                    row, column = PLACES[plane]
-                    net = dn[row::2, column::2] - BLACK_DN[plane]
-                    # Rounding again would be seen in the noise of dark pixels.
-                    dn[row::2, column::2] = BLACK_DN[plane] + (factor * net if role == "light" else net)
-                dn += rng.uniform(-0.4, 0.4, dn.shape)
-                pixels = np.clip(np.rint(dn), 0, 15000).astype(np.uint16)
-                denominator = int(path.name.split("_")[0])
-                new_dng(folder / role / path.name, pixels, black=tuple(BLACK_DN.values()), white=15000,
-                        exposure=(1, denominator), iso=100)  # fmt: skip
-        readings = (still_camera.folder / "readings.csv").read_text(encoding="utf-8").replace("2026-03", "2026-09")
-        (folder / "readings.csv").write_text(readings, encoding="utf-8")
-        return imported(still_camera, folder)
-
-    return record
-
-
 def imported(still_camera, folder):
-    """Import the pictures of a folder."""
-    files = [ImportFile(path, role) for role in ("light", "dark") for path in sorted((folder / role).iterdir())]
-    configuration = SessionConfiguration.load(still_camera.folder / "bench.toml")
-    import_session(configuration, folder / "session", files, folder / "readings.csv")
+    """Session of the pictures of a folder."""
+    bench = SessionConfiguration.load(still_camera.folder / "bench.toml")
+    import_session(bench, folder / "session", picture_files(folder), folder / "readings.csv")
     return folder / "session"
 
 
-def test_a_filter_that_fades_is_seen_and_stays_in_the_history(still_camera, labcdp, later):
+def later(still_camera, name, blue=1.0):
+    """Import pictures of a later day, on which blue pixels see another part of the light."""
+    folder, rng = still_camera.folder / name, np.random.default_rng(3)
+    for file in picture_files(still_camera.folder):
+        dn = tifffile.imread(file.path).astype(float)
+        if file.role == "light":
+            row, column = PLACES["B"]
+            dn[row::2, column::2] += (blue - 1) * (dn[row::2, column::2] - BLACK_DN["B"])
+        (folder / file.role).mkdir(parents=True, exist_ok=True)
+        # Rounding again would be seen in the noise of dark pixels.
+        write_frame(folder / file.role / file.path.name, dn + rng.uniform(-0.4, 0.4, dn.shape))
+    readings = (still_camera.folder / "readings.csv").read_text(encoding="utf-8").replace("2026-03", "2026-09")
+    (folder / "readings.csv").write_text(readings, encoding="utf-8")
+    return imported(still_camera, folder)
+
+
+def test_a_filter_that_fades_is_seen_and_stays_in_the_history(still_camera, labcdp):
     with Session.open(imported(still_camera, still_camera.folder)) as session:
         calibration = calibrate_session(observe_session(session))
         with pytest.raises(CalibrationError, match="the calibration was made from session"):
             verify_session(session, calibration)
-    with Session.open(still_camera.folder / later("sound", {})) as session:
+    with Session.open(later(still_camera, "sound")) as session:
         sound, _ = verify_session(session, calibration, GREY_ONES[1::2])
     assert sound.verdict == "conform"
     assert "colour-balance-kept" in {one.code for one in sound.findings}
@@ -74,21 +58,20 @@ def test_a_filter_that_fades_is_seen_and_stays_in_the_history(still_camera, labc
     folder.mkdir()
     save(calibration, folder / "calibration.json")
     save_verification(sound, folder / "sound.json")
-    session = later("faded", {"B": 0.95})
+    session = later(still_camera, "faded", blue=0.95)
     faded = labcdp("verify", "all/calibration.json", session, *GREY_ONES, "--output", "all/faded", "--json")
     values = json.loads(faded.stdout)
     Draft202012Validator(schema()).validate(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     (verdict,) = tables["verdict"]
     assert faded.returncode == {"conform": 0, "not conform": 3, "undecided": 4}[verdict["verdict"]]
-    blue = tables["planes"][3]
-    assert blue["balance_rel"] == pytest.approx(-0.05, abs=2 * blue["expanded_balance_rel"])
-    assert "B" in [one["subject"] for one in values["findings"] if one["code"] == "colour-balance-changed"]
     assert [row["patch"] for row in tables["patches"]] == ["black", "grey", "white"]
-    assert [plane["plane"] for plane in tables["planes"]] == list(PLACES)
+    planes = {row["plane"]: row for row in tables["planes"]}
+    assert list(planes) == list(PLACES)
+    assert planes["B"]["balance_rel"] == pytest.approx(-0.05, abs=2 * planes["B"]["expanded_balance_rel"])
+    assert "B" in [one["subject"] for one in values["findings"] if one["code"] == "colour-balance-changed"]
     done = labcdp("history", "all", "--json", "-o", "history.html")
-    cameras = json.loads(done.stdout)["tables"]["cameras"]["rows"]
-    assert [one["plane"] for one in cameras] == list(PLACES)
-    assert [one["n_points"] for one in cameras] == [3] * 4
-    rows = [row for row in json.loads(done.stdout)["tables"]["history"]["rows"] if row["plane"] == "B"]
-    assert min(row["responsivity"] for row in rows) == pytest.approx(0.95 * rows[0]["responsivity"], rel=0.01)
+    tables = {name: table["rows"] for name, table in json.loads(done.stdout)["tables"].items()}
+    assert [(one["plane"], one["n_points"]) for one in tables["cameras"]] == [(plane, 3) for plane in PLACES]
+    blue = [row["responsivity"] for row in tables["history"] if row["plane"] == "B"]
+    assert min(blue) == pytest.approx(0.95 * blue[0], rel=0.01)

@@ -104,6 +104,7 @@ TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
         (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)], options=1), r"'x' is a fitted spline"),
         (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0)]), r"'x' has 2 corners: draw it again"),
         (imagej(1, (0, 5, 9, 5)), r"region 'x': width is 0: give a number of pixels above 0"),
+        (b"Iout" + b"\0" * 10, r"'x' is damaged or none: save it again in ImageJ"),
         (TRIANGLE[:70], r"'x' is damaged \(.*\): save it again"),
         (imagej(7, (0, 0, 9, 9), floats=(float("nan"),) * 4, subtype=5), r"region 'x': x is nan: give a finite number"),
     ],

@@ -110,15 +110,18 @@ def fit(
     plain = solve(design.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0
-    final = with_scatter(design.with_glare(glare_cd_m2), first.candidate, by_place=of_place.significant)
-    tests = _tests(plain, final, settings, of_dark, (of_glare, of_place))
+    design = design.with_glare(glare_cd_m2)
+    stated = solve(design, first.candidate)
+    final = with_scatter(design, first.candidate, by_place=of_place.significant)
+    of_scatter = fit_tests.scatter(stated)
+    tests = _tests(plain, final, settings, of_dark, (of_glare, of_place, of_scatter))
     calibration = _assemble(
         observations[0],
         setup,
         scale,
         settings,
         final,
-        replace(_responsivity(first, final, of_glare), glare_cd_m2=glare_cd_m2),
+        replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2),
         fitted_rows(final, screened.readings, groups),
         max(reading.timestamp for group in readings.values() for reading in group),
     )
@@ -235,16 +238,16 @@ def _tests(
     final: Solution,
     settings: Sequence[GainSetting],
     of_dark: Sequence[Finding],
-    found: tuple[FitTest, FitTest],
+    found: tuple[FitTest, FitTest, FitTest],
 ) -> tuple[FitTest, ...]:
-    of_glare, of_place = found
+    of_glare, of_place, of_scatter = found
     factors = [(s.gain_db, s.factor, s.factor_random_rel) for s in _gains(final, settings)]
     return (
         of_glare,
         fit_tests.exposure_reciprocity(first),
         fit_tests.drift(first),
         of_place,
-        fit_tests.scatter(first),
+        of_scatter,
         fit_tests.dark_signal(first, settings[0].dark, of_dark),
         fit_tests.gain(factors, settings[0].gain_db),
     )

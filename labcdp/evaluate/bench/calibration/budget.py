@@ -18,6 +18,11 @@ PATCH_PIXELS = 1000
 _PLACES = ("lowest", "middle", "highest")
 
 
+#: Degrees of freedom from which Student's t is that of the normal distribution, to 1e-4.
+_UNLIMITED = 10_000
+_DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
+
+
 @dataclass(frozen=True)
 class BudgetOfPatch:
     """Budget of the mean over a patch of `PATCH_PIXELS` pixels in one frame.
@@ -65,7 +70,7 @@ def _totals(found: Sequence[BudgetOfPatch]) -> Table:
         Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, a middle and highest calibrated luminance."),
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
         Column("u_rel", "u", "%", "Relative combined standard uncertainty.", digits=2),
-        Column("effective_dof", "effective dof", "", "Degrees of freedom by Welch and Satterthwaite.", decimals=0),
+        Column("effective_dof", "effective dof", "", _DOF, decimals=0),
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", digits=2),
     )
     rows = [
@@ -73,7 +78,7 @@ def _totals(found: Sequence[BudgetOfPatch]) -> Table:
             "luminance_cd_m2": one.luminance_cd_m2,
             "exposure_s": one.exposure_s,
             "u_rel": one.whole.standard_uncertainty_rel,
-            "effective_dof": one.whole.effective_degrees_of_freedom,
+            "effective_dof": dof if (dof := one.whole.effective_degrees_of_freedom) < _UNLIMITED else None,
             "expanded_rel": one.whole.expanded_95_rel,
         }
         for one in found

@@ -16,8 +16,9 @@ demo: setup
 test: setup-test
 	@$(MAKE) --no-print-directory --jobs 2 lint pytest
 
+# The matrices of the tests are small: with several processes, threads of the linear algebra wait for each other.
 pytest: setup-test
-	$(PYTHON) -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 $(PYTHON) -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 # Minutes of what make test shows a part of: kills, faults in all states, long streams, all compiled loops.
 test-long: setup-test

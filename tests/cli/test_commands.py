@@ -2,6 +2,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -105,15 +106,19 @@ def test_a_command_that_is_stopped_leaves_nothing_half_done(labcdp_path, tmp_pat
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "a.png"), rng.integers(0, 65536, (3000, 4000), dtype=np.uint16))
     command = [labcdp_path, "image", "a.png", "--neighbours", "-o", "out/deep"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment) as process:
-        end = time.monotonic() + 300
-        while not any(tmp_path.glob("out/deep/.labcdp-*")):
-            assert process.poll() is None, process.stderr.read()
-            assert time.monotonic() < end
-            time.sleep(0.005)
-        process.send_signal(number)
-        said = process.stderr.read()
+    for _ in range(10):
+        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+            end = time.monotonic() + 300
+            while not any(tmp_path.glob("out/deep/.labcdp-*")):
+                assert process.poll() is None, process.stderr.read()
+                assert time.monotonic() < end
+                time.sleep(0.005)
+            process.send_signal(number)
+            said = process.stderr.read()
+        if process.returncode != 0:
+            break
+        # On a busy computer it may be done before the signal is sent.
+        shutil.rmtree(tmp_path / "out")
     assert process.returncode == status
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert "Traceback" not in said

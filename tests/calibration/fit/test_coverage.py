@@ -10,7 +10,7 @@ from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 
 #: One patch is drawn for each calibration, as the scale error ties all its patches together; the calibrations are the
 #: independent units.
-N_CALIBRATIONS = 300
+N_CALIBRATIONS = 150
 EXPOSURES_S = (0.001, 0.008, 0.064)
 LUMINANCES = np.geomspace(0.5, 2000, 12)
 

@@ -107,7 +107,7 @@ def test_a_wrong_dark_is_distinguished_from_glare(camera, new_reading, setup):
 
 
 def test_without_glare_the_intercept_keeps_quiet(camera, meter_class, setup):
-    rng, n, fired = np.random.default_rng(2), 300, 0
+    rng, n, fired = np.random.default_rng(2), 120, 0
     for _ in range(n):
         observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(LUMINANCES) for t in EXPOSURES_S]
         readings = {f"P{i}": [meter_class().read(v, rng)] for i, v in enumerate(LUMINANCES)}

@@ -10,6 +10,7 @@ import panel as pn
 
 from ...report.digits import printable
 from .live_bench import LiveBench
+from .recording import Question
 
 
 class RecordTab:
@@ -40,6 +41,7 @@ class RecordTab:
             pn.widgets.Button(name="Done", button_type="primary", visible=False) for _ in range(2)
         )
         self._state = html("record")
+        self._asked: Question | None = None
         self._start.on_click(lambda _event: bench.record(self._name.value_input or self._name.value))
         self._pause.on_click(lambda _event: self._hold())
         self._stop.on_click(lambda _event: self._end())
@@ -65,6 +67,7 @@ class RecordTab:
         self._name.disabled = running
         self._pause.disabled = self._stop.disabled = not running
         question = recording.operator.question if recording is not None and running else None
+        self._asked = question
         answers = question.answers if question is not None else ()
         for place, button in enumerate((self._first, self._second)):
             button.visible = place < len(answers)
@@ -114,7 +117,7 @@ class RecordTab:
 
     def _answer(self, text: str) -> None:
         if self._bench.recording is not None:
-            self._bench.recording.operator.answer(text)
+            self._bench.recording.operator.answer(self._asked, text)
 
 
 def _text(text: str) -> str:

@@ -64,11 +64,12 @@ class PageOperator:
         """The question that waits for its answer."""
         return self._question
 
-    def answer(self, text: str) -> None:
-        """Answer the question."""
+    def answer(self, question: Question | None, text: str) -> None:
+        """Answer a question; a late answer to an earlier one is ignored."""
         with self._condition:
-            self._answer = text
-            self._condition.notify_all()
+            if question is not None and question is self._question:
+                self._answer = text
+                self._condition.notify_all()
 
     def end(self) -> None:
         """Stop asking: a question that waits ends the acquisition."""

@@ -64,7 +64,14 @@ def test_the_page_answers_first_and_escapes_text(written: Path) -> None:
     # 0.95 falls to 0.85 over the frames: 0.9 at the end of the first half, of which 25 have no result.
     places = [
         page.index(text)
-        for text in ("transfer characteristic 8 of", "29.2 %", "data:image/png", "<h2>Regions", "<pre>")
+        for text in (
+            "transfer characteristic 8 of",
+            "Measured contrast",
+            "29.2 %",
+            "data:image/png",
+            "<h2>Regions",
+            "<pre>",
+        )
     ]
     assert places == sorted(places)
     assert "<wrong>" not in page

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ....core.result import Result
 from ....core.table import Table
 from ....report.cells import cell_text
-from ....report.digits import fixed, percent, printable
+from ....report.digits import fixed, percent, printable, significant
 from ....report.figures import ReportFigure
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim, input_facts
 from ..result import DETECTED_CDP, contrast_name, is_neighbours
@@ -18,8 +20,8 @@ from .figure import drawn_contrasts, frames_of_a_point, video_figure
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Contrasts that get a card.
-_MOST_CARDS = 4
+#: Contrasts that get a card, beside the measured one.
+_MOST_CARDS = 3
 #: How regions are followed, by the method's name.
 METHODS = {
     "follow": "tracked",
@@ -43,7 +45,7 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
         "CDP of a video",
         result.title,
         summary=_summary(dataset, result),
-        cards=[_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"])],
+        cards=[*_measured(dataset), *(_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))],
         lead=(figure, tables["contrasts"]),
         findings=result.findings,
         sections=sections,
@@ -77,6 +79,17 @@ def _chosen(contrasts: Table) -> list[dict[str, Any]]:
         return rows
     places = [round(n * (len(rows) - 1) / (_MOST_CARDS - 1)) for n in range(_MOST_CARDS)]
     return [rows[place] for place in places]
+
+
+def _measured(dataset: Dataset) -> Iterator[Card]:
+    """Yield the card of the measured contrast: what contrasts asked for are to be compared with."""
+    if "measured_contrast" not in dataset:
+        return
+    found = dataset["measured_contrast"].to_numpy()
+    found = found[np.isfinite(found)]
+    if found.size:
+        low, middle, high = (f"{significant(100 * one)} %" for one in np.quantile(found, (0, 0.5, 1)))
+        yield Card("Measured contrast", middle, "median of the frames", (f"{low} to {high}",))
 
 
 def _card(row: Mapping[str, Any], contrasts: Table) -> Card:

@@ -24,8 +24,8 @@ from .wording import camera_card, contrast_card, meter_card, pair_card, reading_
 _WIDTH = 440
 #: Bins of the histogram, and pixels of which it is made.
 _N_BINS, _SAMPLE = 128, 200_000
-#: Seconds between two histograms.
-_HISTOGRAM_S = 0.5
+#: Seconds between two plots, and points of the trace in one: more slow the images down.
+_PLOT_S, _MOST_POINTS = 0.5, 400
 
 
 class BenchPage:
@@ -69,7 +69,7 @@ class BenchPage:
             self._contrast.value = f"{100 * bench.target.contrast:g}"
         self._trace_source = ColumnDataSource(data={"t": [], "cdp": [], "low": [], "high": []})
         self._histogram_source = ColumnDataSource(data={"dn": [], "n": []})
-        self._histogram_s = 0.0
+        self._plotted_s = 0.0
         self._highest = highest
         self._shown: CameraSettings | None = None
         self._filling = False
@@ -122,13 +122,13 @@ class BenchPage:
         words = bench.busy or bench.notice or bench.mismatch
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         now_s = monotonic()
-        points = bench.trace
-        self._trace_source.data = {
-            "t": [one.time_s - now_s for one in points],
-            **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
-        }
-        if now_s - self._histogram_s > _HISTOGRAM_S:
-            self._histogram_s = now_s
+        if now_s - self._plotted_s > _PLOT_S:
+            self._plotted_s = now_s
+            points = bench.trace[:: 1 + len(bench.trace) // _MOST_POINTS]
+            self._trace_source.data = {
+                "t": [one.time_s - now_s for one in points],
+                **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
+            }
             self._histogram_source.data = _histogram(bench.workspace.image.values, self._highest)
 
     def _changed(self) -> None:

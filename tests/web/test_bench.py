@@ -119,7 +119,7 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
     for _ in range(10):
         mean = 64 + 2e5 * exposure_s
         values = np.clip(rng.normal(mean, np.sqrt(mean), 10_000), 0, highest).astype(np.uint16)
-        better_s = better_exposure_s(values, exposure_s, 12, 64.0, (20e-6, 60.0))
+        better_s = better_exposure_s(values, exposure_s, 12, (20e-6, 60.0))
         if better_s is None:
             break
         exposure_s = better_s
@@ -129,7 +129,7 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
 
 def test_no_exposure_is_better_where_the_camera_has_none() -> None:
     dark = np.full(100, 70, np.uint16)
-    assert better_exposure_s(dark, 60.0, 12, 64.0, (20e-6, 60.0)) is None
+    assert better_exposure_s(dark, 60.0, 12, (20e-6, 60.0)) is None
 
 
 def small_plan() -> SessionConfiguration:
@@ -248,6 +248,11 @@ def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(live_page
         report.click()
     opened.value.get_by_text("detected", exact=False).first.wait_for()
     assert any("Cover the lens" in one for one in asked)
+    # Earlier results stay.
+    (earlier,) = tmp_path.glob("mine-evaluate/report.html")
+    live_page.get_by_role("button", name="Record the plan").click()
+    live_page.get_by_text("mine-evaluate-2/report.html").wait_for()
+    assert earlier.exists()
     with Session.open(tmp_path / "mine") as session:
         session.verify()
         assert (len(session.frames("light")), len(session.readings())) == (4, 6)

@@ -189,7 +189,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
         else:
             port = choice.meter or described.port
             assert port is not None, "checked before the session is made"
-            meter = _serial_meter(stack, described, port, choice)
+            meter = serial_meter(stack, described, port, choice)
         yield Devices(camera, meter, ConsoleOperator(console), "Aravis")
 
 
@@ -259,7 +259,7 @@ def simulated_devices(
     with ExitStack() as stack:
         pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
         choice = DeviceChoice(patience_s=patience_s, transcript=transcript)
-        meter = _serial_meter(stack, configuration.meter, pty.port, choice)
+        meter = serial_meter(stack, configuration.meter, pty.port, choice)
         camera, transport = _simulated_camera(bench, stack, patience_s)
         yield Devices(camera, meter, bench, transport)
 
@@ -290,7 +290,8 @@ def _try(camera: Camera) -> None:
         camera.snap()
 
 
-def _serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, choice: DeviceChoice) -> Meter:
+def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, choice: DeviceChoice) -> Meter:
+    """Open the meter on a serial port in the modes of the configuration; `stack` closes it."""
     from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}

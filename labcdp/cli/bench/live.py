@@ -110,14 +110,20 @@ def _real(
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
     from ...web.bench.measured import BenchOfPage
+    from .devices_of_session import DeviceChoice, serial_meter
 
     wanted = None if configuration is None else configuration.camera
     selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
     port = meter or (None if configuration is None else configuration.meter.port)
     with ExitStack() as stack:
         opened = stack.enter_context(AravisCamera(selector))
-        driver = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}[model]
-        yield opened, BenchOfPage(None if port is None else stack.enter_context(driver(port)), configuration)
+        if port is None:
+            yield opened, BenchOfPage(None, configuration)
+        elif configuration is not None and configuration.meter.entry == "serial":
+            yield opened, BenchOfPage(serial_meter(stack, configuration.meter, port, DeviceChoice()), configuration)
+        else:
+            driver = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}[model]
+            yield opened, BenchOfPage(stack.enter_context(driver(port)), configuration)
 
 
 def _serve(

@@ -18,9 +18,11 @@ _STEP = 0.25
 
 
 def better_exposure_s(
-    values: NDArray[Any], exposure_s: float, bit_depth: int, black_dn: float, limits_s: tuple[float, float]
+    values: NDArray[Any], exposure_s: float, bit_depth: int, limits_s: tuple[float, float]
 ) -> float | None:
-    """Compute an exposure with which the brightest pixels are at 80 % of the range.
+    """Compute an exposure with which the brightest pixels are nearer to 80 % of the range.
+
+    The black level is unknown and counted as light: a dark image needs several steps.
 
     Parameters
     ----------
@@ -30,8 +32,6 @@ def better_exposure_s(
         Exposure with which they were taken.
     bit_depth : int
         Bits of a DN.
-    black_dn : float
-        Mean DN without light.
     limits_s : (float, float)
         Shortest and longest exposure of the camera.
 
@@ -45,7 +45,6 @@ def better_exposure_s(
     share = brightest / highest
     if _GOOD[0] <= share <= _GOOD[1]:
         return None
-    net = max(brightest - black_dn, 1.0)
-    factor = _STEP if share > 0.99 else (TARGET * highest - black_dn) / net
+    factor = _STEP if share > 0.99 else TARGET * highest / max(brightest, 1.0)
     wanted_s = float(np.clip(exposure_s * factor, *limits_s))
     return None if np.isclose(wanted_s, exposure_s, rtol=0.01) else wanted_s

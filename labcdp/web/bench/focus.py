@@ -12,12 +12,12 @@ def sharpness(values: NDArray[Any]) -> float:
     """Compute the variance of the Laplacian over the squared mean.
 
     The Laplacian is that of means of 2 x 2 pixels: a Bayer pattern does not count, and noise counts less. The value
-    compares images of the same scene, of any exposure; the sharpest has the largest one.
+    compares images of the same scene and exposure; the sharpest has the largest one.
 
     Parameters
     ----------
     values : ndarray of int or float, shape (height, width)
-        The part, of at least 6 x 6 pixels, less the black level.
+        The part, of at least 6 x 6 pixels.
 
     Returns
     -------

@@ -38,6 +38,8 @@ TRACE_S = 180.0
 _LOOK_S = 0.5
 #: Attempts to fit the exposure, and time for a frame with the new one.
 _MOST_ATTEMPTS, _ATTEMPT_S = 10, 20.0
+#: Longest wait for a recording that was stopped.
+_END_S = 120.0
 
 
 class LiveBench:
@@ -119,6 +121,8 @@ class LiveBench:
         """Stop a recording, and release the camera."""
         if self.recording is not None:
             self.recording.stop()
+            # What is being written is completed first.
+            self.recording.ended.wait(_END_S)
         self.camera.stop()
 
     def aim(self, **changes: float | None) -> None:
@@ -218,9 +222,7 @@ class LiveBench:
             rois = self.workspace.drawing.rois
             inside = [roi.select(frame.dn) for roi in rois] or [frame.dn.ravel()]
             brightest = max(inside, key=lambda values: float(values.mean()))
-            better_s = better_exposure_s(
-                brightest, frame.exposure_s, frame.bit_depth, frame.black_level_dn, live.exposure_range_s
-            )
+            better_s = better_exposure_s(brightest, frame.exposure_s, frame.bit_depth, live.exposure_range_s)
             if better_s is None:
                 yield ""
                 return
@@ -263,7 +265,7 @@ class LiveBench:
                     np.clip(edge(roi.corners, axis=0), 0, (width, height)) for edge in (np.min, np.max)
                 )
                 rows, columns = slice(int(top), int(bottom)), slice(int(left), int(right))
-        now = sharpness(frame.dn[rows, columns] - np.float32(frame.black_level_dn))
+        now = sharpness(frame.dn[rows, columns])
         best = self.focus[1] if selected == self._focus_of else 0.0
         self.focus, self._focus_of = (now, max(now, best)), selected
 

@@ -183,7 +183,7 @@ class BenchPage:
         self.bench.workspace.changed()
 
     def _show_settings(self, settings: CameraSettings | None) -> None:
-        """Show settings that have changed, whoever changed them, in the fields."""
+        """Update the fields when the settings have changed, also by another program."""
         if settings is None or settings == self._shown:
             return
         self._shown, self._filling = settings, True

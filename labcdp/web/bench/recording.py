@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
-from threading import Condition
+from threading import Condition, Event
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire
@@ -30,7 +31,7 @@ class Question:
     patch : str
         Patch it is about; empty if none.
     answers : tuple of str
-        Buttons; the first one goes on.
+        Labels of the buttons; the first one continues.
     findings : tuple of str
         What was found and why it is asked.
     """
@@ -143,6 +144,7 @@ class Recording:
         self.report: Path | None = None
         #: How it ended; empty until then.
         self.outcome = ""
+        self.ended = Event()
         self._configuration = configuration
 
     def stop(self) -> None:
@@ -177,6 +179,8 @@ class Recording:
             self.outcome = f"{str(error)[:1].upper()}{str(error)[1:]}; {self.folder} holds what was recorded"
         else:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
+        finally:
+            self.ended.set()
 
     def _session(self) -> Session:
         if not self.folder.exists():
@@ -189,7 +193,7 @@ class Recording:
 
 
 def _report(session: Session) -> Path:
-    """Calibrate and evaluate a session into ``NAME-evaluate`` in the current folder; returns its page."""
+    """Calibrate and evaluate a session into a new folder ``NAME-evaluate`` of the current one; returns its page."""
     from ...calibration import save
     from ...evaluate.bench.calibrate import calibrate_session
     from ...evaluate.bench.observe import observe_session
@@ -202,7 +206,13 @@ def _report(session: Session) -> Path:
     calibration = calibrate_session(observed)
     evaluation = evaluate_session(session, observed, calibration)
     result = session_result(evaluation, [session_input(session)])
-    with ResultsFolder(f"{session.path.name}-evaluate", "evaluate", force=True) as results:
+    with ResultsFolder(_new_folder(f"{session.path.name}-evaluate"), "evaluate") as results:
         save(calibration, results.path("calibration.json"))
         write_results(evaluation, result, results)
     return results.folder / "report.html"
+
+
+def _new_folder(name: str) -> Path:
+    """Return a folder that does not exist: earlier results stay."""
+    numbered = (Path(f"{name}-{number}") for number in count(2))
+    return next(path for path in chain((Path(name),), numbered) if not path.exists())

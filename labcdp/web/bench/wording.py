@@ -19,11 +19,11 @@ def camera_card(bench: LiveBench) -> str:
     """Write the card of the camera: frames per second, exposure, and what is wrong."""
     live = bench.camera.live
     if live.error and not live.streaming:
-        return _card("Camera", "no frames", "bad", f"{live.error}; it is looked for again and again")
+        return _card("Camera", "no frames", "bad", f"{live.error}; trying again every second")
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
     if bench.paused:
-        return _card("Camera", "paused", "open", "the image stands still; the camera goes on")
+        return _card("Camera", "paused", "open", "the image is frozen; the camera keeps streaming")
     if live.lent and not live.streaming:
         return _card("Camera", "recording", "good", "waits for the recording")
     if live.overdue:

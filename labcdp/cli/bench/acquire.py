@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 from shlex import quote
@@ -9,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.errors import InputError, SessionError
+from ...core.errors import InputError, LabcdpError, SessionError
 from ..options import METER_OPTION, VIRTUAL_CLOCK_OPTION
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .devices_of_session import DeviceChoice, connected
@@ -141,7 +143,7 @@ def _record(
     pace = clock if choice.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
-    with _open_or_create(path, source, wanted, clock) as opened:
+    with _without_bare_folder(path), _open_or_create(path, source, wanted, clock) as opened:
         if replace_damaged:
             _give_up_damaged(opened)
         if not is_complete(opened):
@@ -153,6 +155,22 @@ def _record(
             ):
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
+
+
+@contextmanager
+def _without_bare_folder(path: Path) -> Iterator[None]:
+    """Remove the session of a run that was refused before anything was recorded, unless it was there before."""
+    from ...session import EventRecord, FrameRecord, ReadingRecord, Session
+
+    new = not _holds_something(path)
+    try:
+        yield
+    except LabcdpError:
+        if new and _holds_something(path):
+            session = Session.open(path)
+            if not any(isinstance(one, EventRecord | FrameRecord | ReadingRecord) for one in session.records):
+                session.remove()
+        raise
 
 
 def _give_up_damaged(session: Session) -> None:

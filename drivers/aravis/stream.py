@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
-from ..camera import CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
 from ..host.stream import StreamFacts, stream_causes
 from .frames import FrameCheck, arrival, refusal
 from .library import aravis, received_bytes
@@ -29,9 +29,6 @@ _PAUSE_S = 0.15
 
 #: Silence after which a camera is checked, also during an exposure.
 _ASKED_AFTER_S = 0.15
-
-#: Number of consecutive refused frames after which a grab fails.
-_MOST_REFUSED = 20
 
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
 _TEMPERATURE_EVERY_S = 2.0
@@ -233,7 +230,7 @@ class FrameStream:
         error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
         self._lender().take_back(buffer)
         self._n_refused += 1
-        if self._on_refused is None or self._n_refused >= _MOST_REFUSED:
+        if self._on_refused is None or self._n_refused >= MOST_REFUSED:
             raise error
         self._on_refused(error)
 

@@ -12,6 +12,7 @@ import numpy as np
 from ...core.clock import Clock, SystemClock
 from ...core.frame import CameraIdentity, Frame
 from ..camera import (
+    MOST_REFUSED,
     CameraError,
     CameraSettingError,
     CameraSettings,
@@ -211,15 +212,17 @@ class InProcessCamera(Device):
         FrameTimeoutError, IncompleteFrameError, CameraLostError
             As the camera on the wire.
         """
-        for _ in range(n):
-            frame = None
-            while frame is None:
-                try:
-                    frame = self._frame(timeout_s)
-                except IncompleteFrameError as error:
-                    if on_refused is None:
-                        raise
-                    on_refused(error)
+        n_taken = n_refused = 0
+        while n_taken < n:
+            try:
+                frame = self._frame(timeout_s)
+            except IncompleteFrameError as error:
+                n_refused += 1
+                if on_refused is None or n_refused >= MOST_REFUSED:
+                    raise
+                on_refused(error)
+                continue
+            n_taken, n_refused = n_taken + 1, 0
             yield frame
 
     def _frame(self, timeout_s: float | None) -> Frame:
@@ -227,16 +230,15 @@ class InProcessCamera(Device):
         settings = self.settings
         self._link.await_reconnect()
         wait_s = settings.longest_wait_s(timeout_s)
-        began_s = self._clock.monotonic_s()
+        until_s = self._clock.monotonic_s() + wait_s
         self._clock.sleep(max(settings.exposure_s, 1 / self._device.frame_rate_hz))
         while self._link.trouble.stalled and not self._link.cut:
-            left_s = wait_s - (self._clock.monotonic_s() - began_s)
-            if left_s <= 0:
+            if self._clock.monotonic_s() >= until_s:
                 raise FrameTimeoutError(
                     f"no frame came from {self.identity} within {wait_s:.1f} s, though it "
                     "answers: let the simulated camera recover"
                 )
-            self._clock.sleep(min(STEP_S, left_s))
+            self._clock.sleep(STEP_S)
         if self._link.cut or self._link.trouble.frozen:
             return self._frame(timeout_s)
         index = self._n_taken

@@ -26,7 +26,8 @@ PATIENT_TRIES = 10
 _KEY = 0x42
 _ACKNOWLEDGE = 0x01
 _DISCOVERY = 0x0002
-_READ_REGISTER = 0x0080
+READ_REGISTER = 0x0080
+WRITE_REGISTER = 0x0082
 #: The acknowledgement of a command has the next number; a busy camera sends PENDING_ACK first.
 _PENDING = 0x0089
 _LARGEST_MESSAGE = 576
@@ -78,13 +79,18 @@ def ask(address: str, command: int, payload: bytes = b"", timeout_s: float = 0.2
         try:
             client.connect((address, GVCP_PORT))
             for request_id in range(1, tries + 1):
-                client.send(struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
-                answer = _wait_for(client, command, request_id, time.monotonic() + timeout_s)
+                answer = request(client, command, payload, request_id, timeout_s)
                 if answer is not None:
                     return answer
         except OSError:
             return None
     return None
+
+
+def request(client: socket.socket, command: int, payload: bytes, request_id: int, timeout_s: float) -> Answer | None:
+    """Send one request on a connected socket; the answer may be that to an earlier one. Raises OSError."""
+    client.send(struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
+    return _wait_for(client, command, request_id, time.monotonic() + timeout_s)
 
 
 def _wait_for(client: socket.socket, command: int, last_id: int, until_s: float) -> Answer | None:
@@ -126,7 +132,7 @@ def read_register(address: str, register: int, timeout_s: float = 0.25, tries: i
     Answer or None
         None if the camera does not answer.
     """
-    return ask(address, _READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
+    return ask(address, READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
 
 
 def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> Announcement | None:

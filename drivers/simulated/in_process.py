@@ -27,8 +27,11 @@ from ..camera import (
 from ..device import Device
 from .faults.trouble import CameraTrouble
 from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
-from .gige.genicam import EXPOSURE_RANGE_US, GAIN_RANGE_DB
+from .gige.genicam import feature
 from .link import STEP_S, Link
+
+_EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
+_GAIN_RANGE_DB: Final = feature("Gain")["range"]
 
 #: Pixel data of a stream packet: 9000 bytes less headers.
 _PACKET_DATA_BYTES: Final = 8964
@@ -122,7 +125,7 @@ class InProcessCamera(Device):
     @property
     def exposure_range_s(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
-        return EXPOSURE_RANGE_US[0] * 1e-6, EXPOSURE_RANGE_US[1] * 1e-6
+        return _EXPOSURE_RANGE_US[0] * 1e-6, _EXPOSURE_RANGE_US[1] * 1e-6
 
     @property
     def temperature_c(self) -> float:
@@ -181,12 +184,12 @@ class InProcessCamera(Device):
         self._link.await_reconnect()
         exposure_us = round((old.exposure_s if exposure_s is None else exposure_s) * 1e6)
         gain = old.gain_db if gain_db is None else gain_db
-        if not EXPOSURE_RANGE_US[0] <= exposure_us <= EXPOSURE_RANGE_US[1]:
+        if not _EXPOSURE_RANGE_US[0] <= exposure_us <= _EXPOSURE_RANGE_US[1]:
             low, high = self.exposure_range_s
             raise CameraSettingError(f"exposure_s is {exposure_us * 1e-6:g} s: the camera takes {low:g} to {high:g} s")
-        if not GAIN_RANGE_DB[0] <= gain <= GAIN_RANGE_DB[1]:
+        if not _GAIN_RANGE_DB[0] <= gain <= _GAIN_RANGE_DB[1]:
             raise CameraSettingError(
-                f"gain_db is {gain:g} dB: the camera takes {GAIN_RANGE_DB[0]} to {GAIN_RANGE_DB[1]} dB"
+                f"gain_db is {gain:g} dB: the camera takes {_GAIN_RANGE_DB[0]} to {_GAIN_RANGE_DB[1]} dB"
             )
         if pixel_format not in (None, "Mono12"):
             raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")

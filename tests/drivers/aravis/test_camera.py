@@ -1,5 +1,6 @@
 import os
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,11 +18,9 @@ from labcdp.drivers.camera import (
     IncompleteFrameError,
 )
 from labcdp.drivers.host.kernel import overload
-from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
-from labcdp.drivers.simulated.gige import genicam
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 
-from ..conftest import SMALL, Ramp
+from ..conftest import SMALL, Ramp, features
 
 
 def test_discovery_finds_the_camera(camera_on_loopback):
@@ -180,24 +179,10 @@ def test_opening_resets_what_another_program_left(camera_on_loopback):
         ("Gain", "GainAuto", "BlackLevel", "Gamma", "ExposureAuto", "DeviceTemperature"),
     ],
 )
-def test_opens_and_grabs_without_features_that_a_camera_need_not_have(camera_on_loopback, monkeypatch, missing):
-    def image_format(formats):
-        features = full_image_format(formats)
-        features["WidthMax"] = genicam.integer("WidthMax", genicam.Address.SENSOR_WIDTH, access="RO")
-        features["HeightMax"] = genicam.integer("HeightMax", genicam.Address.SENSOR_HEIGHT, access="RO")
-        return features
-
-    def without(features):
-        return lambda *arguments: {name: xml for name, xml in features(*arguments).items() if name not in missing}
-
-    full_image_format = genicam._image_format
-    for name, features in (("_image_format", image_format), ("_device", genicam._device)):
-        monkeypatch.setattr(genicam, name, without(features))
-    for name in ("_acquisition", "_analog"):
-        monkeypatch.setattr(genicam, name, without(getattr(genicam, name)))
-    camera_on_loopback.set_faults(CameraTrouble(gone=True))
-    camera_on_loopback.set_faults(NO_TROUBLE)
-    with AravisCamera("127.0.0.1") as camera:
+def test_opens_and_grabs_without_features_that_a_camera_need_not_have(aravis, missing):
+    size = {f"{of}Max": {"register": f"SENSOR_{of.upper()}", "access": "RO"} for of in ("Width", "Height")}
+    device = replace(SMALL, features=features(*missing, **size))
+    with SimulatedGigECamera(device, Ramp()), AravisCamera("127.0.0.1") as camera:
         assert not set(missing) & set(camera.features())
         assert camera.snap().shape == (48, 64)
 
@@ -229,17 +214,11 @@ def test_a_busy_computer_gets_more_time(monkeypatch):
     assert settings.longest_wait_s(0.5, overload()) == 2.5
 
 
-def test_features_that_are_not_understood_are_listed(aravis, monkeypatch):
-    analog = genicam._analog
-    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
-        assert camera.not_understood == ()
-    more = {
-        "Sharpness": genicam.integer("Sharpness", 0x170),
-        "DefectMaskEnable": genicam.switch("DefectMaskEnable", 0x174),
-    }
-    monkeypatch.setattr(genicam, "_analog", lambda: analog() | more)
-    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera() as camera:
-        assert camera.not_understood == ("Sharpness", "DefectMaskEnable")
+def test_features_that_are_not_understood_are_listed(aravis):
+    more = {"Sharpness": {"register": 0x170}, "DefectMaskEnable": {"register": 0x174, "switch": True}}
+    for table, expected in ((features(), ()), (features(**more), ("Sharpness", "DefectMaskEnable"))):
+        with SimulatedGigECamera(replace(SMALL, features=table), Ramp()), AravisCamera() as camera:
+            assert camera.not_understood == expected
 
 
 def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):

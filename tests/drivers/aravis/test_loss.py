@@ -5,6 +5,7 @@ import logging
 import os
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -17,7 +18,8 @@ from labcdp.drivers.camera import (
     Region,
 )
 from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
-from labcdp.drivers.simulated.gige import genicam
+
+from ..conftest import SMALL, features
 
 _LOST = [CameraTrouble(frozen=True), CameraTrouble(gone=True)]
 
@@ -125,14 +127,15 @@ def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_lo
     assert {(frame.pixel_format, frame.gain_db, frame.bit_depth) for frame in taken} == {("Mono8", 6.0, 8)}
 
 
-def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, mend_when_missed, monkeypatch):
+def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, mend_when_missed):
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:
         frames = camera.grab(20)
         next(frames)
         # A replaced or reset device: what it had is out of its range now.
-        monkeypatch.setattr(genicam, "BLACK_LEVEL_RANGE_DN", (8, 9))
+        other = {"register": "BLACK_LEVEL", "unit": "DN", "steps": 1, "range": [8, 9]}
+        camera_on_loopback.device = replace(SMALL, features=features(BlackLevel=other))
         camera_on_loopback.set_faults(CameraTrouble(gone=True))
         with pytest.raises(CameraSettingError, match=r"has other settings than before.*BlackLevel = 7.0, not 50.0"):
             list(frames)

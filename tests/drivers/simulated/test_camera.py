@@ -10,6 +10,7 @@ import pytest
 
 from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+from labcdp.drivers.simulated.gige.genicam import standard_features
 
 from ..conftest import SMALL, Ramp
 
@@ -109,7 +110,7 @@ def control(*words):
     ],
 )
 def test_aravis_tool_reads_every_feature(aravis_tools, no_other_camera, naming, present, absent):
-    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()):
+    with SimulatedGigECamera(replace(SMALL, features=standard_features(naming)), Ramp()):
         values = control("values")
     for text in (
         *present,

@@ -71,4 +71,5 @@ def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDA
     if np.abs(left).max() <= _ROUNDING * abs(mean):
         return np.full(x.shape, mean)
     # Each line takes two degrees of freedom off the noise.
-    return mean + left * np.sqrt(x.size / max(x.size - 2 * counts.size, 1))
+    noise: NDArray[np.float64] = mean + left * np.sqrt(x.size / max(x.size - 2 * counts.size, 1))
+    return noise

@@ -1,5 +1,6 @@
 """How `make docs` builds the site; the pages about commands, schema and API are written from the code first."""
 
+import os
 import shutil
 import sys
 from importlib import metadata
@@ -9,6 +10,9 @@ import bokeh
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
+
+# For commands in notebooks.
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 project = "labcdp"
 author = "The labcdp developers"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..core.errors import InputError
+from .options import parse_changes
 from .output import Results
 from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -40,15 +41,8 @@ class ChainOptions:
     def chain(self, name: str) -> Chain:
         """Load a chain with the parameters that are set; raises InputError."""
         from ..chain import Chain
-        from ..evaluate.sweep.axis import parse_axis
 
-        values = {}
-        for text in self.changes:
-            if "=" not in text:
-                raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
-            axis = parse_axis(text)
-            values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
-        return Chain.load(name).with_(**values)
+        return Chain.load(name).with_(**parse_changes(self.changes))
 
     def asked(self) -> tuple[float | None, float]:
         """Return contrast and tolerance as fractions; raises InputError."""

@@ -13,7 +13,7 @@ import typer
 from ...core.errors import InputError
 from ..bench.acquire import record
 from ..bench.devices_of_session import DeviceChoice
-from ..options import CERTIFICATE_OPTION, METER_OPTION, VIRTUAL_CLOCK_OPTION
+from ..options import CERTIFICATE_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
 from ..output import FORCE_OPTION, output_option, results_folder
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -33,7 +33,8 @@ class DeviceOptions:
 
     camera: str | None = typer.Option(None, help="Serial number, address or model; default: as configured.")
     meter: str | None = METER_OPTION
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices.")
+    simulated: bool = SIMULATED_OPTION
+    simulated_bench: Path | None = SIMULATED_BENCH_OPTION
     virtual_clock: bool = VIRTUAL_CLOCK_OPTION
     faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults.")
     patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0)
@@ -41,9 +42,10 @@ class DeviceOptions:
 
     def choice(self) -> DeviceChoice:
         """Return which devices are meant."""
+        simulated = self.simulated or self.simulated_bench is not None
         return DeviceChoice(
-            self.camera, self.meter, self.simulated, self.virtual_clock, self.faults, None, None, self.patience,
-            self.transcript,
+            self.camera, self.meter, simulated, self.virtual_clock, self.faults, None, None, self.patience,
+            self.transcript, self.simulated_bench,
         )  # fmt: skip
 
     @property

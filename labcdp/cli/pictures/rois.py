@@ -12,7 +12,7 @@ import typer
 from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ..options import contrasts_or_measured
-from ..terminal import JSON_OPTION, print_result, say
+from ..terminal import JSON_OPTION, print_result, say, say_where
 from .picture_options import PictureLightOptions
 from .rois_options import PageOptions, RegionFiles
 
@@ -245,12 +245,7 @@ def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) 
     elif start.read and start.saved:
         say(f"warning: {files.output} exists; Save replaces it")
     say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")
-    say(f"Open: {where.url}")
-    if where.loopback:
-        say(f"On another computer, first run: {where.tunnel}")
-    else:
-        say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
-    say("Ctrl-C ends the page")
+    say_where(where)
 
 
 def _count(n: int) -> str:

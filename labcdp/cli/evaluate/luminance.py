@@ -273,7 +273,7 @@ def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
 
 
 def _preview(result: Bracket, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
-    from ...report.maps import luminance_picture
+    from ...report.figures.maps import luminance_picture
 
     title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
     return luminance_picture(result.map, title, simulated, range_cd_m2)

@@ -99,7 +99,7 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
             f"{name} to {plain(one.low)} {unit}, {plain(one.low / first.low)} times as much" for name, one in rest
         ]
         yield info(
-            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.low_open else "",
+            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.ends[0].is_open else "",
             others=[*others, *none],
         )  # fmt: skip
     elif usable:

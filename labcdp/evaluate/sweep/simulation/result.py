@@ -11,8 +11,8 @@ from ....core.finding import Finding, info, warning
 from ....core.result import InputFile, Result
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionResult
-from ....metrics.known_snr import LARGEST_SNR
 from ....report.digits import percent
+from ..maps.known_snr import LARGEST_SNR
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.

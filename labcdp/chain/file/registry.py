@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import is_dataclass
 from importlib.metadata import entry_points
 
-from ..core.disk.quoting import closest, shown
-from ..core.errors import ConfigurationError, InputError
+from ...core.disk.quoting import closest, shown
+from ...core.errors import ConfigurationError, InputError
 
 #: Entry points of installed packages under this name are loaded when a chain file names something unknown.
 ENTRY_POINT_GROUP = "labcdp.chain"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .digits import decimals, fixed, printable, shortened, significant
+from ..digits import decimals, fixed, printable, shortened, significant
 from .drawing import (
     BLUE,
     SMALL_SIZE,
@@ -22,7 +22,7 @@ from .drawing import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..metrics import Distribution
+    from ...metrics import Distribution
 
 #: Most bars for repeating values, number of bins for others, and mean frequency above which values count as repeating.
 _MOST_BARS, _N_BINS, _REPEATS = 256, 100, 2

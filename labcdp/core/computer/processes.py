@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, TypeVar
 
-from .errors import InputError
+from ..errors import InputError
 
 #: So often a task is given to a process before it is given up, if processes die of it.
 _ATTEMPTS = 2

@@ -9,9 +9,9 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.luminance import Invalid, LuminanceMap
-from ..core.roi import Roi
-from .digits import share_percent
+from ...core.luminance import Invalid, LuminanceMap
+from ...core.roi import Roi
+from ..digits import share_percent
 from .drawing import ORANGE, SMALL_SIZE, VERMILLION, block_mean, new_figure, png, reduction
 from .image_drawing import ImageFigure, drawn_pixels
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.disk.quoting import closest
-from ..core.errors import ConfigurationError
-from .chain_file import TEXTS
+from ...core.disk.quoting import closest
+from ...core.errors import ConfigurationError
+from .parts_of_document import TEXTS
 from .registry import type_of
 
 #: Keys of the size, which scene and sensors have in common; a chain file states it once, in the scene if that has it.

@@ -74,7 +74,7 @@ def _helpers(function: FunctionType, seen: set[str]) -> Iterator[FunctionType]:
 @cache
 def _forget_outdated(folder: Path) -> None:
     """Forget what is older than any kernel: Numba looks at the file a function is in, not at those it calls."""
-    newest_s = max(path.stat().st_mtime for path in Path(__file__).parents[1].rglob("*_kernel.py"))
+    newest_s = max(path.stat().st_mtime for path in Path(__file__).parents[2].rglob("*_kernel.py"))
     with suppress(OSError):
         for index in (folder / "__pycache__").glob("*.nbi"):
             if index.stat().st_mtime < newest_s:

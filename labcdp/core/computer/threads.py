@@ -1,9 +1,17 @@
-"""Waiting for threads without losing what they do."""
+"""Threads: waiting for one without losing what it does, and independent parts of a calculation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from threading import Event, Thread
+from typing import TypeVar
+
+_Part = TypeVar("_Part")
+_Result = TypeVar("_Result")
+
+#: Number of values from which threads are worth their overhead (a few tenths of a millisecond).
+LONG = 2**16
 
 
 class FinishedThread:
@@ -46,3 +54,15 @@ class FinishedThread:
             self._work()
         finally:
             self._ended.set()
+
+
+def each_in_thread(function: Callable[[_Part], _Result], parts: Sequence[_Part], size: int) -> list[_Result]:
+    """Call a function for each of a few parts, in threads if the parts process `LONG` values or more.
+
+    NumPy releases the GIL while it sorts and searches. The parts are the same with and without threads, and so are the
+    results.
+    """
+    if size < LONG:
+        return [function(part) for part in parts]
+    with ThreadPoolExecutor(len(parts)) as pool:
+        return list(pool.map(function, parts))

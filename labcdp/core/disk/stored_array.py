@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from .disk.quoting import quoted
-from .errors import InputError
+from ..errors import InputError
+from .quoting import quoted
 
 
 def read_only(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:

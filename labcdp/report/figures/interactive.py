@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .layout import Script
+from ..layout import Script
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

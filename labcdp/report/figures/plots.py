@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .digits import cdp_decimals, cdp_interval, fixed, percent, share_percent
+from ..digits import cdp_decimals, cdp_interval, fixed, percent, share_percent
+from ..figure import ReportFigure
 from .drawing import BLUE, GREEN, ORANGE, SMALL_SIZE, label, placed_figure, png
-from .figures import ReportFigure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..metrics import ContrastDistribution, DetectionResult
+    from ...metrics import ContrastDistribution, DetectionResult
 
 #: Least and greatest upper end of the contrast axis as multiples of the interval's upper end, and share of the pairs
 #: shown in between: a dark pixel close to 0 makes arbitrarily large contrasts, on whose scale the interval would

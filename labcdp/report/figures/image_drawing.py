@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.luminance import LuminanceMap
-from ..core.roi import Roi
-from .digits import shortened
+from ...core.luminance import LuminanceMap
+from ...core.roi import Roi
+from ..digits import shortened
 from .drawing import (
     LABEL_SIZE,
     ORANGE,

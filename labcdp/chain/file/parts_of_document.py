@@ -8,14 +8,14 @@ from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..core.disk.quoting import closest, shortened, shown
-from ..core.errors import ConfigurationError, InputError
-from .capture import SensorModel
-from .exposure import ExposureSettings
-from .hdr.exposures import Hdr
+from ...core.disk.quoting import closest, shortened, shown
+from ...core.errors import ConfigurationError, InputError
+from ..capture import SensorModel
+from ..exposure import ExposureSettings
+from ..hdr.exposures import Hdr
+from ..scene.flat import Scene
+from ..signal import Stage
 from .registry import class_of
-from .scene.flat import Scene
-from .signal import Stage
 
 _Made = TypeVar("_Made")
 _Table = Mapping[str, Any]

@@ -19,7 +19,7 @@ from . import simulation
 from .bench import acquire, demo, devices, doctor, import_files, live, meter, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
 from .evaluate import characterise, history, luminance, session, twin, verify
-from .pictures import image, image_map, rois, video
+from .pictures import image, image_map, rois, video, view
 from .start import info, init
 from .terminal import log_to_terminal, say
 
@@ -51,6 +51,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "twin": twin.twin,
     },
     "Pictures and videos": {
+        "view": view.view,
         "rois": rois.rois,
         "image": image.image,
         "image-map": image_map.image_map,

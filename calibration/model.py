@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isfinite
 
 import numpy as np
@@ -246,7 +246,10 @@ class Calibration:
         CalibrationError
             If it is another camera or setting, or a gain that was not calibrated.
         """
-        self.state.require(state, "the calibration", theirs, [gain.gain_db for gain in self.gains])
+        # A frame need not know that the pixels are full below the end of its scale.
+        saturation_dn = min(state.saturation_dn, self.state.saturation_dn)
+        theirs_below = replace(state, saturation_dn=saturation_dn)
+        self.state.require(theirs_below, "the calibration", theirs, [gain.gain_db for gain in self.gains])
 
     def luminance_cd_m2(
         self, net_dn: ArrayLike, exposure_s: float, gain_db: float | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -71,8 +71,6 @@ class Transfer:
 def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
     """Find saturation and K of a series, by the standard's unweighted fit.
 
-    Saturation is one of the points; its error is rectangular, up to half the distance to its neighbours.
-
     Parameters
     ----------
     points : sequence of SeriesPoint
@@ -86,10 +84,8 @@ def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
     require_noise(points)
     saturation = find_saturation(points)
     net = points[saturation.index].net_dn
-    # The signal does not rise beyond the peak: only the distance to the previous neighbour is used.
-    step = net - points[max(saturation.index - 1, 0)].net_dn
     fitted = points_to_fit(points, net)
-    return Transfer(saturation, net, abs(step) / 2 / sqrt(3), tuple(fitted), system_gain(fitted), AT_PEAK)
+    return Transfer(saturation, net, saturation.uncertainty_rel * net, tuple(fitted), system_gain(fitted), AT_PEAK)
 
 
 def assemble(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.frame import Frame
 from ...core.luminance import CommonError, Conversion, Invalid, LuminanceMap, Window, require_alike
+from ..frames.observations import CameraState
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.
 _SATURATION_MARGIN = 3.0
@@ -53,7 +54,16 @@ class Bracket:
     findings: tuple[Finding, ...]
 
 
-def bracket_luminance(conversion: Conversion, frames: Sequence[Frame]) -> Bracket:
+class CalibratedCamera(Conversion, Protocol):
+    """Conversion of a camera in one state."""
+
+    @property
+    def state(self) -> CameraState:
+        """Camera and settings."""
+        ...
+
+
+def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> Bracket:
     """Luminance of a still scene from frames at several exposures.
 
     Each pixel is the mean of its exposures with the inverse of their variances as weights, which minimises its
@@ -66,7 +76,7 @@ def bracket_luminance(conversion: Conversion, frames: Sequence[Frame]) -> Bracke
 
     Parameters
     ----------
-    conversion : Conversion
+    conversion : Calibration or ColourCalibration
         A calibration, or another conversion.
     frames : sequence of Frame
         At least one, of one camera and setting; several of one exposure are averaged.
@@ -121,9 +131,10 @@ def _combined(maps: Sequence[LuminanceMap], weights: Sequence[_Array]) -> _Array
     return mean
 
 
-def _unsaturated(conversion: Conversion, frame: Frame, one: LuminanceMap, expected: _Array) -> NDArray[np.bool_]:
+def _unsaturated(conversion: CalibratedCamera, frame: Frame, one: LuminanceMap, expected: _Array) -> NDArray[np.bool_]:
     """Pixels that the expected luminance does not saturate, noise considered."""
-    full = frame.with_pixels(np.full_like(frame.dn, int(frame.saturation_dn)))
+    saturation_dn = min(frame.saturation_dn, conversion.state.saturation_dn)
+    full = frame.with_pixels(np.full_like(frame.dn, int(saturation_dn)))
     limit = conversion.to_luminance(full).luminance_cd_m2
     unsaturated: NDArray[np.bool_] = expected + _SATURATION_MARGIN * np.sqrt(_variance(one, expected)) < limit
     return unsaturated

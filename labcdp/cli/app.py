@@ -18,7 +18,7 @@ from ..core.errors import InputError, LabcdpError
 from . import simulation
 from .bench import acquire, demo, devices, doctor, import_files, live, meter, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
-from .evaluate import characterise, history, luminance, session, twin, verify
+from .evaluate import characterise, compare, history, luminance, session, twin, verify
 from .pictures import image, image_map, rois, video, view
 from .start import info, init
 from .terminal import log_to_terminal, say
@@ -49,6 +49,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "history": history.history,
         "characterise": characterise.characterise,
         "twin": twin.twin,
+        "compare": compare.compare,
     },
     "Pictures and videos": {
         "view": view.view,

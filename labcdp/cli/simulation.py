@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..core.errors import InputError
+from .options import parse_changes
 from .output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
 from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -170,14 +171,8 @@ def _presets(name: str | None) -> Result:
 
 def _chain(name: str, changes: list[str]) -> Chain:
     from ..chain import Chain
-    from ..evaluate.sweep.axis import parse_axis
 
-    values = {}
-    for text in changes:
-        if "=" not in text:
-            raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
-        axis = parse_axis(text)
-        values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
+    values = parse_changes(changes)
     chain = Chain.load(name)
     return chain.with_(**values) if values else chain
 

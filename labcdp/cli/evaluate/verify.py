@@ -12,7 +12,7 @@ import typer
 from ...core.errors import InputError
 from ..bench.acquire import record
 from ..bench.devices_of_session import DeviceChoice
-from ..options import CERTIFICATE_OPTION, METER_OPTION, VIRTUAL_CLOCK_OPTION
+from ..options import CERTIFICATE_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
 from ..output import FORCE_OPTION, output_option, results_folder
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -42,7 +42,8 @@ def verify(
     output: Path | None = output_option("SESSION-verify"),
     camera: str | None = typer.Option(None, help="Serial number, address or model; default: as configured."),
     meter: str | None = METER_OPTION,
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
+    simulated: bool = SIMULATED_OPTION,
+    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
     virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
     faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
     patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
@@ -72,7 +73,10 @@ def verify(
     from ...report.envelope import envelope_json
     from ...session import MeterCertificate, Session
 
-    choice = DeviceChoice(camera, meter, simulated, virtual_clock, faults, None, None, patience, transcript)
+    simulated = simulated or simulated_bench is not None
+    choice = DeviceChoice(
+        camera, meter, simulated, virtual_clock, faults, None, None, patience, transcript, simulated_bench
+    )
     configuration, session = _paths(paths)
     tolerance_rel = None if tolerance is None else require_tolerance(fraction_of_percent(tolerance, "--tolerance"))
     of_meter = None if certificate is None else MeterCertificate.load(certificate)

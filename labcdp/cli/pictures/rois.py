@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ..options import CAMERA_SPEC_OPTION, CONTRAST_HELP, MEASURED, contrasts_or_measured
 from ..output import FORCE_OPTION, output_file
-from ..terminal import JSON_OPTION, print_result, say
+from ..terminal import JSON_OPTION, print_result, say, say_where
 from .picture_options import BITS_OPTION, EXPOSURE_OPTION, FORMAT_OPTION, GAIN_OPTION, SIZE_OPTION, picture_options
 
 if TYPE_CHECKING:
@@ -294,12 +294,7 @@ def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) 
     elif start.read and start.saved:
         say(f"warning: {files.output} exists; Save replaces it")
     say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")
-    say(f"Open: {where.url}")
-    if where.loopback:
-        say(f"On another computer, first run: {where.tunnel}")
-    else:
-        say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
-    say("Ctrl-C ends the page")
+    say_where(where)
 
 
 def _count(n: int) -> str:

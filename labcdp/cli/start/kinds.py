@@ -107,8 +107,9 @@ def _verification(path: Path) -> Description:
 
 
 def toml(path: Path) -> Description:
-    """Describe a bench plan, a chain or a camera specification."""
+    """Describe a bench plan, a simulated bench, a chain or a camera specification."""
     from ...chain import Chain
+    from ...drivers.simulated.devices import SimulatedBenchFile
     from ...evaluate.picture.light.camera_specification import CameraSpecification
     from ...session import SessionConfiguration
 
@@ -122,6 +123,10 @@ def toml(path: Path) -> Description:
         chain = Chain.load(str(path))
         properties = {"description": chain.description}
         return "imaging chain", properties, [], ["simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT"]
+    if content.keys() <= {"seed", "camera", "sensor", "meter"}:
+        camera = SimulatedBenchFile.load(path).devices(path.parent)
+        commands = ["acquire PLAN rehearsal --simulated-bench {file}"]
+        return "simulated bench", {"camera": f"{camera.vendor} {camera.model}"}, [], commands
     specification = CameraSpecification.load(path)
     commands = ["image PICTURE --camera-spec {file} --roi rois.json"]
     return "camera specification", {"name": specification.name}, [], commands

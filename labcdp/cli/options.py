@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from math import isfinite
+from typing import Any
 
 import typer
 
@@ -178,3 +179,16 @@ def _refusal(text: str, name: str) -> InputError:
     return InputError(
         f"{name} is {text!r}: give a percentage such as 1000%, a list such as 50%,100%, or a range such as 10%:200%:20"
     )
+
+
+def parse_changes(changes: Sequence[str]) -> dict[str, Any]:
+    """Return the parameters of a chain that ``--set`` gives, by name; raises InputError for another form."""
+    from ..evaluate.sweep.axis import parse_axis
+
+    values: dict[str, Any] = {}
+    for text in changes:
+        if "=" not in text:
+            raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
+        axis = parse_axis(text)
+        values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
+    return values

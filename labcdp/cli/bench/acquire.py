@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.errors import InputError, LabcdpError, SessionError
+from ...core.errors import InputError, SessionError
 from ..options import METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .devices_of_session import DeviceChoice, connected
@@ -90,10 +89,10 @@ def acquire(
 
 
 def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
-    from ...regions import load_regions, rois_of
+    from ...regions import load_regions
     from ...web.bench.plan import with_regions
 
-    return with_regions(configuration, rois_of(load_regions(roi)))
+    return with_regions(configuration, load_regions(roi))
 
 
 def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
@@ -175,6 +174,7 @@ def _record(
 ) -> tuple[tuple[Left, ...], int, int]:
     from ...acquire import Control, forget, is_complete
     from ...acquire import acquire as run
+    from ...acquire.attempt import no_bare_session
     from ...core.clock import SimulatedClock
 
     clock = _clock(path, choice.virtual_clock)
@@ -182,7 +182,7 @@ def _record(
     pace = clock if choice.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
-    with _without_bare_folder(path), _open_or_create(path, source, wanted, clock) as opened:
+    with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
         if again.damaged:
             _give_up_damaged(opened)
         if again.parts or not is_complete(opened):
@@ -195,22 +195,6 @@ def _record(
                 forget(opened, again.parts)
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
-
-
-@contextmanager
-def _without_bare_folder(path: Path) -> Iterator[None]:
-    """Remove the session of a run that was refused before anything was recorded, unless it was there before."""
-    from ...session import EventRecord, FrameRecord, ReadingRecord, Session
-
-    new = not _holds_something(path)
-    try:
-        yield
-    except LabcdpError:
-        if new and _holds_something(path):
-            session = Session.open(path)
-            if not any(isinstance(one, EventRecord | FrameRecord | ReadingRecord) for one in session.records):
-                session.remove()
-        raise
 
 
 def _give_up_damaged(session: Session) -> None:
@@ -239,20 +223,22 @@ def _clock(path: Path, simulated: bool) -> Clock:
     """Return the computer's clock, or a simulated one that continues after the records of the session."""
     from datetime import UTC, datetime
 
+    from ...acquire.attempt import holds_something
     from ...core.clock import SimulatedClock, SystemClock
     from ...session import Session
 
     if not simulated:
         return SystemClock()
     now = datetime.now(UTC)
-    recorded = Session.open(path).records if _holds_something(path) else []
+    recorded = Session.open(path).records if holds_something(path) else []
     return SimulatedClock(max([now, *(record.time for record in recorded)]))
 
 
 def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
+    from ...acquire.attempt import holds_something
     from ...session import Session
 
-    if not _holds_something(path):
+    if not holds_something(path):
         return Session.create(path, wanted, clock=clock)
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
@@ -274,7 +260,3 @@ def _is_bare(session: Session) -> bool:
     from ...session import FrameRecord, ReadingRecord
 
     return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
-
-
-def _holds_something(path: Path) -> bool:
-    return path.exists() and not (path.is_dir() and not any(path.iterdir()))

@@ -265,7 +265,7 @@ def spectra(path: Path, source: str) -> Description:
 
 
 def _light(source: str) -> str | SpectralTable:
-    from ...core.photometry import source_names, spectral_weights
+    from ...core.spectral.photometry import source_names, spectral_weights
     from ...core.spectral.table import read_spectral_file
 
     if Path(source).is_file():

@@ -70,8 +70,9 @@ def to_luminance(
     require_lens(calibration.lens, lens)
     calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
     setting = calibration.setting(frame.gain_db)
-    taken = [(frame.exposure_s, frame.temperature_c)]
-    log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
+    if window[0].start in (None, 0):
+        taken = [(frame.exposure_s, frame.temperature_c)]
+        log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
     library = calibration.dark_library
     pattern, noise_dn = None, 0.0
     if library is not None:

@@ -201,7 +201,9 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
     saved = load_regions(files.output, files.size) if stored else ()
     patches = () if configuration is None else configuration.target.patches
     planned = tuple(
-        RectangleShape(patch.name, *patch.roi) if patch.roi else PolygonShape(patch.name, patch.region().corners)
+        RectangleShape(patch.name, *patch.roi, limits_cd_m2=patch.limits_cd_m2)
+        if patch.roi
+        else PolygonShape(patch.name, patch.region().corners, limits_cd_m2=patch.limits_cd_m2)
         for patch in patches
     )
     drawing = Drawing.of(files.size, files.kept() or saved or planned)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -68,16 +68,18 @@ def rois(
         if not shown.page:
             _write(files, start, found, as_json)
             return
-        _serve(image, files, start, found, contrasts, _Place(shown.address, shown.port, tell_others), as_json)
+        place = _Place(shown.address, shown.port, tell_others, context.info_name == "view")
+        _serve(image, files, start, found, contrasts, place, as_json)
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Address of the page, and files that announce it to other processes."""
+    """Address of the page, what announces it to other processes, and whether the luminance is shown first."""
 
     address: str
     port: int
     tell_others: Callable[[str], None]
+    map_first: bool
 
 
 @dataclass(frozen=True)
@@ -168,9 +170,9 @@ def _serve(
     place: _Place,
     as_json: bool,
 ) -> None:
+    from ...web.maps.page import map_page
     from ...web.regions.drawing import Drawing, History
     from ...web.regions.measurements import Measurements
-    from ...web.regions.page import Page
     from ...web.regions.workspace import Start, Workspace
     from ...web.server import Server, Site
 
@@ -181,7 +183,11 @@ def _serve(
     server = Server(place.address, place.port)
     workspace = Workspace(Measurements(image, contrasts), files, begin, server.elsewhere)
     title = f"{image.name} - labcdp regions"
-    site = Site(title, lambda document: Page(workspace, document).tab(), workspace.begin, workspace.warn)
+
+    def tab(document: Any) -> Any:
+        return map_page(workspace, document, map_first=place.map_first)
+
+    site = Site(title, tab, workspace.begin, workspace.warn)
     shown: list[Address] = []
 
     def ready(where: Address) -> None:

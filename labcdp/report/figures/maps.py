@@ -88,8 +88,10 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
     return png(figure)
 
 
-def luminance_picture(luminance: LuminanceMap, title: str, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
-    """Draw a map in false colours on a logarithmic scale, and invalid pixels in plain ones, as PNG.
+def luminance_picture(
+    luminance: LuminanceMap, title: str, simulated: bool, range_cd_m2: tuple[float, float], *, linear: bool = False
+) -> bytes:
+    """Draw a map in false colours, and invalid pixels in plain ones, as PNG.
 
     A drawn pixel that represents several pixels counts as saturated if one of them is, and as invalid for another
     reason if most of them are.
@@ -104,15 +106,17 @@ def luminance_picture(luminance: LuminanceMap, title: str, simulated: bool, rang
         Whether the camera was simulated; the picture is then labelled so.
     range_cd_m2 : (float, float)
         Calibrated range, spanned by the scale.
+    linear : bool
+        Whether the scale is linear instead of logarithmic.
     """
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LogNorm, Normalize
     from matplotlib.patches import Patch
 
     low, high = 0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]
     reasons = _reasons(luminance, range_cd_m2[0])
     figure = ImageFigure.of(_size(luminance), title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
     drawn, _ = drawn_pixels(luminance)
-    norm = LogNorm(low, high)
+    norm = Normalize(low, high) if linear else LogNorm(low, high)
     shown = figure.axes.imshow(np.clip(drawn, low, high), cmap="viridis", norm=norm, extent=figure.extent)
     figure.add_scale(shown, "luminance in cd/m²", extend="both")
     if reasons:

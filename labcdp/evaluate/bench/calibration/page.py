@@ -87,10 +87,7 @@ def _cards(calibration: AnyCalibration, result: Result) -> Iterator[Card]:
         "Uncertainty of a luminance",
         f"± {middle}",
         f"U (95 %) of {PATCH_PIXELS} pixels at a middle luminance",
-        (
-            f"± {low} at the lowest, ± {high} at the highest",
-            "meter scale included; it cancels in contrasts",
-        ),
+        (f"± {low} at the lowest, ± {high} at the highest", "meter scale included; it cancels in contrasts"),
     )
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):

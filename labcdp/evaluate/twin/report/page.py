@@ -81,11 +81,4 @@ def _sections(result: Result, chain: str) -> Iterator[Section]:
     yield Section("Pairs", (result.table("pairs"),))
     yield Section("Signals of the patches", (_SIGNALS, result.table("signals")))
     yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
-    yield Section(
-        "Method and provenance",
-        (
-            _METHOD,
-            Facts.of(result.table("provenance")),
-        ),
-        collapsed=True,
-    )
+    yield Section("Method and provenance", (_METHOD, Facts.of(result.table("provenance"))), collapsed=True)

@@ -24,7 +24,8 @@ from ....report.figures.drawing import (
     png,
     taken_literally,
 )
-from ..result import DETECTED_CDP, contrast_name, period_s, runs, times_s
+from ..frame_findings import period_s, runs, times_s
+from ..result import DETECTED_CDP, contrast_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

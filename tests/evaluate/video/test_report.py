@@ -179,7 +179,7 @@ def test_more_frames_than_columns_continue_in_further_sheets(tmp_path: Path, mon
 def test_documentation_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = Path(__file__).parents[3] / "docs" / "video.md"
+    page = Path(__file__).parents[3] / "docs" / "howto" / "video.md"
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     frame = np.full((64, 96), 90, np.uint8)

@@ -158,8 +158,4 @@ def _attributes(attributes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Attributes of the pairs together."""
     found = unique(finding for one in attributes for finding in restored(json.loads(one["findings"])))
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
-    return {
-        **{name: attributes[0][name] for name in kept},
-        **noted(found),
-        "labcdp_version": version("labcdp"),
-    }
+    return {**{name: attributes[0][name] for name in kept}, **noted(found), "labcdp_version": version("labcdp")}

@@ -72,12 +72,7 @@ def open_video(
     """
     file = as_path(path, "the video")
     conversion = conversion_of(calibration, camera_spec, encoding)
-    options = with_given(
-        conversion.options,
-        exposure_s=exposure_s,
-        gain_db=gain_db,
-        bit_depth=bit_depth,
-    )
+    options = with_given(conversion.options, exposure_s=exposure_s, gain_db=gain_db, bit_depth=bit_depth)
     stated = {"encoding": encoding, "exposure_s": exposure_s, "gain_db": gain_db, "bit_depth": bit_depth}
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
     return Video(open_source(file, options), conversion, calibration, spec, stated)

@@ -160,9 +160,9 @@ def evaluate_archive(
 ) -> ArchiveResult:
     """Evaluate all videos of an archive that are not evaluated yet.
 
-    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit
-    for bit. A video that fails does not keep the others from being evaluated; one whose worker dies is tried once
-    more. What is finished is recorded in the video's folder, and not done again with the same settings.
+    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit for
+    bit. A failing one does not keep the others from being evaluated; one whose worker dies is tried once more. What is
+    finished is recorded in the video's folder, and not done again with the same settings.
 
     Parameters
     ----------
@@ -184,7 +184,6 @@ def evaluate_archive(
     Returns
     -------
     ArchiveResult
-        What became of each video.
 
     Raises
     ------
@@ -194,22 +193,19 @@ def evaluate_archive(
         After what runs was stopped; finished videos are recorded.
     """
     outcomes: dict[ArchiveTask, VideoOutcome] = {}
+    report: Progress = progress or (lambda _done, _total, _outcome: None)
 
     def done(outcome: VideoOutcome) -> None:
         outcomes[outcome.task] = outcome
-        if progress is not None:
-            progress(len(outcomes), len(tasks), outcome)
+        report(len(outcomes), len(tasks), outcome)
 
-    if progress is not None:
-        progress(0, len(tasks), None)
-    left = []
+    report(0, len(tasks), None)
     for task in tasks:
         values = None if force else finished_values(task, settings)
-        if values is None:
-            left.append(task)
-        else:
+        if values is not None:
             done(VideoOutcome(task, values, resumed=True))
     findings: tuple[Finding, ...] = ()
+    left = [task for task in tasks if task not in outcomes]
     if left:
         with (workers or Workers()).opened(tasks) as run:
             for task, new, error in run.run(evaluate_task, left, work, settings, force, tuple(inputs)):

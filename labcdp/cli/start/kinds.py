@@ -122,6 +122,8 @@ def toml(path: Path) -> Description:
         chain = Chain.load(str(path))
         properties = {"description": chain.description}
         return "imaging chain", properties, [], ["simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT"]
+    if "emva1288" in content:
+        return "EMVA 1288 data sheet", {}, [], ["init chain my.toml --sensor {file}"]
     specification = CameraSpecification.load(path)
     commands = ["image PICTURE --camera-spec {file} --roi rois.json"]
     return "camera specification", {"name": specification.name}, [], commands

@@ -23,7 +23,7 @@ from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, build_design
 from .fit.errors import finite, fit_errors, parameter_covariance
-from .fit.intake import gain_settings, group_by_patch, require_one_camera, take_usable
+from .fit.intake import take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import fitted_rows, held_out_rows
 from .fit.robust import screen
@@ -90,9 +90,8 @@ def fit(
     InputError
         If a reading is a ratio in %.
     """
-    require_one_camera(observations, darks)
-    settings, findings, of_dark = gain_settings(observations, darks, None if response is None else response.response)
-    groups = group_by_patch(observations, readings, held_out)
+    intake = take_in(observations, darks, readings, held_out, None if response is None else response.response)
+    groups, settings, findings = intake.groups, intake.settings, intake.findings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
     design = build_design(data.groups, data.readings, settings)
@@ -114,9 +113,9 @@ def fit(
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=of_place.significant)
     of_scatter = fit_tests.scatter(stated)
-    tests = _tests(plain, final, settings, of_dark, (of_glare, of_place, of_scatter))
+    tests = _tests(plain, final, settings, intake.of_dark, (of_glare, of_place, of_scatter))
     calibration = _assemble(
-        observations[0],
+        next(iter(groups.values()))[0],
         setup,
         scale,
         settings,

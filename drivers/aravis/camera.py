@@ -19,6 +19,7 @@ from ..camera import (
     CameraSettingError,
     CameraSettings,
     CameraSetup,
+    FeatureDescription,
     FeatureValue,
     Gap,
     Refused,
@@ -29,7 +30,7 @@ from ..camera import (
 from ..device import Device
 from ..host.kernel import overload
 from .connection import Connection
-from .features import execute_feature, read_feature, readable_features, write_feature
+from .features import described_features, execute_feature, read_feature, readable_features, write_feature
 from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
@@ -246,6 +247,10 @@ class AravisCamera(Device):
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
         return self._connection.ask("its features cannot be read", lambda camera: dict(readable_features(camera)))
+
+    def describe_features(self) -> tuple[FeatureDescription, ...]:
+        """Read all readable GenICam features with range and unit, in the camera's order."""
+        return self._connection.ask("its features cannot be read", lambda camera: tuple(described_features(camera)))
 
     @property
     def not_understood(self) -> tuple[str, ...]:

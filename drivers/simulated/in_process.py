@@ -16,6 +16,7 @@ from ..camera import (
     CameraSettingError,
     CameraSettings,
     CameraSetup,
+    FeatureDescription,
     FeatureValue,
     FrameTimeoutError,
     Gap,
@@ -142,6 +143,10 @@ class InProcessCamera(Device):
     def not_understood(self) -> tuple[str, ...]:
         """None: it has no other features."""
         return ()
+
+    def describe_features(self) -> tuple[FeatureDescription, ...]:
+        """Return the features with their values alone: none can be changed."""
+        return tuple(FeatureDescription(name, value) for name, value in self.features().items())
 
     def features(self) -> dict[str, FeatureValue]:
         """Return the register values of the camera on the wire, by name."""

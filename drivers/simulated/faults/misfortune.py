@@ -5,9 +5,8 @@ from __future__ import annotations
 import threading
 
 from ....core.clock import Clock
-from ..meter.in_process import InProcessMeter
 from ..meter.meter import SimulatedLS
-from ..meter.pty import Fault, PtyMeter
+from ..meter.replies import Fault, FaultyMeter
 from .commands import (
     CameraFault,
     Command,
@@ -50,7 +49,7 @@ class Misfortune:
         self._lasting: dict[str, CameraFault] = {}
         self._pulled: MeterUnplug | None = None
         self._cameras: list[TroubledCamera] = []
-        self._meters: list[PtyMeter | InProcessMeter] = []
+        self._meters: list[FaultyMeter] = []
         self._engines: list[SimulatedLS] = []
 
     def close(self) -> None:
@@ -63,7 +62,7 @@ class Misfortune:
             self._cameras.append(camera)
             camera.set_faults(_trouble(self._lasting))
 
-    def add_meter(self, meter: PtyMeter | InProcessMeter, engine: SimulatedLS) -> None:
+    def add_meter(self, meter: FaultyMeter, engine: SimulatedLS) -> None:
         """Register a meter for further faults."""
         with self._lock:
             self._meters.append(meter)

@@ -15,8 +15,9 @@ from .genicam import Naming
 #: Formats the simulated camera offers.
 FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[n] for n in ("Mono8", "Mono12", "Mono12Packed", "Mono16"))
 
-#: Highest DN of the simulated sensor.
-FULL_SCALE_DN = 4095
+#: Depth of the simulated sensor, and its highest DN.
+SENSOR_BITS = 12
+FULL_SCALE_DN = 2**SENSOR_BITS - 1
 
 
 class FrameSource(Protocol):

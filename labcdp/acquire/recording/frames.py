@@ -68,7 +68,7 @@ class FrameRecorder:
         self.configure(exposure_s)
         refusals = Refusals(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
         with closing(take_frames(self._camera, 1, None, self._control, refusals)) as frames:
-            return next(frames)
+            return self._session.configuration.camera.stated(next(frames))
 
     def warm_up(self) -> None:
         """Take frames without recording them until the camera's temperature is steady, or for the planned time."""
@@ -129,7 +129,8 @@ class FrameRecorder:
                     refusals = Refusals(writer.put_event, {"role": role, "exposure_s": exposure_s})
                     taking = take_frames(self._camera, n, self._schedule(), self._control, refusals, discard)
                     with closing(taking) as frames:
-                        for taken, frame in enumerate(frames, start=1):
+                        stated = map(self._session.configuration.camera.stated, frames)
+                        for taken, frame in enumerate(stated, start=1):
                             writer.put(frame, role, shown)
                             self._note_gaps(writer.put_event)
                             done += 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kept import kept
+from ..scene.kept import kept
 from .blocks import Stream, block_generator, for_each_block
 
 FloatMap = NDArray[np.float32]

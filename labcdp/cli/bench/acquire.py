@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from shlex import quote
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.errors import InputError, LabcdpError, SessionError
-from ..options import METER_OPTION, VIRTUAL_CLOCK_OPTION
+from ...core.errors import InputError, SessionError
+from ..options import METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .devices_of_session import DeviceChoice, connected
 from .keys import Keys
@@ -35,7 +35,14 @@ def acquire(
         None, help="Serial number, address or model; default: as configured, else the only one."
     ),
     meter: str | None = METER_OPTION,
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
+    roi: Path | None = typer.Option(
+        None, help="Region file whose regions are the patches of the target.", show_default="those of the configuration"
+    ),
+    simulated: bool = SIMULATED_OPTION,
+    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
+    rehearse: bool = typer.Option(
+        False, "--rehearse", help="Use the simulated bench, but ask for each manual step as with devices."
+    ),
     virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
     faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
     replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices."),
@@ -51,16 +58,24 @@ def acquire(
     replace_damaged: bool = typer.Option(
         False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
     ),
+    retake: list[str] = typer.Option([], help="Patch, 'light frames' or 'dark frames' to take again; may be repeated."),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
     from ...session import SessionConfiguration
 
-    choice = DeviceChoice(camera, meter, simulated, virtual_clock, faults, replay, speed, patience, transcript)
-    unattended_operator = _unattended(unattended, lens)
+    simulated = simulated or simulated_bench is not None or rehearse
+    choice = DeviceChoice(
+        camera, meter, simulated, virtual_clock, faults, replay, speed, patience, transcript, simulated_bench, rehearse
+    )
+    if rehearse and unattended:
+        raise InputError("--rehearse cannot be combined with --unattended: leave one out")
+    again = Again(replace_damaged, retake)
     wanted = SessionConfiguration.load(configuration)
+    if roi is not None:
+        wanted = _with_regions(wanted, roi)
     choice.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, choice, unattended_operator, replace_damaged)
+    left, frames, readings = record(session, configuration, wanted, choice, _unattended(unattended, lens), again)
     if as_json:
         print_result(_result(session, frames, readings, left, choice.simulated), as_json)
         return
@@ -71,6 +86,13 @@ def acquire(
         say("Resume with the same command without --unattended")
     else:
         say(f"Next: labcdp calibrate {quote(str(session))}")
+
+
+def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
+    from ...regions import load_regions
+    from ...web.bench.plan import with_regions
+
+    return with_regions(configuration, load_regions(roi))
 
 
 def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
@@ -87,13 +109,29 @@ def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], s
     return Result("acquire", str(session), (recorded, steps), inputs=(of_session,), simulated=simulated)
 
 
+@dataclass(frozen=True)
+class Again:
+    """What of a session is recorded again.
+
+    Parameters
+    ----------
+    damaged : bool
+        Frames whose files are missing or damaged.
+    parts : sequence of str
+        Patches, ``light frames`` or ``dark frames``.
+    """
+
+    damaged: bool = False
+    parts: Sequence[str] = ()
+
+
 def record(
     path: Path,
     source: Path,
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None = None,
-    replace_damaged: bool = False,
+    again: Again | None = None,
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -109,8 +147,8 @@ def record(
         Which devices.
     unattended_operator : Unattended or None
         Operator of an unattended acquisition.
-    replace_damaged : bool
-        Record frames again whose files are missing or damaged.
+    again : Again or None
+        What to record again.
 
     Returns
     -------
@@ -120,7 +158,7 @@ def record(
     from ...acquire import AcquisitionStoppedError
 
     try:
-        return _record(path, source, wanted, choice, unattended_operator, replace_damaged)
+        return _record(path, source, wanted, choice, unattended_operator, again or Again())
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
@@ -132,10 +170,11 @@ def _record(
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None,
-    replace_damaged: bool,
+    again: Again,
 ) -> tuple[tuple[Left, ...], int, int]:
-    from ...acquire import Control, is_complete
+    from ...acquire import Control, forget, is_complete
     from ...acquire import acquire as run
+    from ...acquire.attempt import no_bare_session
     from ...core.clock import SimulatedClock
 
     clock = _clock(path, choice.virtual_clock)
@@ -143,34 +182,19 @@ def _record(
     pace = clock if choice.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
-    with _without_bare_folder(path), _open_or_create(path, source, wanted, clock) as opened:
-        if replace_damaged:
+    with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
+        if again.damaged:
             _give_up_damaged(opened)
-        if not is_complete(opened):
+        if again.parts or not is_complete(opened):
             keys = Keys(control)
             with (
                 progress_bars() as bars,
                 connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
                 keys,
             ):
+                forget(opened, again.parts)
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
-
-
-@contextmanager
-def _without_bare_folder(path: Path) -> Iterator[None]:
-    """Remove the session of a run that was refused before anything was recorded, unless it was there before."""
-    from ...session import EventRecord, FrameRecord, ReadingRecord, Session
-
-    new = not _holds_something(path)
-    try:
-        yield
-    except LabcdpError:
-        if new and _holds_something(path):
-            session = Session.open(path)
-            if not any(isinstance(one, EventRecord | FrameRecord | ReadingRecord) for one in session.records):
-                session.remove()
-        raise
 
 
 def _give_up_damaged(session: Session) -> None:
@@ -199,20 +223,22 @@ def _clock(path: Path, simulated: bool) -> Clock:
     """Return the computer's clock, or a simulated one that continues after the records of the session."""
     from datetime import UTC, datetime
 
+    from ...acquire.attempt import holds_something
     from ...core.clock import SimulatedClock, SystemClock
     from ...session import Session
 
     if not simulated:
         return SystemClock()
     now = datetime.now(UTC)
-    recorded = Session.open(path).records if _holds_something(path) else []
+    recorded = Session.open(path).records if holds_something(path) else []
     return SimulatedClock(max([now, *(record.time for record in recorded)]))
 
 
 def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
+    from ...acquire.attempt import holds_something
     from ...session import Session
 
-    if not _holds_something(path):
+    if not holds_something(path):
         return Session.create(path, wanted, clock=clock)
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
@@ -234,7 +260,3 @@ def _is_bare(session: Session) -> bool:
     from ...session import FrameRecord, ReadingRecord
 
     return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
-
-
-def _holds_something(path: Path) -> bool:
-    return path.exists() and not (path.is_dir() and not any(path.iterdir()))

@@ -21,12 +21,14 @@ class Template(StrEnum):
     bench = "bench"
     chain = "chain"
     camera = "camera"
+    simulated_bench = "simulated-bench"
 
 
 #: The command that uses the file.
 _NEXT = {
     Template.bench: "labcdp acquire {file} my-session --simulated",
     Template.chain: "labcdp simulate {file}",
+    Template.simulated_bench: "labcdp acquire PLAN rehearsal --simulated-bench {file}",
     Template.camera: "labcdp image PICTURE --camera-spec {file}",
 }
 
@@ -34,7 +36,8 @@ _NEXT = {
 def init(
     context: typer.Context,
     template: Template = typer.Argument(
-        help="bench: plan of an acquisition; chain: imaging chain; camera: camera specification."
+        help="bench: plan of an acquisition; chain: imaging chain; camera: camera specification; simulated-bench: its "
+        "devices."
     ),
     file: Path = typer.Argument(help="New TOML file to write."),
     preset: str | None = typer.Option(
@@ -48,7 +51,7 @@ def init(
     force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
-    """Write a commented template of a bench plan, an imaging chain or a camera specification.
+    """Write a commented template of a bench plan, an imaging chain, a camera specification or a simulated bench.
 
     Example: labcdp init bench bench.toml
     """
@@ -71,7 +74,7 @@ def init(
 def _text(template: Template, preset: str | None, sensor: Path | None) -> str:
     from ...chain import preset_text
     from ...evaluate.camera.sensor import chain_text
-    from ...session.examples import example_camera, example_configuration
+    from ...session.examples import example_camera, example_configuration, example_simulated_bench
 
     if template is Template.chain:
         chosen = preset or DEFAULT_PRESET
@@ -79,4 +82,9 @@ def _text(template: Template, preset: str | None, sensor: Path | None) -> str:
     for option, given in (("--preset", preset), ("--sensor", sensor)):
         if given is not None:
             raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")
-    return example_configuration() if template is Template.bench else example_camera()
+    texts = {
+        Template.bench: example_configuration,
+        Template.camera: example_camera,
+        Template.simulated_bench: example_simulated_bench,
+    }
+    return texts[template]()

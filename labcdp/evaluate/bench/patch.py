@@ -5,13 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot
 
-from ...calibration import (
-    AnyCalibration,
-    Calibration,
-    PatchLuminance,
-    colour_patch_luminance,
-    patch_luminance,
-)
+from ...calibration import AnyCalibration, Calibration, PatchLuminance, colour_patch_luminance, patch_luminance
 from ...calibration.errors.expanded import expanded_rel
 from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings

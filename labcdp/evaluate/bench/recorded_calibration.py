@@ -99,10 +99,7 @@ def calibrate_recorded(
 
 
 def _with_flat_field(
-    uniform: UniformLight,
-    corrections: PlaneCorrections,
-    lens: PlaneCorrections,
-    calibrated: Callable[..., _Round],
+    uniform: UniformLight, corrections: PlaneCorrections, lens: PlaneCorrections, calibrated: Callable[..., _Round]
 ) -> _Found:
     try:
         found, responses = calibrated(corrections, first=True)

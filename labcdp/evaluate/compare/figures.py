@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...report.digits import printable
-from ...report.drawing import SMALL_SIZE, finish, label, new_figure, png
+from ...report.figures.drawing import SMALL_SIZE, finish, label, new_figure, png
 from ..sweep.maps.axes import MapAxis
 from ..sweep.report.labels import at_text, axis_label, shown
 from ..sweep.report.static import set_scale

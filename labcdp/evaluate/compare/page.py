@@ -10,7 +10,7 @@ import numpy as np
 from ...core.result import Result
 from ...output import Destination, write_files
 from ...report.cells import cell_text
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
 from ...report.files import result_files
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section, State, input_facts

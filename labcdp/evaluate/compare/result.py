@@ -101,7 +101,7 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
         if len(rest) == 1:
             others = [f"{others[0]} {unit}, {plain(rest[0][1].low / first.low)} times as much"]
         yield info(
-            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.low_open else "",
+            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.ends[0].is_open else "",
             others=[*others, *none],
         )  # fmt: skip
     elif usable:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...report.digits import shortened, significant
-from ...report.drawing import block_mean
+from ...report.figures.drawing import block_mean
+from ...report.figures.interactive import interactive
 from ...report.html import render_page
-from ...report.interactive import interactive
 from ...report.layout import Page, Section
 from .figures import luminance_label
 

@@ -17,6 +17,7 @@ import pytest
 import xarray as xr
 
 from labcdp.cli.pictures.video import evaluate_values
+from labcdp.cli.pictures.video_options import MadeOptions
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.archive import cluster as archive_cluster
@@ -48,7 +49,7 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def evaluate_videos(videos: list[Path], settings: VideoSettings, folder: Path, **options: Any) -> ArchiveResult:
     """Evaluate as the command does."""
-    work = partial(evaluate_values, settings, False, False)
+    work = partial(evaluate_values, settings, MadeOptions(annotated=False, frames=False))
     return evaluate_archive(archive_tasks(videos, folder), work, {"contrasts": settings.contrasts}, **options)
 
 

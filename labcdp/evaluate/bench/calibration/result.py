@@ -18,12 +18,7 @@ from ....report.findings import finding_text
 from .budget import budget_tables, budgets
 from .quantities import RESPONSES, RESPONSIVITY, conditions, quantities
 
-_EXPOSURE_CODES = (
-    "exposure-saturated",
-    "exposure-clipped",
-    "exposure-outside-response",
-    "exposure-not-above-dark",
-)
+_EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
 
 
 def calibration_result(

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ....core.computer.processes import Processes
+from ....core.disk.json_text import results_json
 from ....core.errors import InputError, LabcdpError
 from ....core.finding import Finding, warning
-from ....core.json_text import results_json
-from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
 from .cluster import Cluster, open_cluster
 from .record import ArchiveTask, finished_values, record_finished

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ....core.result import Result
 from ....core.table import Z_95
 from ....report.digits import shortened
-from ....report.drawing import (
+from ....report.figures.drawing import (
     BLUE,
     GREEN,
     LABEL_SIZE,

@@ -12,8 +12,8 @@ import numpy as np
 from ...calibration.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
 from ...core.disk import read_json, read_toml
+from ...core.disk.toml_text import toml_text
 from ...core.errors import ConfigurationError, InputError
-from ...core.toml_text import toml_text
 from ...report.envelope import SCHEMA
 
 AnyChain = TypeVar("AnyChain", bound=Chain)

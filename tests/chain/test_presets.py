@@ -63,7 +63,7 @@ def test_manta_is_the_camera_of_the_data_sheet() -> None:
 def test_unknown_preset_is_refused_with_a_hint_or_the_names() -> None:
     with pytest.raises(ConfigurationError, match=r"^there is no preset 'thesis2018': did you mean thesis-2018\?$"):
         Chain.load("thesis2018")
-    names = "manta-g505, thesis-2018, thesis-second-sensor"
+    names = ", ".join(preset_names())
     with pytest.raises(ConfigurationError, match=rf"^there is no preset 'x': give a .toml file, or one of {names}$"):
         preset_text("x")
 

@@ -1,6 +1,6 @@
 # Two commands: make demo, make test. Each sets up what it needs, once.
 
-.PHONY: demo test test-long pytest lint bench setup setup-test clean
+.PHONY: demo test test-long pytest lint bench docs setup setup-test setup-docs clean
 .DELETE_ON_ERROR:
 
 # What labcdp needs of Debian to run, and what its tests need beside that.
@@ -31,6 +31,10 @@ lint: setup-test
 bench: setup
 	for file in benchmarks/bench_[!p]*.py; do $(PYTHON) "$$file"; done
 
+# The site, from docs/ and examples/; needs no network once its packages are there. Open build/docs/index.html.
+docs: setup-docs
+	$(PYTHON) -m sphinx --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/docs
+
 # The packages are looked at each time: what could not be had once is asked for again.
 setup:
 	@tools/packages $(RUN_PACKAGES)
@@ -49,6 +53,13 @@ setup-test: setup
 
 .setup/test: .setup/run
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+setup-docs: setup
+	@$(MAKE) --no-print-directory .setup/docs
+
+.setup/docs: .setup/run
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	touch $@
 
 clean:

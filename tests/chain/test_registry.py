@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from labcdp.chain import Capture, Chain, Context, Level, Signal, Windscreen, register, registry
+from labcdp.chain import Capture, Chain, Context, Level, Signal, Windscreen, register
+from labcdp.chain.file import registry
 from labcdp.core.errors import ConfigurationError, InputError
 
-DOCS = Path(__file__).parents[2] / "docs" / "chain.md"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(autouse=True)
@@ -260,19 +261,21 @@ def test_installed_package_makes_its_parts_known(tmp_path: Path, monkeypatch: py
     assert len(run) == 2
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", DOCS.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+def blocks(page: str, language: str) -> list[str]:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
 def test_chain_file_of_the_documentation_runs() -> None:
-    run = Chain.from_toml(blocks("toml")[0], "docs/chain.md").run()
+    run = Chain.from_toml(blocks("reference/chain-files.md", "toml")[0], "example.toml").run()
     assert list(run)[-2:] == ["hdr", "isp"]
 
 
 def test_program_of_the_documentation_runs() -> None:
     names: dict[str, Any] = {"__name__": "docs_chain"}
-    for block in blocks("python"):
-        exec(compile(block, "docs/chain.md", "exec"), names)
+    for page in ("howto/choose-a-sensor.md", "howto/own-stage.md"):
+        for block in blocks(page, "python"):
+            exec(compile(block, page, "exec"), names)
     assert names["luminance"].shape == (420, 301)
     text = FILTER_CHAIN + (
         "[haze]\ntransmittance = 0.5\nluminance_cd_m2 = 3.0\n"
@@ -280,13 +283,13 @@ def test_program_of_the_documentation_runs() -> None:
         "[exposure]\nexposure_s = 1.0\n"
         '[sensor]\ntype = "perfect"\npixel_pitch_m = 1e-6\ndn_per_lx_s = 1e4\n'
     )
-    run = Chain.from_toml(text, "docs/chain.md").run()
+    run = Chain.from_toml(text, "haze.toml").run()
     assert run["haze"].values == pytest.approx(0.5 * 1 + 0.5 * 3)
     assert run["sensor"].luminance_cd_m2 == pytest.approx(1, abs=1e-3)
 
 
 def test_documentation_names_every_table_and_type() -> None:
-    text = DOCS.read_text(encoding="utf-8")
+    text = (DOCS / "reference/chain-files.md").read_text(encoding="utf-8")
     for table, types in registry._CLASSES.items():
         assert f"| `{table}` |" in text
         assert all(f"`{type_name}`" in text for type_name in types)

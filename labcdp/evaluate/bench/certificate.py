@@ -12,10 +12,10 @@ from ...calibration.verify.result import Verification
 from ...core.table import Column, Table
 from ...report.certificate import Certificate, render_certificate
 from ...report.digits import day, exposures, minute, shortened, significant, with_half_width
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
+from ...report.figures.maps import close_picture
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Facts, State
-from ...report.maps import close_picture
 from ...session import ConditionsConfiguration, Session
 from .calibration.budget import PATCH_PIXELS, budget_at
 from .calibration.quantities import lens_text, meter_text, range_text, responsivity, traceability

@@ -46,7 +46,7 @@ class ContrastRow:
 
     bright: str
     dark: str
-    calibrated_cdp: CalibratedCdp
+    calibrated_cdp: CalibratedCdp[CdpResult]
     distribution: ContrastDistribution | None
     measured_contrast: float
     measured_standard_uncertainty: float

@@ -12,8 +12,8 @@ from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings
 from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError
-from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.roi import Roi
+from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from .observe import ObservedSession
 
 

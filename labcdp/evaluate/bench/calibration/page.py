@@ -11,7 +11,7 @@ from ....core.table import Table
 from ....output import Destination, write_files
 from ....report.cells import cell_text
 from ....report.digits import day, exposure, fixed, listed, printable, significant
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.html import render_page
 from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section
 from ....report.sheets import result_workbook

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ....core.result import Result
 from ....output import Destination, write_files
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, State, Verbatim
 from ..chain import twin_chain_text

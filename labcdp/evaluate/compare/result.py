@@ -116,11 +116,9 @@ def _widest(analysis: Any) -> UsableInterval | None:
 
 def _assumptions(found: Comparison) -> Iterator[Finding]:
     if found.analyses and found.grid is not None:
-        settings = {name: texts for name, texts in found.settings.items() if name in _QUESTION}
-        if settings and found.question is not None and found.question.contrast is not None:
-            settings.pop("scene.contrast", None)
-        if settings:
-            yield warning("compare-question-differs", files=[one.name for one in found.things], names=list(settings))
+        differing = [name for name in found.settings if name in _QUESTION]
+        if differing:
+            yield warning("compare-question-differs", names=differing)
         if not any(np.any(one.below) for one in found.grid.values):
             yield info("compare-exact")
         if found.question is not None:

@@ -77,15 +77,9 @@ class Chain(_Chain):
         for name, value in (("contrast", contrast), ("epsilon", epsilon)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
                 raise InputError(f"{name} is {value!r}: give a number, as a fraction")
-        wanted = Sweep(
-            chain=self,
-            axes=tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items()),
-            exact=exact,
-            stage=stage,
-            contrast=None if contrast is None else float(contrast),
-            epsilon=float(epsilon),
-            seed=seed,
-        )
+        over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
+        asked = None if contrast is None else float(contrast)
+        wanted = Sweep(self, over, exact, stage, asked, float(epsilon), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
 
     def with_emva1288(self, path: PathArgument) -> Self:

@@ -49,7 +49,7 @@ def test_thesis_preset_becomes_correct_physics_as_its_comment_says() -> None:
     tables = text.replace('type = "thesis-2018"', "").split("[sensor]")
     sensor = preset_text("manta-g505").split("[sensor]")[1]
     lines = [line for line in sensor.splitlines() if not line.startswith(("width", "height"))]
-    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "mended")
+    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "completed")
     assert isinstance(chain.sensors[0][1], Sensor)
     assert chain.sensors[0][1].shape == (420, 301)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_any
-from ...chain import Chain, preset_names
+from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json
 from ...core.errors import InputError
 from ...core.result import InputFile, Result
@@ -113,7 +114,8 @@ def _read(source: Any) -> list[Thing]:
 
 def _file(text: str, path: Path) -> list[Thing]:
     if not path.exists() and text in preset_names():
-        return [_chain(text, Chain.load(text), (InputFile("preset", text, ""),))]
+        digest = sha256(preset_text(text).encode()).hexdigest()
+        return [_chain(text, Chain.load(text), (InputFile("preset", text, digest),))]
     if not path.exists():
         raise InputError(f"{text} does not exist: {_HINT}")
     if (path / JOURNAL).is_file():

@@ -123,7 +123,7 @@ def toml(path: Path) -> Description:
         chain = Chain.load(str(path))
         properties = {"description": chain.description}
         return "imaging chain", properties, [], ["simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT"]
-    if content.keys() <= {"seed", "camera", "sensor", "meter"}:
+    if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
         camera = SimulatedBenchFile.load(path).devices(path.parent)
         commands = ["acquire PLAN rehearsal --simulated-bench {file}"]
         return "simulated bench", {"camera": f"{camera.vendor} {camera.model}"}, [], commands

@@ -230,16 +230,12 @@ class FrameStream:
 
     def _causes(self) -> list[str]:
         """Return possible transport problems, the most likely first, each with its remedy."""
-        counted = self.statistics
         facts = StreamFacts(
             address=self._link.info.address,
             payload_bytes=self._payload_bytes,
             packet_size_bytes=self._packet_bytes,
             socket_buffer_bytes=self._granted_bytes,
-            completed=counted.completed,
-            failed=counted.failed,
-            underruns=counted.underruns,
-            missing=counted.missing,
+            counted=self.statistics,
         )
         return [str(finding) for finding in stream_causes(facts)[:_MOST_CAUSES]]
 

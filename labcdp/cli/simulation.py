@@ -51,8 +51,7 @@ class ChainOptions:
 
 
 def presets(
-    name: str | None = typer.Argument(None, help="Preset to print; default: list all."),
-    as_json: bool = JSON_OPTION,
+    name: str | None = typer.Argument(None, help="Preset to print; default: list all."), as_json: bool = JSON_OPTION
 ) -> None:
     """List the imaging chains that ship with labcdp, or print one."""
     from ..chain import preset_text

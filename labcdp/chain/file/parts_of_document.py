@@ -132,12 +132,7 @@ def _size(sensor_tables: Sequence[tuple[str, _Table]]) -> dict[str, Any]:
 
 
 def _made_of_table(
-    cls: type[_Made],
-    path: str,
-    table: _Table,
-    folder: Path,
-    defaults: _Table | None = None,
-    skip: Sequence[str] = (),
+    cls: type[_Made], path: str, table: _Table, folder: Path, defaults: _Table | None = None, skip: Sequence[str] = ()
 ) -> _Made:
     """Make a dataclass of a table; `defaults` are for keys that the table leaves out, `skip` are keys not for it."""
     if not isinstance(table, Mapping):

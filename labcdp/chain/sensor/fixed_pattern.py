@@ -61,10 +61,7 @@ def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: floa
         return np.broadcast_to(np.float32(1), shape)
     order = spread_rel**-2
     current = _draw(
-        shape,
-        device_seed,
-        _DARK_CURRENT,
-        lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32),
+        shape, device_seed, _DARK_CURRENT, lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32)
     )
     current /= np.float32(order)
     return current

@@ -16,7 +16,7 @@ from .picture_options import PairOptions
 
 if TYPE_CHECKING:
     from ...core.roi import Roi
-    from ...evaluate.video.archive.tls import TlsFiles
+    from ...evaluate.video.archive.evaluate import Workers
     from ...evaluate.video.settings import Reference
     from ...files.video.selection import Selection
 
@@ -110,12 +110,13 @@ class ClusterOptions:
         None, help="Number of processes for several videos.", show_default="one per core", min=1
     )
 
-    @property
-    def tls(self) -> TlsFiles | None:
-        """Files of the scheduler's TLS."""
+    def chosen(self) -> Workers:
+        """Return the processes or the cluster."""
+        from ...evaluate.video.archive.evaluate import Workers
         from ...evaluate.video.archive.tls import TlsFiles
 
-        return None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
+        tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
+        return Workers(self.cluster, self.workers, tls)
 
 
 def rois_and_pairs(

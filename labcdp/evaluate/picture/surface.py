@@ -135,9 +135,7 @@ def _figure(values: NDArray[Any], side: int, step: int, label: str) -> Figure:
     )
     figure = Figure([*surfaces, mark])
     figure.update_layout(
-        height=680,
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        scene=_scene(width, height, step, (low, high), label),
+        height=680, margin={"l": 0, "r": 0, "t": 40, "b": 0}, scene=_scene(width, height, step, (low, high), label)
     )
     if side > 1:
         buttons = [

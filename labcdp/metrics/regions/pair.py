@@ -20,14 +20,7 @@ from ..calibrated import PairError, joined_errors
 from ..correlation.cdp import cdp_of_regions
 from ..interval import TargetContrast
 from ..pairs import bright_and_dark, tally_pairs
-from .region import (
-    RegionPixels,
-    RegionResult,
-    evaluate_region,
-    region_result,
-    variance_of_changes,
-    with_uncertainty,
-)
+from .region import RegionPixels, RegionResult, evaluate_region, region_result, variance_of_changes, with_uncertainty
 
 __all__ = [
     "PairResult",

@@ -9,15 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..digits import decimals, fixed, printable, shortened, significant
-from .drawing import (
-    BLUE,
-    SMALL_SIZE,
-    TITLE_SIZE,
-    VERMILLION,
-    finish,
-    new_figure,
-    png,
-)
+from .drawing import BLUE, SMALL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,12 +24,7 @@ _MOST_BARS, _N_BINS, _REPEATS = 256, 100, 2
 _SAME = 1e-12
 
 
-def stage_figure(
-    title: str,
-    native: Distribution,
-    native_label: str,
-    luminance: Distribution,
-) -> bytes:
+def stage_figure(title: str, native: Distribution, native_label: str, luminance: Distribution) -> bytes:
     """Draw cumulative probability and density of a stage's values, and the same in cd/m^2 next to them.
 
     In the style of the 2018 thesis (section 3): a blue line, and grey bars scaled to a maximum of 1.

@@ -1,4 +1,4 @@
-"""Why no frames come: each cause from facts that show it, the likeliest first, with the command that mends it."""
+"""Why no frames come: each cause from facts that show it, the likeliest first, with the command that fixes it."""
 
 from ipaddress import IPv4Interface
 

@@ -181,12 +181,7 @@ def _figure(found: ContrastMap, drawn: Overlay, source: MapSource) -> Figure:
             "bgcolor": "#c8c8c8",
             "itemsizing": "constant",
         },
-        coloraxis={
-            "colorscale": [list(pair) for pair in COLOURS],
-            "cmin": 0,
-            "cmax": 1,
-            "colorbar": {"title": "CDP"},
-        },
+        coloraxis={"colorscale": [list(pair) for pair in COLOURS], "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
     )
     return figure
 

@@ -147,11 +147,7 @@ def _dips(dataset: Dataset, analysis: MapAnalysis, axes: Mapping[str, MapAxis]) 
     )
     names = [column.name for column in columns[len(others) + 1 :]]
     rows = [
-        {
-            **dip.at,
-            "variable": variable_name(dataset, dip.variable),
-            **{name: getattr(dip, name) for name in names},
-        }
+        {**dip.at, "variable": variable_name(dataset, dip.variable), **{name: getattr(dip, name) for name in names}}
         for dip in analysis.dips
     ]
     # Of many sections only the deepest ones matter at a glance, which the page shows.

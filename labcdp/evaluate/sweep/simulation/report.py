@@ -56,12 +56,7 @@ def _page(
     chain, signal = evaluation.chain, result.table("signal")
     detection = next((table for table in result.tables if table.name == "detection"), None)
     final = final_stages(chain)
-    facts = Facts(
-        (
-            ("Chain", f"{chain.name}: {chain.description}"),
-            ("Random seed", str(evaluation.seed)),
-        )
-    )
+    facts = Facts((("Chain", f"{chain.name}: {chain.description}"), ("Random seed", str(evaluation.seed))))
     details: list[Block] = [*figures["along"], *figures["contrasts"]]
     if detection is not None:
         details += [

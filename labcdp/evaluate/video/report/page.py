@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 #: Contrasts that get a card, beside the measured one.
 _MOST_CARDS = 3
 #: How regions are followed, by the method's name.
-METHODS = {
-    "follow": "tracked",
-    "homography": "tracked by the homography of a plane target",
-    "fixed": "at rest",
-}
+METHODS = {"follow": "tracked", "homography": "tracked by the homography of a plane target", "fixed": "at rest"}
 
 
 def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:

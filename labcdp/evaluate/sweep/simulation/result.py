@@ -78,7 +78,7 @@ _SIGNAL = (
 )
 
 
-def answer(detection: Table, final: Sequence[str]) -> str:
+def answer(detection: Table, final: Sequence[str], contrast: float | None = None) -> str:
     """Return what a chain detects behind its last stages, and the stage that costs most, in a sentence."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
     found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
@@ -92,9 +92,9 @@ def answer(detection: Table, final: Sequence[str]) -> str:
     loss, stage = max(losses, default=(0.0, ""))
     of = "" if len(found) == 1 else f"Lowest of {len(found)}: "
     costs = f"; the largest loss is at {stage}" if loss >= _LOSS else ""
-    asked = lowest.get("contrast")
-    contrast = "the contrast" if asked is None else f"a contrast of {percent(asked, 4)}"
-    sentence = f"{of}{contrast} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
+    asked = lowest.get("contrast", contrast)
+    what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
+    sentence = f"{of}{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
     return f"{sentence[0].upper()}{sentence[1:]} with a probability of {lowest[name]:.3f}{costs}."
 
 

@@ -212,6 +212,16 @@ class Calibration:
             raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
+    def planes(self) -> tuple[Calibration, ...]:
+        """Itself, as the one plane of a monochrome sensor."""
+        return (self,)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of that plane in the luminance."""
+        return (1.0,)
+
+    @property
     def light(self) -> Source:
         """The spectrum it is valid for as measured, else its name."""
         return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum

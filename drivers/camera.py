@@ -267,6 +267,9 @@ class Gap:
 
 Refused = Callable[[IncompleteFrameError], None]
 
+#: Number of consecutive incomplete frames after which a grab fails.
+MOST_REFUSED = 20
+
 
 class Camera(Protocol):
     """Interface of all cameras: real, simulated in this process, or replayed.

@@ -34,8 +34,7 @@ from .features import described_features, execute_feature, read_feature, readabl
 from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
-from .setup import require_kept
-from .snapshot import take_snapshot
+from .snapshot import require_kept, take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
@@ -298,7 +297,7 @@ class AravisCamera(Device):
         n_taken = 0
         while n_taken < n:
             try:
-                with self._receiving(timeout_s, on_refused) as frame_stream:
+                with self._receiving(n - n_taken, timeout_s, on_refused) as frame_stream:
                     while n_taken < n:
                         # Drop the reference while waiting for the next frame, so that its buffer can be reused.
                         yield frame_stream.next()
@@ -313,12 +312,12 @@ class AravisCamera(Device):
                 del loss  # the traceback refers to this frame and those of the lost camera
 
     @contextlib.contextmanager
-    def _receiving(self, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
+    def _receiving(self, n: int, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
         """Receive frames; settings are locked meanwhile, so that frames state the correct ones."""
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, self._connection.changes.features, n)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)

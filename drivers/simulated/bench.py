@@ -21,6 +21,7 @@ from .faults.misfortune import Misfortune
 from .faults.schedule_file import parse_command, parse_schedule
 from .gige.camera import SimulatedGigECamera
 from .gige.device import SimulatedDevice
+from .gige.genicam import standard_features
 from .in_process import InProcessCamera
 from .meter.in_process import InProcessPort
 from .meter.meter import SimulatedLS
@@ -101,7 +102,7 @@ class SimulatedBench:
             vendor=devices.vendor,
             model=devices.model,
             frame_rate_hz=devices.frame_rate_hz,
-            naming=devices.naming,
+            features=standard_features(devices.naming),
         )
 
     def gige_camera(self, address: str = "127.0.0.1") -> SimulatedGigECamera:

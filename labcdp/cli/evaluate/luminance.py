@@ -159,10 +159,7 @@ def _result(
 
 
 def _temperature_findings(loaded: AnyCalibration, frames: Sequence[Frame]) -> list[Finding]:
-    from ...calibration import Calibration
-
-    planes = (loaded,) if isinstance(loaded, Calibration) else loaded.planes
-    darks = [plane.setting(frames[0].gain_db).dark for plane in planes]
+    darks = [plane.setting(frames[0].gain_db).dark for plane in loaded.planes]
     taken = [(one.exposure_s, one.temperature_c) for one in frames]
     return [finding for dark in darks for finding in dark.temperature_findings(taken)]
 

@@ -12,8 +12,8 @@ import typer
 
 from ...core.errors import InputError
 from ..bench.acquire import record
-from ..bench.devices_of_session import DeviceChoice
-from ..options import CERTIFICATE_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
+from ..bench.device_options import DeviceChoice, DeviceOptions
+from ..options import CERTIFICATE_OPTION
 from ..output import FORCE_OPTION, output_option, results_folder
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -25,33 +25,6 @@ if TYPE_CHECKING:
 
 #: Exit status by verdict.
 EXIT_STATUS = {"conform": 0, "not conform": 3, "undecided": 4}
-
-
-@dataclass(frozen=True)
-class DeviceOptions:
-    """Options for the devices that measure."""
-
-    camera: str | None = typer.Option(None, help="Serial number, address or model; default: as configured.")
-    meter: str | None = METER_OPTION
-    simulated: bool = SIMULATED_OPTION
-    simulated_bench: Path | None = SIMULATED_BENCH_OPTION
-    virtual_clock: bool = VIRTUAL_CLOCK_OPTION
-    faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults.")
-    patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0)
-    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter.")
-
-    def choice(self) -> DeviceChoice:
-        """Return which devices are meant."""
-        simulated = self.simulated or self.simulated_bench is not None
-        return DeviceChoice(
-            self.camera, self.meter, simulated, self.virtual_clock, self.faults, None, None, self.patience,
-            self.transcript, self.simulated_bench,
-        )  # fmt: skip
-
-    @property
-    def given(self) -> bool:
-        """Whether devices are named."""
-        return not self.choice().real or any(one is not None for one in (self.camera, self.meter, self.transcript))
 
 
 @dataclass(frozen=True)

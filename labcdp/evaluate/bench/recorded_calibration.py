@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...calibration import AnyCalibration, Calibration
+from ...calibration import AnyCalibration
 from ...core.errors import CalibrationError
 from ...core.finding import unique, warning
 from ...core.response import Response
@@ -125,8 +125,7 @@ def _with_flat_field(
 
 
 def _responses(calibration: AnyCalibration) -> dict[str | None, Response]:
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
-    return {plane.state.plane: plane.response for plane in planes}
+    return {plane.state.plane: plane.response for plane in calibration.planes}
 
 
 def _change(before: Corrections, vignetting: AnyVignetting, uniform: UniformLight) -> float:

@@ -18,8 +18,8 @@ from .compare import Comparison
 from .figures import comparison_figure
 from .result import answer
 
-#: Most rows of a table beside the figure.
-_BRIEF = 10
+#: Most rows of a table beside the figure, and most cards.
+_BRIEF, _MOST_CARDS = 10, 4
 _METHOD = (
     "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
     "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
@@ -54,7 +54,7 @@ def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Pag
     ]
     lead: tuple[Block, ...] = (*figures, *(table for table in brief if len(table) <= _BRIEF))
     sections = [
-        *(Section("Values", (table,)) for table in first if table.name == "differences"),
+        *(Section("Values", (table,), len(table) <= _BRIEF) for table in first if table.name == "differences"),
         *(Section("Settings that differ", (tables[name],)) for name in ("settings",) if name in tables),
         *(Section("All places", (tables[name],), collapsed=True) for name in ("curves",) if name in tables),
         Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True),
@@ -74,6 +74,8 @@ def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Pag
 def _cards(found: Comparison, result: Result) -> Iterator[Card]:
     """Yield the usable range of each map, or how many values differ and which one most."""
     if found.analyses:
+        if len(found.things) > _MOST_CARDS:
+            return
         table = result.table("usable_ranges")
         column = table.column("range")
         for thing, analysis in zip(found.things, found.analyses, strict=True):
@@ -83,7 +85,7 @@ def _cards(found: Comparison, result: Result) -> Iterator[Card]:
             title = f"{thing.name}: {'widest ' if len(rows) > 1 else ''}range with CDP ≥ {analysis.level:g}"
             yield Card(title, cell_text(column, row), column.unit, state="bad" if widest is None else "open")
         return
-    for thing in found.things[1:]:
+    for thing in found.things[1 : _MOST_CARDS + 1]:
         own = [row for row in found.rows if row.name == thing.name]
         n = sum(bool(row.difference.significant) for row in own)
         state: State = "bad" if n else "good"
@@ -99,7 +101,5 @@ def _caption(found: Comparison) -> str:
     if found.grid is None:
         return f"Each beside {found.things[0].name}; bars are 95 % intervals, the grey band is not significant."
     return (
-        "Bands are 95 % intervals."
-        if not found.analyses
-        else f"Above CDP, below its difference from {found.things[0].name}."
+        "Bands are 95 % intervals." if not found.analyses else f"CDP, and its difference from {found.things[0].name}."
     )

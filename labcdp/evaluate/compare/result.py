@@ -21,8 +21,10 @@ from .grid import Grid
 
 #: Share of values without a difference that differ significantly by chance.
 _BY_CHANCE = 0.05
-#: Cells beyond which tables leave them out.
-_MOST_CELLS = 200_000
+#: Cells beyond which tables leave them out, and settings up to which they are printed.
+_MOST_CELLS, _PRINTED = 200_000, 30
+#: Things up to which the answer names each difference.
+_FEW = 3
 #: Settings without which CDPs of maps answer different questions.
 _QUESTION = ("contrast", "epsilon", "scene.contrast")
 _VERDICTS = {True: "yes", False: "no", None: "unknown"}
@@ -95,9 +97,9 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
     unit = axis_unit(axis)
     if usable and axis.is_luminance and len(grid.axes) == 1:
         (best, first), *rest = sorted(usable, key=lambda pair: pair[1].low)
-        others = [
-            f"{name} to {plain(one.low)} {unit}, {plain(one.low / first.low)} times as much" for name, one in rest
-        ]
+        others = [f"{name} to {plain(one.low)}" for name, one in rest]
+        if len(rest) == 1:
+            others = [f"{others[0]} {unit}, {plain(rest[0][1].low / first.low)} times as much"]
         yield info(
             "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.ends[0].is_open else "",
             others=[*others, *none],
@@ -107,9 +109,11 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
         others = [f"{name} {ends_text(axis, one)} {unit}".rstrip() for name, one in rest]
         span = f"{ends_text(axis, first)} {unit}".rstrip()
         yield info("compare-ranges", best, axis=axis_name(axis), level=level, range=span, others=[*others, *none])
+    if len(found.things) > _FEW:
+        return
     for thing, one in zip(found.things[1:], grid.differences, strict=True):
-        ends = {"lowest": float(np.nanmin(one.value)), "highest": float(np.nanmax(one.value))}
-        yield info("compare-maps-differ", thing.name, first=found.things[0].name, **ends)
+        below, above = (max(float(np.nanmax(sign * one.value)), 0.0) for sign in (-1, 1))
+        yield info("compare-maps-differ", thing.name, first=found.things[0].name, below=below, above=above)
         if np.isfinite(one.z).any() and np.any(one.low < one.high):
             share = float(np.mean(one.significant))
             yield info("compare-maps-significant", thing.name, first=found.things[0].name, share=share)
@@ -120,15 +124,13 @@ def _widest(analysis: Any) -> UsableInterval | None:
 
 
 def _assumptions(found: Comparison) -> Iterator[Finding]:
-    values = [one for row in found.rows for one in (row.first.value, row.other.value)]
-    values += found.grid.values if found.grid is not None and not found.analyses else ()
-    if found.analyses:
+    if found.analyses and found.grid is not None:
         settings = {name: texts for name, texts in found.settings.items() if name in _QUESTION}
         if settings and found.question is not None and found.question.contrast is not None:
             settings.pop("scene.contrast", None)
         if settings:
             yield warning("compare-question-differs", files=[one.name for one in found.things], names=list(settings))
-        if all(not np.any(one.below) for one in found.grid.values if found.grid):  # type: ignore[union-attr]
+        if not any(np.any(one.below) for one in found.grid.values):
             yield info("compare-exact")
         if found.question is not None:
             yield info("compare-on-axis")
@@ -286,4 +288,5 @@ def _settings(found: Comparison) -> Iterator[Table]:
         {"setting": name, **{f"value_{n}": text for n, text in enumerate(texts, start=1)}}
         for name, texts in settings.items()
     ]
-    yield Table.of_rows("settings", "Settings that differ", columns, rows)
+    long = len(rows) * len(names) > _PRINTED
+    yield Table.of_rows("settings", "Settings that differ", columns, rows, detail=long)

@@ -1,4 +1,4 @@
-"""Sockets of Aravis in this process, to set options that Aravis does not offer."""
+"""Sockets of this process, to set options that Aravis does not offer for its own."""
 
 from __future__ import annotations
 

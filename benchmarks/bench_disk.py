@@ -3,16 +3,20 @@
 Run ``python benchmarks/bench_disk.py [FOLDER]``; FOLDER is on the disk to try, by default a temporary one. A simulated
 camera in a process of its own streams 2452 x 2056 pixels of 16 bits over GigE Vision on loopback; each frame is
 recorded in a session, with its checksum, and flushed. The frame ids tell whether one is missing. The first line is a
-program that does nothing but write and flush as many bytes. At 60 frames/s the disk is what limits: every frame
-that was grabbed is there, and the ids left out are those the camera sent while the grab waited.
+program that does nothing but write and flush as many bytes. The third line is with two other processes that compute all
+the time. At 60 frames/s the disk is what limits: every frame that was grabbed is there, and the ids left out are those
+the camera sent while the grab waited.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -39,14 +43,27 @@ def floor_per_s(folder: Path) -> float:
     return n / (time.perf_counter() - start)
 
 
-def record(folder: Path, frame_rate_hz: float) -> None:
+@contextmanager
+def busy(n: int) -> Iterator[None]:
+    """Other processes that compute all the time."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def record(folder: Path, frame_rate_hz: float, n_busy: int = 0) -> None:
     configuration = SessionConfiguration.load(example_session() / "session.toml")
     ids: list[int] = []
     refused: list[CameraError] = []
     with (
+        busy(n_busy),
         camera(WIDTH, HEIGHT, frame_rate_hz),
         open_camera(ADDRESS) as opened,
-        Session.create(folder / f"session {frame_rate_hz:g}", configuration) as session,
+        Session.create(folder / f"session {frame_rate_hz:g} {n_busy}", configuration) as session,
     ):
         opened.configure(pixel_format="Mono12", exposure_s=1e-3, frame_rate_hz=frame_rate_hz)
         start, cpu = time.perf_counter(), time.process_time()
@@ -61,9 +78,9 @@ def record(folder: Path, frame_rate_hz: float) -> None:
         throughput = writer.throughput
         on_disk = len(session.frames())
     print(
-        f"asked for {frame_rate_hz:3g}/s: grabbed {N_FRAMES / grabbed_s:5.1f}/s, on the disk {on_disk} of {N_FRAMES} "
-        f"({N_FRAMES / wall_s:.1f}/s), ids left out {left_out}, refused {len(refused)}, "
-        f"waited for the disk {throughput.waited_s:.2f} s"
+        f"asked for {frame_rate_hz:3g}/s beside {n_busy} busy loops: grabbed {N_FRAMES / grabbed_s:5.1f}/s, "
+        f"on the disk {on_disk} of {N_FRAMES} ({N_FRAMES / wall_s:.1f}/s), ids left out {left_out}, "
+        f"refused {len(refused)}, waited for the disk {throughput.waited_s:.2f} s"
         f"{' (limited by the disk)' if throughput.limited_by_disk else ''}, processor "
         f"{1e3 * cpu_s / N_FRAMES:.0f} ms a frame"
     )
@@ -73,8 +90,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=sys.argv[1] if len(sys.argv) > 1 else None) as name:
         folder = Path(name)
         print(f"writing and flushing alone: {floor_per_s(folder):.1f} frames/s of {2 * HEIGHT * WIDTH / 1e6:.1f} MB")
-        for frame_rate_hz in (15.0, 60.0):
-            record(folder, frame_rate_hz)
+        for frame_rate_hz, n_busy in ((15.0, 0), (15.0, 2), (60.0, 0)):
+            record(folder, frame_rate_hz, n_busy)
 
 
 if __name__ == "__main__":

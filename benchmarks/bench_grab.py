@@ -3,18 +3,21 @@
 Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
 loopback; arv-camera-test and labcdp take turns receiving from it. The rate is compared where the camera sends as fast
 as it can, the processor time also at the 15 frames/s of a Manta. Processor time is that of the receiving process alone,
-its start left out. The last line grabs small frames and tells whether memory grew on the way.
+its start left out. The last line grabs small frames and tells how many were lost, and whether memory, file descriptors
+and threads grew on the way. ``python benchmarks/bench_grab.py small`` does that alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import resource
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import median
 
 import numpy as np
@@ -27,7 +30,8 @@ SERIAL, ADDRESS = "SIM-BENCH", "127.0.0.1"
 #: Seconds of a short and a long run, whose difference leaves out the start.
 SHORT_S, LONG_S = 2, 8
 ROUNDS = 3
-N_MEMORY_FRAMES = 20_000
+N_SMALL_FRAMES = 20_000
+SMALL_RATE_HZ = 500.0
 #: Label, width, height, pixel format, frame rate asked for.
 STREAMS = (
     ("2048 x 2048 Mono8, as fast as it goes", 2048, 2048, "Mono8", 500.0),
@@ -78,13 +82,19 @@ def receive(seconds: float, pixel_format: str, frame_rate_hz: float) -> None:
 
 
 def receive_many(frames: int) -> None:
-    """Grab small frames and print the resident memory on the way, in bytes."""
+    """Grab small frames; print lost and refused ones, and on the way resident bytes, file descriptors and threads."""
+    ids: list[int] = []
+    refused: list[Exception] = []
     with open_camera(ADDRESS) as camera:
-        camera.configure(pixel_format="Mono8", exposure_s=100e-6, frame_rate_hz=1000.0)
-        for number, _ in enumerate(camera.grab(frames, on_refused=lambda _error: None), start=1):
+        camera.configure(pixel_format="Mono8", exposure_s=100e-6, frame_rate_hz=SMALL_RATE_HZ)
+        for number, frame in enumerate(camera.grab(frames, on_refused=refused.append), start=1):
+            ids.append(frame.frame_id)
             if number % (frames // 20) == 0:
                 with open("/proc/self/statm") as status:
-                    print(int(status.read().split()[1]) * resource.getpagesize(), flush=True)
+                    resident = int(status.read().split()[1]) * resource.getpagesize()
+                print(resident, len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task")), flush=True)
+    # Ids have 16 bits, and 0 is left out.
+    print(sum((after - before) % 65535 - 1 for before, after in pairwise(ids)), len(refused))
 
 
 def ours(seconds: float, pixel_format: str, frame_rate_hz: float) -> Run:
@@ -142,20 +152,23 @@ class camera:  # noqa: N801
         self._process.communicate()
 
 
-def memory() -> None:
-    with camera(256, 256, 1000.0):
-        command = [sys.executable, __file__, "memory", str(N_MEMORY_FRAMES)]
+def small_frames() -> None:
+    with camera(256, 256, SMALL_RATE_HZ):
+        command = [sys.executable, __file__, "many", str(N_SMALL_FRAMES)]
         text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        sizes = [int(line) for line in text.split()]
+    *seen, (lost, refused) = [tuple(map(int, line.split())) for line in text.splitlines()]
+    resident, files, threads = zip(*seen, strict=True)
     print(
-        f"{N_MEMORY_FRAMES} frames of 256 x 256: resident {sizes[0] / 1e6:.1f} MB after {N_MEMORY_FRAMES // 20}, "
-        f"{sizes[-1] / 1e6:.1f} MB after all, at most {max(sizes) / 1e6:.1f} MB"
+        f"{N_SMALL_FRAMES} frames of 256 x 256 at {SMALL_RATE_HZ:g}/s: lost {lost}, refused {refused}; resident "
+        f"{resident[0] / 1e6:.1f} MB after {N_SMALL_FRAMES // 20}, {resident[-1] / 1e6:.1f} MB after all, at most "
+        f"{max(resident) / 1e6:.1f} MB; file descriptors {min(files)} to {max(files)}, threads {min(threads)} to "
+        f"{max(threads)}"
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="see the head of this file")
-    parser.add_argument("role", nargs="?", choices=("serve", "receive", "memory"))
+    parser.add_argument("role", nargs="?", choices=("serve", "receive", "many", "small"))
     parser.add_argument("values", nargs="*")
     arguments = parser.parse_args()
     match arguments.role, arguments.values:
@@ -163,13 +176,15 @@ def main() -> None:
             serve(int(width), int(height), float(rate))
         case "receive", [seconds, pixel_format, rate]:
             receive(float(seconds), pixel_format, float(rate))
-        case "memory", [frames]:
+        case "many", [frames]:
             receive_many(int(frames))
+        case "small", []:
+            small_frames()
         case _:
             print(f"{'':38s}  arv-camera-test  labcdp  ratio  arv-camera-test   labcdp  ratio")
             for stream in STREAMS:
                 compare(*stream)
-            memory()
+            small_frames()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isfinite
 
 import numpy as np
@@ -212,6 +212,16 @@ class Calibration:
             raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
+    def planes(self) -> tuple[Calibration, ...]:
+        """Itself, as the one plane of a monochrome sensor."""
+        return (self,)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of that plane in the luminance."""
+        return (1.0,)
+
+    @property
     def light(self) -> Source:
         """The spectrum it is valid for as measured, else its name."""
         return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
@@ -246,7 +256,10 @@ class Calibration:
         CalibrationError
             If it is another camera or setting, or a gain that was not calibrated.
         """
-        self.state.require(state, "the calibration", theirs, [gain.gain_db for gain in self.gains])
+        # A frame need not know that the pixels are full below the end of its scale.
+        saturation_dn = min(state.saturation_dn, self.state.saturation_dn)
+        theirs_below = replace(state, saturation_dn=saturation_dn)
+        self.state.require(theirs_below, "the calibration", theirs, [gain.gain_db for gain in self.gains])
 
     def luminance_cd_m2(
         self, net_dn: ArrayLike, exposure_s: float, gain_db: float | None = None
@@ -260,6 +273,13 @@ class Calibration:
         """
         factor = 1.0 if gain_db is None else self.setting(gain_db).factor
         return self.response.linearise(net_dn) / (self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s)
+
+    def dark_spread_cd_m2(self, frame: Frame) -> float:
+        """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""
+        setting = self.setting(frame.gain_db)
+        dn = hypot(setting.dark.pattern_dn(frame.exposure_s), setting.dark.drift_dn)
+        scale = self.responsivity.responsivity_dn_s_cd_m2 * setting.factor * frame.exposure_s
+        return dn * float(self.response.slope(0.0)) / scale
 
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it, to luminance.
@@ -277,7 +297,8 @@ class Calibration:
 
         self.require(CameraState.of(frame), f"frame {frame.frame_id}")
         low, high = self.exposures_s[0], self.exposures_s[-1]
-        if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
+        # Said once for a frame, and not for each of its blocks.
+        if window[0].start in (None, 0) and not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
             _log.warning(
                 "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
                 frame.frame_id,

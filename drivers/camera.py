@@ -72,6 +72,34 @@ FeatureValue = bool | int | float | str
 
 
 @dataclass(frozen=True)
+class FeatureDescription:
+    """A GenICam feature as it is now.
+
+    Parameters
+    ----------
+    name : str
+        GenICam name.
+    value : bool, int, float or str
+        Its value.
+    writable : bool
+        Whether it can be changed now.
+    unit : str
+        Unit as the camera states it; empty if it states none.
+    limits : (float, float) or None
+        Lowest and highest value of a number; None if they are not known.
+    choices : tuple of str
+        Values of an enumeration.
+    """
+
+    name: str
+    value: FeatureValue
+    writable: bool = False
+    unit: str = ""
+    limits: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Trigger:
     """Trigger of an exposure.
 
@@ -239,6 +267,9 @@ class Gap:
 
 Refused = Callable[[IncompleteFrameError], None]
 
+#: Number of consecutive incomplete frames after which a grab fails.
+MOST_REFUSED = 20
+
 
 class Camera(Protocol):
     """Interface of all cameras: real, simulated in this process, or replayed.
@@ -291,6 +322,9 @@ class Camera(Protocol):
 
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
+
+    def describe_features(self) -> tuple[FeatureDescription, ...]:
+        """Read all readable GenICam features with range and unit, in the camera's order."""
 
     def configure(
         self,

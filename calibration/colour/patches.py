@@ -56,9 +56,7 @@ class ColourPatches:
     findings: tuple[Finding, ...]
 
 
-def by_patch(
-    observations: Mapping[str, Sequence[PatchObservation]],
-) -> dict[str, dict[str, list[PatchObservation]]]:
+def by_patch(observations: Mapping[str, Sequence[PatchObservation]]) -> dict[str, dict[str, list[PatchObservation]]]:
     """Sort observations by patch, then by plane."""
     groups: dict[str, dict[str, list[PatchObservation]]] = {}
     for plane in PLANES:

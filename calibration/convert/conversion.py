@@ -70,8 +70,9 @@ def to_luminance(
     require_lens(calibration.lens, lens)
     calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
     setting = calibration.setting(frame.gain_db)
-    taken = [(frame.exposure_s, frame.temperature_c)]
-    log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
+    if window[0].start in (None, 0):
+        taken = [(frame.exposure_s, frame.temperature_c)]
+        log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
     library = calibration.dark_library
     pattern, noise_dn = None, 0.0
     if library is not None:
@@ -170,7 +171,7 @@ class _Conversion:
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
         """Look up the flags; a luminance is computed only where the range check depends on V."""
-        tables, flags = self.tables, self.tables.flags(self.frame.saturation_dn)
+        tables, flags = self.tables, self.tables.flags(self._saturation_dn)
         darkest, brightest = tables.luminance_cd_m2 + tables.margin_cd_m2, tables.luminance_cd_m2 - tables.margin_cd_m2
         ends = [1.0] if self.inverse_v is None else _ends(self.tables.calibration.vignetting, self.frame.shape)
         low, high = self.tables.calibration.range_cd_m2
@@ -192,7 +193,7 @@ class _Conversion:
     def _flags_by_luminance(self) -> NDArray[np.uint8]:
         luminance = self.luminance()
         margin = _look_up(self.tables.margin_cd_m2, self.dn, self.inverse_v)
-        invalid = _look_up(self.tables.flags(self.frame.saturation_dn) & Invalid.SATURATED, self.dn)
+        invalid = _look_up(self.tables.flags(self._saturation_dn) & Invalid.SATURATED, self.dn)
         invalid[luminance < 0] |= Invalid.BELOW_BLACK.value
         invalid[self._outside(luminance + margin, luminance - margin)] |= Invalid.OUTSIDE_CALIBRATED.value
         return invalid
@@ -202,6 +203,10 @@ class _Conversion:
         low, high = self.tables.calibration.range_cd_m2
         outside: NDArray[np.bool_] = (darkest < low) | (brightest > high)
         return outside
+
+    @property
+    def _saturation_dn(self) -> float:
+        return min(self.frame.saturation_dn, self.tables.calibration.state.saturation_dn)
 
     @property
     def _patterned(self) -> bool:

@@ -112,6 +112,7 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
                 f"{name} was observed with vignetting {o.vignetting}, the calibration has {calibration.vignetting}: "
                 "observe it with the calibration's"
             )
+    observations = [o.saturating_at(calibration.state.saturation_dn) for o in observations]
     kept, left_out, findings = usable(observations, calibration.settings)
     if not kept:
         raise CalibrationError(f"no exposure gives the luminance of a patch ({left_out_text(left_out)})")

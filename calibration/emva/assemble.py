@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,7 @@ from ..signal_limits import MAX_CLIPPED_SHARE
 from .dark_current import fit_dark_current
 from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
 from .photon_transfer import Slope, departure_rel, points_to_fit, require_noise, system_gain
-from .result import (
-    Characterisation,
-    Origin,
-    Quantity,
-    Sensitivity,
-    SpatialNonuniformity,
-)
+from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
 from .saturation import Saturation, find_saturation
 from .series import SeriesPoint
 from .snr import dynamic_range, sensitivity_threshold_e, snr_max
@@ -71,8 +65,6 @@ class Transfer:
 def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
     """Find saturation and K of a series, by the standard's unweighted fit.
 
-    Saturation is one of the points; its error is rectangular, up to half the distance to its neighbours.
-
     Parameters
     ----------
     points : sequence of SeriesPoint
@@ -86,10 +78,8 @@ def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
     require_noise(points)
     saturation = find_saturation(points)
     net = points[saturation.index].net_dn
-    # The signal does not rise beyond the peak: only the distance to the previous neighbour is used.
-    step = net - points[max(saturation.index - 1, 0)].net_dn
     fitted = points_to_fit(points, net)
-    return Transfer(saturation, net, abs(step) / 2 / sqrt(3), tuple(fitted), system_gain(fitted), AT_PEAK)
+    return Transfer(saturation, net, saturation.uncertainty_rel * net, tuple(fitted), system_gain(fitted), AT_PEAK)
 
 
 def assemble(
@@ -154,8 +144,7 @@ def with_frame_changes(points: Sequence[SeriesPoint], darks: Sequence[DarkObserv
     flicker2 = max(float(np.average(relative2, weights=weights)), 0.0) if lit else 0.0
     return [
         replace(
-            p,
-            frames_variance_dn2=(flicker2 * p.net_dn**2 + drift_dn2) / p.light.n_frames + drift_dn2 / p.dark.n_frames,
+            p, frames_variance_dn2=(flicker2 * p.net_dn**2 + drift_dn2) / p.light.n_frames + drift_dn2 / p.dark.n_frames
         )
         for p in points
     ]

@@ -80,7 +80,7 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     chosen = in_range(points, saturation_net_dn)
     if len(chosen) < 3:
         return None
-    x = np.array([point.exposure_s if point.photons is None else point.photons for point in chosen])
+    x = np.array([point.stimulus for point in chosen])
     if np.unique(x).size < 2:
         return None
     y = np.array([point.net_dn for point in chosen])

@@ -90,6 +90,11 @@ class SeriesPoint:
     frames_variance_dn2: float = 0.0
 
     @property
+    def stimulus(self) -> float:
+        """Photons, or the exposure in seconds where they are not known."""
+        return self.exposure_s if self.photons is None else self.photons
+
+    @property
     def net_dn(self) -> float:
         """Mean above dark signal."""
         return self.light.mean_dn - self.dark.mean_dn

@@ -16,12 +16,57 @@ from ..gains import GainSetting
 from ..noise import fit_noise
 from ..readings import PatchReading, combine_readings
 from ..signal import left_out_text, usable
-from .plateau import require_no_plateau
+from .plateau import full_well
 
 #: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
 MIN_PATCHES = 3
 #: Fewest patches without a warning.
 ADVISED_PATCHES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Intake:
+    """Observations by patch with dark signal and noise of the gains.
+
+    Parameters
+    ----------
+    groups : dict of str to list of PatchObservation
+        By patch, in the order of the observations.
+    settings : tuple of GainSetting
+        One for each gain, the first observation's first; factors are 1.
+    findings, of_dark : list of Finding
+        Findings for the user; those about the dark signal at the first gain.
+    """
+
+    groups: Mapping[str, Sequence[PatchObservation]]
+    settings: tuple[GainSetting, ...]
+    findings: list[Finding]
+    of_dark: list[Finding]
+
+
+def take_in(
+    observations: Sequence[PatchObservation],
+    darks: Sequence[DarkObservation],
+    readings: Mapping[str, Sequence[Reading]],
+    held_out: Collection[str],
+    tone: Response | None = None,
+) -> Intake:
+    """Check and sort the input of a fit; observations of pixels that are full below saturation count as saturated.
+
+    Raises
+    ------
+    CalibrationError
+        As `require_one_camera`, `gain_settings` and `group_by_patch`.
+    """
+    require_one_camera(observations, darks)
+    settings, findings, of_dark = gain_settings(observations, darks, tone)
+    groups = group_by_patch(observations, readings, held_out)
+    full = full_well({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
+    if full is None:
+        return Intake(groups, settings, findings, of_dark)
+    marked = [o.saturating_at(full[0]) for o in observations]
+    settings, findings, of_dark = gain_settings(marked, darks, tone)
+    return Intake(group_by_patch(marked, readings, held_out), settings, [*full[1], *findings], of_dark)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +198,7 @@ def take_usable(
     Raises
     ------
     CalibrationError
-        If fewer than `MIN_PATCHES` patches are left, or as `require_no_plateau`.
+        If fewer than `MIN_PATCHES` patches are left.
     """
     kept_groups: dict[str, Sequence[PatchObservation]] = {}
     kept_readings: dict[str, PatchReading] = {}
@@ -179,7 +224,6 @@ def take_usable(
             "for the slope, one to test the intercept, one to judge the fit) and is good from "
             f"{ADVISED_PATCHES} on: add patches or exposures" + (f" ({reasons})" if reasons else "")
         )
-    require_no_plateau(kept_groups, kept_readings, settings)
     return Usable(kept_groups, kept_readings, left_out, findings)
 
 

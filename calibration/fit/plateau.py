@@ -1,16 +1,17 @@
-"""Detection of signals that saturate below the stated saturation."""
+"""Detection of pixels that are full below the stated saturation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.reading import Reading
 from ..frames.observations import PatchObservation
 from ..gains import GainSetting
-from ..readings import PatchReading
-from ..signal import NetSignal, net_signal
+from ..signal import net_signal, usable
 
 #: Signals this close to the highest one may be a plateau.
 _ALIKE_REL = 0.01
@@ -18,59 +19,69 @@ _ALIKE_REL = 0.01
 _SHORT = 0.9
 #: Least ratio of the light of signals on a plateau, above that of a single bad reading in a non-linear response.
 _LIGHT_RATIO = 1.2
+#: Share of a full well above which some pixels of a patch may be full.
+SAFE_SHARE = 0.9
 
 
-def require_no_plateau(
-    groups: Mapping[str, Sequence[PatchObservation]],
-    readings: Mapping[str, PatchReading],
-    settings: Sequence[GainSetting],
-) -> None:
-    """Refuse a camera whose pixels saturate below the converter's range, which would bias the fit.
+def plateau_dn(net_dn: ArrayLike, light: ArrayLike, promised_dn: ArrayLike) -> float | None:
+    """Find signals that do not rise with the light.
+
+    Several of the highest signals are equal for different light, and each is below that extrapolated from a shorter
+    exposure of its patch. Signals of a non-linear response can be too low, but still grow with the light.
 
     Parameters
     ----------
-    groups : dict of str to sequence of PatchObservation
-        Usable observations by patch.
-    readings : dict of str to PatchReading
+    net_dn, light, promised_dn : array_like of float, shape (n,)
+        Signals above dark, their relative light, and the signals that the shortest exposure of each patch promises.
+
+    Returns
+    -------
+    float or None
+        Their mean above dark; None without a plateau.
+    """
+    net, amount, promised = (np.asarray(values, float) for values in (net_dn, light, promised_dn))
+    full = (net > (1 - _ALIKE_REL) * net.max(initial=0.0)) & (net < _SHORT * promised)
+    if full.sum() < 2 or not amount[full].max() > _LIGHT_RATIO * amount[full].min():
+        return None
+    return float(net[full].mean())
+
+
+def full_well(
+    groups: Mapping[str, Sequence[PatchObservation]],
+    readings: Mapping[str, Sequence[Reading]],
+    settings: Sequence[GainSetting],
+) -> tuple[float, list[Finding]] | None:
+    """Find the DN from which pixels may be full, below the stated saturation.
+
+    Parameters
+    ----------
+    groups : mapping of str to sequence of PatchObservation
+        By patch.
+    readings : mapping of str to sequence of Reading
         Of the same patches.
     settings : sequence of GainSetting
         Dark signal and noise of the gains.
 
-    Raises
-    ------
-    CalibrationError
-        If several of the highest signals are equal for different light and each is below that extrapolated from a
-        shorter exposure of its patch. Signals of a non-linear response can be too low, but still grow with the light.
+    Returns
+    -------
+    (float, list of Finding) or None
+        90 % of the way from the dark signal to the full well, the lowest of the gains; None if none is found.
     """
-    rows = [
-        (o, signal, readings[patch].luminance_cd_m2 / signal.scale_per_s, _promised(signal, own))
-        for patch, group in groups.items()
-        for own in [[net_signal(o, settings) for o in group]]
-        for o, signal in zip(group, own, strict=True)
-    ]
-    for gain_index in range(len(settings)):
-        of_gain = [row for row in rows if row[1].gain_index == gain_index]
-        highest = max((signal.net_dn for _, signal, _, _ in of_gain), default=0.0)
-        short = [
-            (o, light, signal.net_dn + settings[gain_index].dark.mean_dn(o.exposure_s, o.temperature_c))
-            for o, signal, light, promised in of_gain
-            if signal.net_dn > (1 - _ALIKE_REL) * highest and signal.net_dn < _SHORT * promised
-        ]
-        if len(short) < 2:
-            continue
-        lights = [light for _, light, _ in short]
-        if max(lights) > _LIGHT_RATIO * min(lights):
-            level = float(np.mean([dn for _, _, dn in short]))
-            names = ", ".join(f"{o.patch!r} at {o.exposure_s:g} s" for o, _, _ in short[:3])
-            more = f" and {len(short) - 3} more" if len(short) > 3 else ""
-            raise CalibrationError(
-                f"the signal stays at {level:.4g} DN with more light (patches {names}{more}): the camera saturates "
-                f"there, below the {short[0][0].state.saturation_dn:g} DN that count as saturated; record with "
-                "exposures at which no patch comes near that"
-            )
-
-
-def _promised(signal: NetSignal, own: Sequence[NetSignal]) -> float:
-    """Signal by the shortest exposure of the same patch and gain."""
-    shortest = max((s for s in own if s.gain_index == signal.gain_index), key=lambda s: s.scale_per_s)
-    return shortest.net_dn * shortest.scale_per_s / signal.scale_per_s
+    found: list[tuple[float, float]] = []
+    for index, setting in enumerate(settings):
+        rows = []
+        for patch, group in groups.items():
+            own = [s for s in (net_signal(o, settings) for o in usable(group, settings)[0]) if s.gain_index == index]
+            light = float(np.mean([reading.luminance_cd_m2 for reading in readings[patch]]))
+            for signal in own:
+                shortest = max(own, key=lambda s: s.scale_per_s)
+                promised = shortest.net_dn * shortest.scale_per_s / signal.scale_per_s
+                rows.append((signal.net_dn, light / signal.scale_per_s, promised))
+        level = plateau_dn(*np.reshape(rows, (-1, 3)).T)
+        if level is not None:
+            found.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))
+    if not found:
+        return None
+    level_dn, safe_dn = min(found)
+    stated_dn = next(iter(groups.values()))[0].state.saturation_dn
+    return safe_dn, [warning("full-below-saturation", level_dn=level_dn, stated_dn=stated_dn, saturation_dn=safe_dn)]

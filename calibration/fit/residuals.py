@@ -19,9 +19,7 @@ from .selection import leave_one_out, patch_weights
 
 
 def fitted_rows(
-    solution: Solution,
-    readings: Mapping[str, PatchReading],
-    groups: Mapping[str, Sequence[PatchObservation]],
+    solution: Solution, readings: Mapping[str, PatchReading], groups: Mapping[str, Sequence[PatchObservation]]
 ) -> tuple[PatchResidual, ...]:
     """One row for each patch of the fit.
 

@@ -146,11 +146,7 @@ def _explained(solution: Solution) -> bool:
 
 
 def _given(bracket: ResponseCurve) -> Finding:
-    return info(
-        "model-bracket",
-        n_exposures=len(bracket.exposures_s),
-        residual_rel=bracket.residual_rel,
-    )
+    return info("model-bracket", n_exposures=len(bracket.exposures_s), residual_rel=bracket.residual_rel)
 
 
 def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> Finding | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from math import inf
 
@@ -166,6 +166,14 @@ class PatchObservation:
     frame_means_variance_dn2: float = 0.0
     n_lines: tuple[float, float] = (inf, inf)
     recorded: datetime | None = None
+
+    def saturating_at(self, saturation_dn: float) -> PatchObservation:
+        """Return the same of a camera whose pixels are full from a lower DN on than its frames state."""
+        if saturation_dn >= self.state.saturation_dn:
+            return self
+        full = self.net_dn_at_pixel(0.0) >= saturation_dn
+        state = replace(self.state, saturation_dn=saturation_dn)
+        return replace(self, state=state, saturated_share=1.0 if full else self.saturated_share)
 
     @property
     def frames(self) -> tuple[float, float, datetime | None]:

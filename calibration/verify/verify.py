@@ -11,9 +11,9 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
-from ..colour.conversion import colour_patch_luminance
+from ..colour.conversion import luminance_of_planes
 from ..colour.model import ColourCalibration
-from ..convert.patch import PatchLuminance, patch_luminance
+from ..convert.patch import PatchLuminance
 from ..dark.signal import DarkModel, fit_dark
 from ..errors.expanded import expanded_rel
 from ..errors.uncertainty import effective_dof, of_one_estimate
@@ -66,7 +66,7 @@ def verify(
         If the tolerance is not above 0 and up to 1.
     """
     tolerance = own_tolerance_rel(calibration) if tolerance_rel is None else require_tolerance(tolerance_rel)
-    planes = calibration.planes if isinstance(calibration, ColourCalibration) else (calibration,)
+    planes = calibration.planes
     groups: dict[str, dict[str, list[PatchObservation]]] = {}
     for plane in planes:
         for o in observations.get(_name(plane), ()):
@@ -74,7 +74,7 @@ def verify(
     if not groups:
         raise CalibrationError("there is no patch to verify the calibration with: give frames and readings of one")
     new_dark = [_dark(plane, darks.get(_name(plane), ())) for plane in planes]
-    seen, unusable, findings = _measured(calibration, planes, groups)
+    seen, unusable, findings = _measured(calibration, groups)
     read = join_readings(seen, readings, meter, calibration.meter_scale)
     brightest = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
     uneven = {name: _uneven_rel(groups[name][_name(brightest)], brightest) for name in seen}
@@ -100,7 +100,7 @@ def verify(
         unusable=unusable,
         darks=tuple(
             _dark_row(d, one, calibration.range_cd_m2[0], share)
-            for one, share in zip(planes, getattr(calibration, "weights", (1.0,)), strict=True)
+            for one, share in zip(planes, calibration.weights, strict=True)
             for d in sorted(darks[_name(one)], key=lambda d: d.exposure_s)
         ),
         planes=tuple(verified),
@@ -131,9 +131,7 @@ def _name(plane: Calibration) -> str:
 
 
 def _measured(
-    calibration: AnyCalibration,
-    planes: Sequence[Calibration],
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    calibration: AnyCalibration, groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]]
 ) -> tuple[dict[str, PatchLuminance], tuple[str, ...], list[Finding]]:
     """Luminances of the patches that can be measured, names of the others, and findings; raises if there is none."""
     seen: dict[str, PatchLuminance] = {}
@@ -141,14 +139,12 @@ def _measured(
     findings: list[Finding] = []
     for name, group in groups.items():
         try:
-            if isinstance(calibration, ColourCalibration):
-                seen[name] = colour_patch_luminance(calibration, group)
-            else:
-                seen[name] = patch_luminance(calibration, group[_name(calibration)])
+            seen[name] = luminance_of_planes(calibration, group)
         except CalibrationError as error:
             errors[name] = error
             findings.append(warning("patch-not-verified", name, reason=str(error)))
-            findings += [one for p in planes for one in temperature_findings(group.get(_name(p), ()), p.settings)]
+            of_planes = ((plane, group.get(_name(plane), ())) for plane in calibration.planes)
+            findings += [one for plane, own in of_planes for one in temperature_findings(own, plane.settings)]
     if not seen:
         raise next(iter(errors.values()))
     return seen, tuple(errors), findings

@@ -19,6 +19,7 @@ from ..camera import (
     CameraSettingError,
     CameraSettings,
     CameraSetup,
+    FeatureDescription,
     FeatureValue,
     Gap,
     Refused,
@@ -29,12 +30,11 @@ from ..camera import (
 from ..device import Device
 from ..host.kernel import overload
 from .connection import Connection
-from .features import execute_feature, read_feature, readable_features, write_feature
+from .features import described_features, execute_feature, read_feature, readable_features, write_feature
 from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
-from .setup import require_kept
-from .snapshot import take_snapshot
+from .snapshot import require_kept, take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
@@ -247,6 +247,10 @@ class AravisCamera(Device):
         """Read all readable GenICam features by name, as a snapshot for a recording."""
         return self._connection.ask("its features cannot be read", lambda camera: dict(readable_features(camera)))
 
+    def describe_features(self) -> tuple[FeatureDescription, ...]:
+        """Read all readable GenICam features with range and unit, in the camera's order."""
+        return self._connection.ask("its features cannot be read", lambda camera: tuple(described_features(camera)))
+
     @property
     def not_understood(self) -> tuple[str, ...]:
         """Names of writable features of which labcdp does not know what they do to a picture."""
@@ -293,7 +297,7 @@ class AravisCamera(Device):
         n_taken = 0
         while n_taken < n:
             try:
-                with self._receiving(timeout_s, on_refused) as frame_stream:
+                with self._receiving(n - n_taken, timeout_s, on_refused) as frame_stream:
                     while n_taken < n:
                         # Drop the reference while waiting for the next frame, so that its buffer can be reused.
                         yield frame_stream.next()
@@ -308,12 +312,12 @@ class AravisCamera(Device):
                 del loss  # the traceback refers to this frame and those of the lost camera
 
     @contextlib.contextmanager
-    def _receiving(self, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
+    def _receiving(self, n: int, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
         """Receive frames; settings are locked meanwhile, so that frames state the correct ones."""
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, self._connection.changes.features, n)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from ..camera import CameraSettingError, FeatureValue
+from ..camera import CameraSettingError, FeatureDescription, FeatureValue
 from .library import aravis, device_text, gerror
 
 
@@ -77,6 +78,26 @@ def readable_features(camera: Any) -> Iterator[tuple[str, FeatureValue]]:
     for node in _nodes(camera):
         if _allows(node, "R") and _has_value(node):
             yield node.get_name(), _value(node)
+
+
+def described_features(camera: Any) -> Iterator[FeatureDescription]:
+    """Yield every readable feature with range and unit, in the camera's order; raises errors of Aravis."""
+    arv = aravis()
+    for node in _nodes(camera):
+        if not (_allows(node, "R") and _has_value(node)):
+            continue
+        name, number = node.get_name(), isinstance(node, arv.GcFloat | arv.GcInteger)
+        choices: tuple[str, ...] = ()
+        unit, limits = "", None
+        if isinstance(node, arv.GcEnumeration):
+            choices = tuple(camera.dup_available_enumerations_as_strings(name))
+        elif number and not isinstance(node, arv.GcBoolean):
+            kind = arv.GcFloat if isinstance(node, arv.GcFloat) else arv.GcInteger
+            unit = kind.get_unit(node) or ""
+            # A register without limits of its own may refuse to say them.
+            with contextlib.suppress(gerror()):
+                limits = (kind.get_min(node), kind.get_max(node))
+        yield FeatureDescription(name, _value(node), _allows(node, "W"), unit, limits, choices)
 
 
 def available(camera: Any, *names: str) -> str | None:

@@ -19,6 +19,8 @@ from .features import available, writable, write_feature
 from .known_state import show_whole_sensor
 from .link import Link
 
+#: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own.
+_GAIN = "Gain"
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 _KINDS: dict[str, tuple[Any, str]] = {
@@ -40,7 +42,7 @@ def read_settings(camera: Any) -> CameraSettings:
     rate = available(camera, *_FRAME_RATES)
     return CameraSettings(
         exposure_s=camera.get_exposure_time() * 1e-6,
-        gain_db=camera.get_gain() if camera.is_gain_available() else 0.0,
+        gain_db=camera.get_gain() if available(camera, _GAIN) is not None else 0.0,
         pixel_format=camera.get_pixel_format_as_string(),
         width=width,
         height=height,
@@ -234,9 +236,11 @@ def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
 
 
 def _change_gain(camera: Any, gain_db: float) -> None:
-    if not camera.is_gain_available():
+    if available(camera, _GAIN) is None:
         if gain_db != 0:
-            raise CameraSettingError(f"the camera has no gain: ask for 0 dB, not {gain_db:g} dB")
+            raw = available(camera, "GainRaw")
+            own = "no gain" if raw is None else f"its gain not in dB but as {raw}, a feature to set by name"
+            raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
         return
     _check_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
     camera.set_gain(gain_db)

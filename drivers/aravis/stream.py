@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
-from ..camera import CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..host.sockets import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
 from .frames import FrameCheck, arrival, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .pool import BufferPool, pool_size
 from .settings import layout_of, temperature_c
-from .sockets import enlarge_receive_buffer, has_packet_sockets
 from .transport import set_up_transport
 
 _log = logging.getLogger(__name__)
@@ -29,9 +29,6 @@ _PAUSE_S = 0.15
 
 #: Silence after which a camera is checked, also during an exposure.
 _ASKED_AFTER_S = 0.15
-
-#: Number of consecutive refused frames after which a grab fails.
-_MOST_REFUSED = 20
 
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
 _TEMPERATURE_EVERY_S = 2.0
@@ -59,10 +56,13 @@ class AcquisitionState:
         In force.
     chosen : frozenset of str
         GenICam features set by the user, which must not be changed.
+    n_frames : int
+        How many are wanted.
     """
 
     settings: CameraSettings
     chosen: frozenset[str] = frozenset()
+    n_frames: int = 1
 
 
 class FrameStream:
@@ -121,7 +121,7 @@ class FrameStream:
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
-        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz)
+        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._conditions.n_frames)
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
         if is_gige:
             self._link.stream_port = self._stream.get_port()
@@ -233,7 +233,7 @@ class FrameStream:
         error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
         self._lender().take_back(buffer)
         self._n_refused += 1
-        if self._on_refused is None or self._n_refused >= _MOST_REFUSED:
+        if self._on_refused is None or self._n_refused >= MOST_REFUSED:
             raise error
         self._on_refused(error)
 

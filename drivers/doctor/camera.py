@@ -164,18 +164,12 @@ def _read(link: Link) -> CameraFacts:
 def _streamed(info: CameraInfo, facts: CameraFacts, timeout_s: float | None) -> CameraFacts:
     """Take some frames."""
     refused: list[IncompleteFrameError] = []
-
-    def refuse(error: IncompleteFrameError) -> None:
-        refused.append(error)
-        if len(refused) == N_FRAMES:
-            raise error
-
     came, problem = 0, None
     with AravisCamera(info.serial or info.address) as camera:
         shortest_s, longest_s = camera.exposure_range_s
         camera.configure(exposure_s=min(max(_EXPOSURE_S, shortest_s), longest_s))
         try:
-            for _ in camera.grab(N_FRAMES, timeout_s, refuse):
+            for _ in camera.grab(N_FRAMES, timeout_s, refused.append):
                 came += 1
         except CameraError as error:
             problem = error

@@ -24,8 +24,6 @@ class StreamFacts:
         Size of a stream packet as the camera has it (GevSCPSPacketSize), headers included.
     socket_buffer_bytes : int or None
         Receive buffer the kernel granted; None if unknown.
-    trigger_source : str or None
-        None for a free-running camera.
     completed, failed, underruns, missing : int
         The stream's counters.
     """
@@ -34,7 +32,6 @@ class StreamFacts:
     payload_bytes: int
     packet_size_bytes: int | None = None
     socket_buffer_bytes: int | None = None
-    trigger_source: str | None = None
     completed: int = 0
     failed: int = 0
     underruns: int = 0
@@ -81,33 +78,14 @@ def stream_causes(facts: StreamFacts) -> list[Finding]:
 def causes_at(facts: StreamFacts, receiver: Receiver) -> list[Finding]:
     """List possible causes as `stream_causes`, for a given state of the receiver."""
     something_came = facts.completed + facts.failed + facts.missing > 0
-    trigger = _trigger(facts)
     buffer, packets = _receive_buffer(facts, receiver), packet_size_finding(facts.packet_size_bytes, receiver.interface)
     away = None if receiver.interface is None else network_finding(facts.address, receiver.interface)
     if not something_came:
         # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
-        found = [trigger, packets, away, buffer, _firewall(facts, receiver)]
+        found = [packets, away, buffer, _firewall(facts, receiver)]
     else:
         found = [buffer, packets, _missing(facts), away]
     return [finding for finding in [*found, _underruns(facts)] if finding is not None]
-
-
-def _trigger(facts: StreamFacts) -> Finding | None:
-    if facts.trigger_source is None:
-        return None
-    if facts.trigger_source == "Software":
-        return Finding(
-            "trigger",
-            "notice",
-            "the camera exposes only when a program sends it a software trigger",
-            "send one for each frame, or set the trigger to free-running",
-        )
-    return Finding(
-        "trigger",
-        "notice",
-        f"the camera waits for a pulse on {facts.trigger_source}",
-        "check the cable of the trigger and that pulses come, or set the trigger to free-running",
-    )
 
 
 def _receive_buffer(facts: StreamFacts, receiver: Receiver) -> Finding | None:

@@ -9,10 +9,8 @@ import errno
 import logging
 import termios
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 from typing import Any, Final, TypeVar
 
 import serial
@@ -25,7 +23,8 @@ from ..meter import (
     MeterReportedError,
     MeterTimeoutError,
 )
-from .transcript import PortSettings, TranscriptWriter
+from .port import Port
+from .transcript import TranscriptWriter
 
 _log = logging.getLogger(__name__)
 
@@ -39,11 +38,6 @@ _SLICE_S: Final = 0.05
 T = TypeVar("T")
 
 
-def port_settings(rtscts: bool) -> PortSettings:
-    """Return the manual's settings: 4800 baud, 7 data bits, even parity, 2 stop bits."""
-    return PortSettings(4800, serial.SEVENBITS, serial.PARITY_EVEN, serial.STOPBITS_TWO, rtscts)
-
-
 class MeterLine:
     """A port, and its pending replies.
 
@@ -53,8 +47,8 @@ class MeterLine:
 
     Parameters
     ----------
-    port : str
-        Serial port.
+    port : Port
+        Where the meter is.
     timeout_s : float
         Longest wait for a reply, in seconds.
     rtscts : bool
@@ -63,8 +57,10 @@ class MeterLine:
         Receives every byte.
     """
 
-    def __init__(self, port: str, timeout_s: float, rtscts: bool, transcript: TranscriptWriter | None) -> None:
-        self.port = port
+    def __init__(self, port: Port, timeout_s: float, rtscts: bool, transcript: TranscriptWriter | None) -> None:
+        self.port = port.name
+        self.clock = port.clock
+        self._place = port
         self.timeout_s = timeout_s
         self._rtscts = rtscts
         self._transcript = transcript
@@ -90,7 +86,7 @@ class MeterLine:
         InputError
             If the transcript cannot be created.
         """
-        self._serial = _open_port(self.port, self.timeout_s, self._rtscts)
+        self._serial = self._connected()
         if self._transcript is not None:
             try:
                 self._transcript.start()
@@ -143,15 +139,15 @@ class MeterLine:
             if self._other_due:
                 self._settle(until_s, mode)
             self._drain()
-            allowed_s = min(self.timeout_s, until_s - time.monotonic())
+            allowed_s = min(self.timeout_s, until_s - self.clock.monotonic_s())
             if allowed_s <= 0:
                 raise MeterTimeoutError(
                     f"{self.port}: earlier failures left no time for {command}: check the cable, then repeat"
                 )
-            give_up_s = time.monotonic() + allowed_s
+            give_up_s = self.clock.monotonic_s() + allowed_s
             # If the exchange ends early by any exception, its reply stays pending.
             self._n_due += 1
-            self._due_until_s = time.monotonic() + 2 * self.timeout_s
+            self._due_until_s = self.clock.monotonic_s() + 2 * self.timeout_s
             self._send(command)
             reply = self._read_line(give_up_s)
         except serial.SerialTimeoutException as error:
@@ -181,14 +177,14 @@ class MeterLine:
 
     def _settle(self, until_s: float, mode: str) -> None:
         """Drop the replies of earlier commands: those that come within a time-out, and all before that to `mode`."""
-        wait_s = min(until_s, self._due_until_s, time.monotonic() + self.timeout_s)
-        while self._n_due > 0 and time.monotonic() < wait_s:
+        wait_s = min(until_s, self._due_until_s, self.clock.monotonic_s() + self.timeout_s)
+        while self._n_due > 0 and self.clock.monotonic_s() < wait_s:
             self._n_due -= self._read_line(wait_s).endswith(_CRLF)
         self._drain()
         if self._n_due > 0:
-            give_up_s = min(until_s, time.monotonic() + self.timeout_s)
+            give_up_s = min(until_s, self.clock.monotonic_s() + self.timeout_s)
             self._n_due += 1
-            self._due_until_s = time.monotonic() + 2 * self.timeout_s
+            self._due_until_s = self.clock.monotonic_s() + 2 * self.timeout_s
             self._send(mode)
             while (reply := self._read_line(give_up_s)) != _ACKNOWLEDGED:
                 self._check_whole(reply, mode, self.timeout_s)
@@ -199,14 +195,14 @@ class MeterLine:
         waiting = self._serial.in_waiting
         if waiting:
             data: bytes = self._serial.read(waiting)
-            self._record_received(data, time.monotonic())
+            self._record_received(data, self.clock.monotonic_s())
             self._n_due = max(0, self._n_due - data.count(_CRLF))
         self._serial.reset_output_buffer()
 
     def _send(self, command: str) -> None:
         data = command.encode("ascii") + _CRLF
         _log.debug("%s: sending %s", self.port, command)
-        sent_s = time.monotonic()
+        sent_s = self.clock.monotonic_s()
         self._serial.write(data)
         if self._transcript is not None:
             self._transcript.record("sent", data, sent_s)
@@ -219,9 +215,9 @@ class MeterLine:
             while True:
                 byte: bytes = self._serial.read(1)
                 if byte and not line:
-                    first_s = time.monotonic()
+                    first_s = self.clock.monotonic_s()
                 line += byte
-                if line.endswith(_CRLF) or len(line) >= LONGEST_REPLY or time.monotonic() >= until_s:
+                if line.endswith(_CRLF) or len(line) >= LONGEST_REPLY or self.clock.monotonic_s() >= until_s:
                     return bytes(line)
         finally:
             if line:
@@ -250,28 +246,20 @@ class MeterLine:
             "shows C for remote mode (switch it off, hold F while switching it on), and check the cable"
         )
 
-
-def _open_port(port: str, timeout_s: float, rtscts: bool) -> Any:
-    """Open a port exclusively among pyserial programs."""
-    try:
-        return serial.Serial(
-            port,
-            **asdict(port_settings(rtscts)),
-            timeout=min(timeout_s, _SLICE_S),
-            write_timeout=timeout_s,
-            exclusive=True,
-        )
-    except (OSError, termios.error) as error:
-        match getattr(error, "errno", None):
-            case errno.ENOENT | errno.ENXIO | errno.ENODEV:
-                problem = "there is no such serial port: plug the adapter in, or choose another port"
-            case errno.EACCES | errno.EPERM:
-                problem = (
-                    "no permission to open it: join the group that owns it (on Debian 'sudo adduser $USER "
-                    "dialout') and log in again"
-                )
-            case errno.EBUSY | errno.EAGAIN:
-                problem = "another program uses it: end that program"
-            case _:
-                problem = f"it cannot be used as a serial port ({error}): choose another port"
-        raise MeterNotFoundError(f"{port}: {problem}") from error
+    def _connected(self) -> Any:
+        try:
+            return self._place.connect(min(self.timeout_s, _SLICE_S), self.timeout_s, self._rtscts)
+        except (OSError, termios.error) as error:
+            match getattr(error, "errno", None):
+                case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+                    problem = "there is no such serial port: plug the adapter in, or choose another port"
+                case errno.EACCES | errno.EPERM:
+                    problem = (
+                        "no permission to open it: join the group that owns it (on Debian 'sudo adduser $USER "
+                        "dialout') and log in again"
+                    )
+                case errno.EBUSY | errno.EAGAIN:
+                    problem = "another program uses it: end that program"
+                case _:
+                    problem = f"it cannot be used as a serial port ({error}): choose another port"
+            raise MeterNotFoundError(f"{self.port}: {problem}") from error

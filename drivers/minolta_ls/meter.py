@@ -9,10 +9,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from math import isfinite
 from os import PathLike
-from os.path import realpath
 from typing import ClassVar, Final, Self
 
 from serial.tools import list_ports
@@ -21,7 +19,8 @@ from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ..device import Device
 from ..meter import MeterIncident
-from .line import MeterLine, port_settings
+from .line import MeterLine
+from .port import SETTINGS, NamedPort, Port
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
 from .recovery import MeterLink
 from .transcript import TranscriptWriter
@@ -43,16 +42,13 @@ _log = logging.getLogger(__name__)
 
 _ON_OPENING: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
 
-#: Where a simulated meter may be, and also a real one behind socat; no other meter is sent the unknown command.
-_PSEUDO_TERMINALS: Final = "/dev/pts/"
-
 
 class MinoltaLS(Device):
     """Base class of both models; use `MinoltaLS100` or `MinoltaLS110`, which have their data sheets.
 
     Parameters
     ----------
-    port : str
+    port : str or Port
         Serial port, for example ``/dev/ttyUSB0``; the names in ``/dev/serial/by-id`` persist when an adapter is
         reconnected.
     identity : MeterIdentity, optional
@@ -88,7 +84,7 @@ class MinoltaLS(Device):
 
     def __init__(
         self,
-        port: str,
+        port: str | Port,
         identity: MeterIdentity | None = None,
         *,
         timeout_s: float = 6.0,
@@ -104,16 +100,17 @@ class MinoltaLS(Device):
             raise InputError(f"attempts is {attempts}: give at least 1")
         if not (isfinite(patience_s) and patience_s >= 0):
             raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
-        self._port = port
+        place = NamedPort(port) if isinstance(port, str) else port
+        self._port = place
         self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
         self._on_opening = _ON_OPENING
         for mode in modes:
             self._on_opening = _replaced(self._on_opening, mode)
         self._modes = self._on_opening
-        writer = transcript and TranscriptWriter(
-            transcript, self.data_sheet.model, port, port_settings(rtscts), timeout_s
-        )
-        self._line = MeterLine(port, timeout_s, rtscts, writer or None)
+        about = {"meter": self.data_sheet.model, "port": place.name, **SETTINGS, "rtscts": rtscts}
+        about |= {"timeout_s": timeout_s}
+        writer = None if transcript is None else TranscriptWriter(transcript, about, place.clock)
+        self._line = MeterLine(place, timeout_s, rtscts, writer)
         self._link = MeterLink(self._line, attempts, patience_s, lambda: [_command(mode) for mode in self._modes])
 
     @property
@@ -124,7 +121,7 @@ class MinoltaLS(Device):
     @property
     def port(self) -> str:
         """Serial port, as given."""
-        return self._port
+        return self._port.name
 
     @property
     def modes(self) -> tuple[MeterMode, ...]:
@@ -155,14 +152,14 @@ class MinoltaLS(Device):
         return self
 
     def ask_if_simulated(self) -> bool:
-        """Ask a meter on a pseudo-terminal whether it is labcdp's simulated one, and note it in `identity`.
+        """Ask a meter that may be simulated whether it is labcdp's simulated one, and note it in `identity`.
 
         Raises
         ------
         MeterError
             As `measure`.
         """
-        if realpath(self._port).startswith(_PSEUDO_TERMINALS):
+        if self._port.may_be_simulated:
             self._identity = replace(self._identity, simulated=self._link.is_simulated())
         return self._identity.simulated
 
@@ -219,13 +216,13 @@ class MinoltaLS(Device):
 
     def _reading(self, command: str) -> Reading:
         def parse(reply: bytes) -> Reading:
-            return parse_reading(reply, self.data_sheet, self.identity, datetime.now(UTC))
+            return parse_reading(reply, self.data_sheet, self.identity, self._port.clock.now())
 
         reading = self._link.ask(command, parse)
         if reading.unit == "fL":
             _log.warning(
                 "%s: the meter is set to fL: %g fL is %g cd/m^2; set its unit switch to cd/m^2 if that is not meant",
-                self._port,
+                self.port,
                 reading.value,
                 reading.luminance_cd_m2,
             )
@@ -241,7 +238,7 @@ class MinoltaLS(Device):
         if not low <= reading.luminance_cd_m2 <= high:
             _log.warning(
                 "%s: %g cd/m^2 is outside the range of the %s with %s response, %g to %g cd/m^2: do not rely on it",
-                self._port,
+                self.port,
                 reading.luminance_cd_m2,
                 self.data_sheet.model,
                 "SLOW" if slow else "FAST",

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 from typing import Final, TypeVar
 
 from ..meter import (
@@ -50,6 +48,7 @@ class MeterLink:
         self, line: MeterLine, attempts: int, patience_s: float, to_restore: Callable[[], Sequence[str]]
     ) -> None:
         self._line = line
+        self._clock = line.clock
         self._attempts = attempts
         self._patience_s = patience_s
         self._to_restore = to_restore
@@ -60,13 +59,13 @@ class MeterLink:
         return self._to_restore()[0]
 
     def _note(self, kind: MeterIncidentKind, error: MeterError, duration_s: float = 0.0) -> None:
-        self.incidents = (*self.incidents, MeterIncident(kind, datetime.now(UTC), str(error), duration_s))
+        self.incidents = (*self.incidents, MeterIncident(kind, self._clock.now(), str(error), duration_s))
 
     def connect(self) -> None:
         """Open the port and set the modes, within timeout_s * (attempts + 1); raises MeterError, the port closed."""
         self._line.open()
         try:
-            give_up_s = time.monotonic() + self._line.timeout_s * (self._attempts + 1)
+            give_up_s = self._clock.monotonic_s() + self._line.timeout_s * (self._attempts + 1)
             for command in self._to_restore():
                 self._ask_often(command, parse_acknowledgement, give_up_s)
         except BaseException:
@@ -76,7 +75,7 @@ class MeterLink:
     def is_simulated(self) -> bool:
         """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""
         try:
-            give_up_s = time.monotonic() + self._line.timeout_s
+            give_up_s = self._clock.monotonic_s() + self._line.timeout_s
             return self._line.exchange(SIMULATED_COMMAND, lambda reply: reply == SIMULATED_REPLY, give_up_s, self._mode)
         except (MeterReportedError, MeterTimeoutError):
             return False
@@ -93,7 +92,7 @@ class MeterLink:
             raise
 
     def _ask_patiently(self, command: str, parse: Callable[[bytes], T]) -> T:
-        give_up_s = time.monotonic() + self._line.timeout_s * (self._attempts + 1) + self._patience_s
+        give_up_s = self._clock.monotonic_s() + self._line.timeout_s * (self._attempts + 1) + self._patience_s
         lost_until_s: float | None = None
         while True:
             try:
@@ -103,8 +102,8 @@ class MeterLink:
                     raise
                 if lost_until_s is None:
                     # Reserve time for the command after the wait.
-                    lost_until_s = min(time.monotonic() + self._patience_s, give_up_s - self._line.timeout_s)
-                elif time.monotonic() >= lost_until_s:
+                    lost_until_s = min(self._clock.monotonic_s() + self._patience_s, give_up_s - self._line.timeout_s)
+                elif self._clock.monotonic_s() >= lost_until_s:
                     self._line.close()
                     raise
                 self._wait_for_meter(error, lost_until_s)
@@ -121,7 +120,7 @@ class MeterLink:
                 not_understood = True
                 problem: MeterError = error
             except (MeterTimeoutError, MeterProtocolError) as error:
-                if attempt == self._attempts or time.monotonic() >= give_up_s:
+                if attempt == self._attempts or self._clock.monotonic_s() >= give_up_s:
                     raise
                 problem = error
             attempt += 1
@@ -130,24 +129,24 @@ class MeterLink:
 
     def _wait_for_meter(self, lost: MeterError, until_s: float) -> None:
         """Reopen the port and restore the modes; raises MeterLostError if that fails for too long."""
-        began_s = time.monotonic()
+        began_s = self._clock.monotonic_s()
         _log.warning("%s; waiting up to %g s for the meter to come back", lost, self._patience_s)
         while True:
             self._line.close()
             try:
                 self._reconnect(until_s)
             except (MeterNotFoundError, MeterLostError, MeterTimeoutError, MeterProtocolError) as still:
-                if time.monotonic() + _LOOK_EVERY_S >= until_s:
+                if self._clock.monotonic_s() + _LOOK_EVERY_S >= until_s:
                     self._line.close()
                     raise MeterLostError(
                         f"{lost}; it did not come back within {self._patience_s:g} s, last: {still}"
                     ) from still
-                time.sleep(_LOOK_EVERY_S)
+                self._clock.sleep(_LOOK_EVERY_S)
             except BaseException:
                 self._line.close()
                 raise
             else:
-                self._note("lost and back", lost, time.monotonic() - began_s)
+                self._note("lost and back", lost, self._clock.monotonic_s() - began_s)
                 _log.warning("%s: the meter is back, its modes are restored", self._line.port)
                 return
 

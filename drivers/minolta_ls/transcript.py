@@ -13,45 +13,19 @@ from __future__ import annotations
 
 import json
 import logging
-import time
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, Literal, TextIO
 
+from ...core.clock import Clock
 from ...core.errors import InputError
 
 _log = logging.getLogger(__name__)
 
 _FORMAT: Final = 1
-
-
-@dataclass(frozen=True)
-class PortSettings:
-    """Settings of a serial port.
-
-    Parameters
-    ----------
-    baudrate : int
-        Bits per second.
-    bytesize : int
-        Data bits.
-    parity : str
-        ``E`` for even.
-    stopbits : int
-        Stop bits.
-    rtscts : bool
-        Whether the lines RTS and CTS are used.
-    """
-
-    baudrate: int
-    bytesize: int
-    parity: str
-    stopbits: int
-    rtscts: bool
 
 
 class TranscriptWriter:
@@ -61,21 +35,16 @@ class TranscriptWriter:
     ----------
     path : path
         File to create.
-    meter : str
-        Model of the meter.
-    port : str
-        Name of the port.
-    settings : PortSettings
-        Its settings.
-    timeout_s : float
-        How long the driver waits for a reply, in seconds.
+    about : mapping
+        Meter and port, for the header.
+    clock : Clock
+        Clock of the port.
     """
 
-    def __init__(
-        self, path: str | PathLike[str], meter: str, port: str, settings: PortSettings, timeout_s: float
-    ) -> None:
+    def __init__(self, path: str | PathLike[str], about: Mapping[str, Any], clock: Clock) -> None:
         self._path = Path(path)
-        self._about = (meter, port, settings, timeout_s)
+        self._about = about
+        self._clock = clock
         self._started_s: float | None = None
         self._file: TextIO | None = None
 
@@ -100,8 +69,9 @@ class TranscriptWriter:
                     f"{self._path} cannot be written ({error.strerror}): give the transcript another name"
                 ) from error
         if is_new:
-            self._started_s = time.monotonic()
-            self._write(self._header())
+            self._started_s = self._clock.monotonic_s()
+            started, about = self._clock.now().isoformat(), dict(self._about)
+            self._write({"format": _FORMAT, **about, "started": started, "labcdp": version("labcdp")})
 
     def record(self, direction: Literal["sent", "received"], data: bytes, at_s: float) -> None:
         """Write one entry; `at_s` is the time on the monotonic clock."""
@@ -113,18 +83,6 @@ class TranscriptWriter:
         if self._file is not None:
             self._file.close()
             self._file = None
-
-    def _header(self) -> dict[str, Any]:
-        meter, port, settings, timeout_s = self._about
-        return {
-            "format": _FORMAT,
-            "meter": meter,
-            "port": port,
-            **asdict(settings),
-            "timeout_s": timeout_s,
-            "started": datetime.now(UTC).isoformat(),
-            "labcdp": version("labcdp"),
-        }
 
     def _write(self, values: dict[str, Any]) -> None:
         if self._file is None:

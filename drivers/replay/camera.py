@@ -21,6 +21,7 @@ from ..camera import (
     CameraSettingError,
     CameraSettings,
     CameraSetup,
+    FeatureDescription,
     FeatureValue,
     Gap,
     Refused,
@@ -143,6 +144,10 @@ class ReplayCamera(Device):
     def not_understood(self) -> tuple[str, ...]:
         """None: it has no other features."""
         return ()
+
+    def describe_features(self) -> tuple[FeatureDescription, ...]:
+        """Return the features with their values alone: none can be changed."""
+        return tuple(FeatureDescription(name, value) for name, value in self.features().items())
 
     def features(self) -> dict[str, FeatureValue]:
         """Return the last recorded GenICam features of the camera; empty if there are none.

@@ -3,61 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
-from ...chain import Chain, ImagingChain, Optics
+from ...chain import ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
-from ...core.reading import MeterIdentity
 from ...session import SessionConfiguration
+from ..minolta_ls.meter import MinoltaLS, MinoltaLS100, MinoltaLS110
 from ..minolta_ls.protocol import LS100, LS110, LSDataSheet
+from .devices import BenchDevices
 from .faults.commands import Scheduled
 from .faults.drift import Drifts
 from .faults.misfortune import Misfortune
 from .faults.schedule_file import parse_command, parse_schedule
 from .gige.camera import SimulatedGigECamera
 from .gige.device import SimulatedDevice
+from .gige.genicam import standard_features
 from .in_process import InProcessCamera
-from .meter.in_process import InProcessMeter
-from .meter.meter import MeterErrorModel, SimulatedLS
+from .meter.in_process import InProcessPort
+from .meter.meter import SimulatedLS
 from .meter.pty import PtyMeter
 from .target import SimulatedTarget
 
-
-@dataclass(frozen=True)
-class BenchDevices:
-    """The specimens on the simulated bench.
-
-    Parameters
-    ----------
-    chain : ImagingChain
-        Camera and lens; spectrum, focal length and f-number come from the session's configuration.
-    meter : MeterErrorModel
-        Errors of the meter.
-    temperature_c : float
-        Sensor temperature.
-    seed : int
-        Random seed of the noise.
-    """
-
-    chain: ImagingChain
-    meter: MeterErrorModel
-    temperature_c: float = 35.0
-    seed: int = 0
-
-    @classmethod
-    def standard(cls, seed: int = 0, meter_scale_rel: float = 0.006, specimen: int = 0) -> BenchDevices:
-        """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %.
-
-        Another `specimen` of the camera has another serial number and another fixed pattern.
-        """
-        meter = MeterErrorModel(meter_scale_rel, repeatability_rel=0.001, seed=seed)
-        camera = Chain.load("manta-g505").camera()
-        sensor = replace(camera.sensor, device_seed=camera.sensor.device_seed + specimen)
-        return cls(replace(camera, sensor=sensor), meter, seed=seed)
+__all__ = ["BenchDevices", "SimulatedBench"]
 
 
 class SimulatedBench:
@@ -121,13 +92,17 @@ class SimulatedBench:
     @property
     def device(self) -> SimulatedDevice:
         """Identity of the simulated camera."""
-        sensor = self._chain.sensor
+        sensor, devices = self._chain.sensor, self._devices
         return SimulatedDevice(
-            serial=f"SIM-{sensor.device_seed}",
+            serial=devices.serial or f"SIM-{sensor.device_seed}",
             width=sensor.width,
             height=sensor.height,
-            temperature_c=self._devices.temperature_c,
+            temperature_c=devices.temperature_c,
             black_level_dn=sensor.black_level_dn,
+            vendor=devices.vendor,
+            model=devices.model,
+            frame_rate_hz=devices.frame_rate_hz,
+            features=standard_features(devices.naming),
         )
 
     def gige_camera(self, address: str = "127.0.0.1") -> SimulatedGigECamera:
@@ -151,15 +126,18 @@ class SimulatedBench:
         self._misfortune.add_meter(meter, engine)
         return meter
 
-    def in_process_meter(self, response_time_s: float = 0.8) -> InProcessMeter:
-        """Return the meter in this process, without a port."""
-        wanted = self._configuration.meter
-        date = None if wanted.calibration_date is None else wanted.calibration_date.isoformat()
-        identity = MeterIdentity(wanted.model, wanted.serial, date, simulated=True)
+    def in_process_port(self, response_time_s: float = 0.8) -> InProcessPort:
+        """Return a port in this process with the meter on it."""
         engine = self._engine()
-        meter = InProcessMeter(engine, self._sheet, identity, self._clock, response_time_s=response_time_s)
-        self._misfortune.add_meter(meter, engine)
-        return meter
+        port = InProcessPort(engine, self._clock, response_time_s)
+        self._misfortune.add_meter(port, engine)
+        return port
+
+    def in_process_meter(self, response_time_s: float = 0.8) -> MinoltaLS:
+        """Return the driver of the meter on a port in this process."""
+        identity = replace(self._configuration.meter.identity, simulated=True)
+        driver = MinoltaLS100 if identity.model == "LS-100" else MinoltaLS110
+        return driver(self.in_process_port(response_time_s), identity)
 
     def _engine(self) -> SimulatedLS:
         return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), self._sheet, self._devices.meter)

@@ -4,15 +4,16 @@ from .before import check_devices
 from .checks import CheckFinding
 from .control import AcquisitionStoppedError, Control
 from .live import Live, PatchNumbers
-from .operator import HandNeededError, Operator, Unattended
+from .operator import AskedOperator, HandNeededError, Operator, Unattended
 from .progress import Progress
 from .recording.writer import FrameWriter
 from .run import Left, acquire, is_complete
 from .search import FoundExposures, PatchRate, choose_exposures
-from .steps import Remaining, remaining
+from .steps import Remaining, forget, remaining
 
 __all__ = [
     "AcquisitionStoppedError",
+    "AskedOperator",
     "CheckFinding",
     "Control",
     "FoundExposures",
@@ -29,6 +30,7 @@ __all__ = [
     "acquire",
     "check_devices",
     "choose_exposures",
+    "forget",
     "is_complete",
     "remaining",
 ]

@@ -28,6 +28,51 @@ class Operator(Protocol):
         """Decide whether to repeat a unit because of its problems."""
 
 
+class AskedOperator:
+    """A person who is asked for each manual step; `request` and `repeat` say how.
+
+    Parameters
+    ----------
+    hands : Operator or None
+        The simulated bench, which then does what the person confirmed.
+    """
+
+    def __init__(self, hands: Operator | None = None) -> None:
+        self._hands = hands
+
+    def request(self, step: str, patch: str = "") -> None:
+        """Ask for a step, which is about a patch or none, and return when it is done."""
+        raise NotImplementedError
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Ask whether to repeat a unit."""
+        raise NotImplementedError
+
+    def cover_lens(self) -> None:
+        """Ask for the cap."""
+        self.request("Cover the lens")
+        if self._hands is not None:
+            self._hands.cover_lens()
+
+    def uncover_lens(self) -> None:
+        """Ask for a free lens."""
+        self.request("Uncover the lens and light the target")
+        if self._hands is not None:
+            self._hands.uncover_lens()
+
+    def point_meter(self, patch: str) -> None:
+        """Ask for the meter to be pointed."""
+        self.request(f"Point the luminance meter at the centre of patch {patch}", patch)
+        if self._hands is not None:
+            self._hands.point_meter(patch)
+
+    def show_patch(self, patch: str) -> None:
+        """Ask for the next patch."""
+        self.request(f"Place patch {patch} in front of camera and luminance meter", patch)
+        if self._hands is not None:
+            self._hands.show_patch(patch)
+
+
 class HandNeededError(DeviceError):
     """A manual step is required, but no operator is present."""
 

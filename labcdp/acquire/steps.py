@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ..core.errors import InputError
 from ..core.reading import Reading
 from ..session import EventRecord, FrameRecord, ReadingRecord, Session, SessionConfiguration
 from ..session.configuration import SAME_EXPOSURE_REL
@@ -150,6 +151,33 @@ def records_of(session: Session, unit: Unit) -> list[FrameRecord | ReadingRecord
         patches = [first] if session.configuration.plan.drift_check else []
     readings = [r for r in session.readings() if r.patch in patches]
     return [*frames, *readings]
+
+
+def forget(session: Session, names: Sequence[str]) -> None:
+    """Let parts of a session no longer count, so that they are taken again.
+
+    Parameters
+    ----------
+    session : Session
+        Open for writing.
+    names : sequence of str
+        Patches, ``light frames`` or ``dark frames``. A patch that is shown together with others means its readings, and
+        the light frames too where the meter is read before and after them.
+
+    Raises
+    ------
+    InputError
+        If there is no such part; then nothing is changed.
+    """
+    planned = units(session.configuration)
+    parts = {unit.patch or unit.name: unit for unit in planned}
+    parts = {session.configuration.target.patches[0].name: planned[0]} | parts
+    for name in names:
+        if name not in parts:
+            raise InputError(f"there is no {name!r} to take again: give one of {', '.join(parts)}")
+    for name in names:
+        if records := records_of(session, parts[name]):
+            session.supersede(records, "taken again on request")
 
 
 def before_and_after(session: Session, patch: str) -> tuple[list[Reading], list[Reading]]:

@@ -91,7 +91,7 @@ def _luminances(configuration: SessionConfiguration, calibration: AnyCalibration
 
 def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: float) -> set[float]:
     """Longest calibrated exposure that leaves headroom, for each plane; empty if a plane has no good signal at any."""
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
+    planes = calibration.planes
     longest = [_exposure_s(plane, patch, luminance_cd_m2) for plane in planes]
     fitting = {exposure_s for exposure_s in longest if exposure_s is not None}
     return set() if None in longest else fitting

@@ -42,7 +42,7 @@ class ExposureSettings:
         if not times:
             raise InputError("exposure_s is empty: give one exposure time in s, or several")
         for time in times:
-            check_number("exposure_s", time, "s", 1e-9, 1e5)
+            check_number("exposure_s", time, "s", 1e-9, 3600)
         if len(set(times)) < len(times):
             raise InputError(f"exposure_s has the times {list(times)} s, of which two are equal: give each time once")
         check_number("gain_db", self.gain_db, "dB", -100, 100)

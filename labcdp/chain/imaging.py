@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from ..core.luminance import LinearConversion
-from ..core.photometry import photon_radiance_per_cd_m2
+from ..core.spectral.photometry import photon_radiance_per_cd_m2
 from .optics import Optics
 from .scene.patches import luminance_map
+from .sensor.conversion import LinearConversion
 from .sensor.emva import Sensor
 from .windscreen import Windscreen
 
@@ -24,7 +24,7 @@ class ImagingChain:
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.spectral.photometry.photon_radiance_per_cd_m2` takes it.
     windscreen : Windscreen or None
         None for an open bench.
     optics : Optics

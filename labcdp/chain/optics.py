@@ -101,7 +101,7 @@ class Optics:
         check_number("f_number", self.f_number, "", 0.5, 128)
         check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
         if self.focal_length_m is not None:
-            check_number("focal_length_m", self.focal_length_m, "m", 1e-4, 100)
+            check_number("focal_length_m", self.focal_length_m, "m", 1e-4, 2)
         check_number("magnification", self.magnification, "(image over object)", 0, 1e3)
         if self.diffraction_nm is not None:
             check_number("diffraction_nm", self.diffraction_nm, "nm", 100, 2000)

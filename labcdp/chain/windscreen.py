@@ -47,7 +47,7 @@ class Windscreen:
 
     def __post_init__(self) -> None:
         check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
-        check_number("glare_fraction", self.glare_fraction, "(a fraction)", 0, 1e6)
+        check_number("glare_fraction", self.glare_fraction, "(a fraction; 1.0 is 100 %)", 0, 10)
         check_flag("glare_subtracted", self.glare_subtracted)
 
     def apply(self, luminance_cd_m2: FloatArray) -> FloatArray:

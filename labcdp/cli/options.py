@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from math import isfinite
+from typing import Any
 
 import typer
 
@@ -38,8 +39,11 @@ CERTIFICATE_OPTION = typer.Option(
 METER_MODEL_OPTION = typer.Option(
     "LS-110", "--meter-model", help="Model of the meter; it cannot be read from the meter."
 )
-VIRTUAL_CLOCK_OPTION = typer.Option(
-    False, "--virtual-clock", help="With --simulated: use a virtual clock, without waiting."
+SIMULATED_BENCH_OPTION = typer.Option(
+    None,
+    "--simulated-bench",
+    help="Use the simulated bench that this file describes; see labcdp init simulated-bench.",
+    show_default="a Manta G-505B",
 )
 #: Contrasts outside these limits, in percent, are refused as mistakes: luminance spans some 14 decades.
 _LEAST_PERCENT, _MOST_PERCENT = Decimal("0.000000001"), Decimal(1_000_000_000)
@@ -171,3 +175,16 @@ def _refusal(text: str, name: str) -> InputError:
     return InputError(
         f"{name} is {text!r}: give a percentage such as 1000%, a list such as 50%,100%, or a range such as 10%:200%:20"
     )
+
+
+def parse_changes(changes: Sequence[str]) -> dict[str, Any]:
+    """Return the parameters of a chain that ``--set`` gives, by name; raises InputError for another form."""
+    from ..evaluate.sweep.axis import parse_axis
+
+    values: dict[str, Any] = {}
+    for text in changes:
+        if "=" not in text:
+            raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
+        axis = parse_axis(text)
+        values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
+    return values

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..acquire import Live
     from ..acquire import Progress as AcquisitionProgress
     from ..core.result import Result
+    from ..web.server import Address
 
 #: Loggers whose warnings are shown at once; those of the calibration are in its result.
 _SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
@@ -172,6 +173,16 @@ class Bars:
         finally:
             if started:
                 self._progress.start()
+
+
+def say_where(page: Address) -> None:
+    """Say how a page in the browser is opened and ended."""
+    say(f"Open: {page.url}")
+    if page.loopback:
+        say(f"On another computer, first run: {page.tunnel}")
+    else:
+        say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
+    say("Ctrl-C ends the page")
 
 
 @contextmanager

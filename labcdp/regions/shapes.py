@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import ceil, cos, isfinite, pi, radians, sin, sqrt
 from numbers import Real
 from typing import Any, ClassVar, TypeAlias
@@ -25,6 +25,8 @@ _MOST_CORNERS_OF_ALL = 2_000_000
 _MOST_PX = 1e7
 
 _Corner: TypeAlias = tuple[float, float]
+#: Lowest and highest permitted luminance of a region in cd/m^2.
+Limits: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class PolygonShape:
         What messages and tables call the region.
     corners : tuple of (float, float)
         At least three (x, y) corners in pixels, in order around the region.
+    limits_cd_m2 : (float, float) or None
+        Lowest and highest permitted mean luminance; None for no limits.
 
     Raises
     ------
@@ -47,9 +51,11 @@ class PolygonShape:
     kind: ClassVar[str] = "polygon"
     name: str
     corners: tuple[_Corner, ...]
+    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name)
+        _check_limits(self)
         corners = self.corners
         if not (isinstance(corners, Sequence) and 3 <= len(corners) <= MOST_CORNERS):
             raise InputError(
@@ -90,6 +96,7 @@ class _Box:
     width: float
     height: float
     angle_deg: float = 0.0
+    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -117,6 +124,8 @@ class RectangleShape(_Box):
         Size in pixels.
     angle_deg : float
         Turn about its middle, clockwise as the image is seen (from x to y), in degrees.
+    limits_cd_m2 : (float, float) or None
+        As of `PolygonShape`.
 
     Raises
     ------
@@ -168,6 +177,8 @@ class GridShape:
         Numbers of rows and columns of rectangles.
     gap : float
         Distance between neighbouring rectangles in pixels.
+    limits_cd_m2 : (float, float) or None
+        As of `PolygonShape`, of each rectangle.
 
     Raises
     ------
@@ -184,6 +195,7 @@ class GridShape:
     rows: int
     columns: int
     gap: float = 0.0
+    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -281,13 +293,26 @@ def check_name(name: object) -> None:
 
 def _check_box(shape: Any) -> None:
     """Make the numbers of a shape with a box floats, and refuse what is no finite number or has no size."""
-    for field in fields(shape):
-        if field.name not in ("name", "rows", "columns"):
-            object.__setattr__(shape, field.name, _number(shape.name, field.name, getattr(shape, field.name)))
+    for one in fields(shape):
+        if one.name not in ("name", "rows", "columns", "limits_cd_m2"):
+            object.__setattr__(shape, one.name, _number(shape.name, one.name, getattr(shape, one.name)))
+    _check_limits(shape)
     for key in ("width", "height"):
         value = getattr(shape, key)
         if not value > 0:
             raise InputError(f"region {quoted(shape.name)}: {key} is {value:g}: give a number of pixels above 0")
+
+
+def _check_limits(shape: Any) -> None:
+    given = shape.limits_cd_m2
+    if given is None:
+        return
+    if not (isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2):
+        raise InputError(f"region {quoted(shape.name)}: limits_cd_m2 is {quoted(given)}: give two numbers [low, high]")
+    low, high = (_number(shape.name, "limits_cd_m2", one) for one in given)
+    if not 0 <= low < high:
+        raise InputError(f"region {quoted(shape.name)}: limits_cd_m2 is [{low:g}, {high:g}]: give 0 <= low < high")
+    object.__setattr__(shape, "limits_cd_m2", (low, high))
 
 
 def _number(name: str, key: str, value: object) -> float:

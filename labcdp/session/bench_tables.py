@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -9,6 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ..core.errors import InputError
+from ..core.frame import Frame
 from ..core.spectral.table import SpectralTable, read_spectral_file
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
@@ -70,6 +72,8 @@ class CameraConfiguration(Table):
     pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
     # Set when the acquisition starts, and read back; what is left out is as after opening.
     black_level: NotNegative | None = Field(None, description="a value of the camera's register of at least 0")
+    # Where the pixels are full below the end of the converter.
+    saturation_dn: Positive | None = Field(None, description="a DN above 0, from which pixels count as saturated")
     frame_rate_hz: Positive | None = Field(None, description="a frame rate above 0 Hz")
     region: tuple[Whole, Whole, Count, Count] | None = Field(
         None, description="[x, y, width, height] in pixels after binning, whole numbers"
@@ -82,6 +86,12 @@ class CameraConfiguration(Table):
     spectral_sensitivity: SpectraConfiguration | None = Field(
         None, description="the name of a CSV file as text: wavelength_nm and R, G, B or one column, for radiant power"
     )
+
+    def stated(self, frame: Frame) -> Frame:
+        """Return a frame with the saturation that is stated here."""
+        if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
+            return frame
+        return replace(frame, saturation_dn=self.saturation_dn)
 
 
 #: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:

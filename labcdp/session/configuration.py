@@ -11,9 +11,9 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from ..core.disk import parse_toml, read_toml
+from ..core.disk.toml_text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.roi import Roi
-from ..core.toml_text import toml_text
 from .bench_tables import (
     CameraConfiguration,
     Count,
@@ -48,12 +48,18 @@ class Patch(Table):
         None, min_length=3, description="at least three [x, y] corners in pixels, x and y of at least 0"
     )
     nominal_luminance_cd_m2: Positive | None = Field(None, description="a luminance above 0 cd/m2")
+    # Evaluated as pass or fail, with a guard band of U.
+    limits_cd_m2: tuple[NotNegative, Positive] | None = Field(
+        None, description="[lowest, highest] permitted luminance in cd/m2"
+    )
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
         if (self.roi is None) == (self.corners is None):
             both = "both roi and corners" if self.roi else "neither roi nor corners"
             raise ValueError(f"({self.name}) has {both}: give one of them")
+        if self.limits_cd_m2 is not None and self.limits_cd_m2[0] >= self.limits_cd_m2[1]:
+            raise ValueError(f"({self.name}) has limits_cd_m2 in the wrong order: give [lowest, highest]")
         return self
 
     def region(self) -> Roi:

@@ -13,6 +13,11 @@ def example_configuration() -> str:
     return (_DATA / "bench.toml").read_text(encoding="utf-8")
 
 
+def example_simulated_bench() -> str:
+    """Return the description of the standard simulated bench as TOML, with comments."""
+    return (_DATA / "simulated-bench.toml").read_text(encoding="utf-8")
+
+
 def example_session() -> Path:
     """Return the folder of a small session recorded on the simulated bench."""
     return _DATA / "example-session"

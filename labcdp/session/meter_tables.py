@@ -8,6 +8,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from ..core.disk import read_toml
+from ..core.reading import MeterIdentity
 from .bench_tables import Count, Fraction, IsoDate, NotNegative, Positive, Table, Text
 from .validation import validated
 
@@ -76,6 +77,12 @@ class MeterConfiguration(Table):
     digits: Count | None = Field(None, description="a whole number of at least 1, 1 for +-1 digit")
     f1_prime: Fraction | None = Field(None, description="the meter's f1' as a fraction above 0, 0.08 for 8 %")
     certificate: MeterCertificate | None = Field(None, description="a [meter.certificate] table")
+
+    @property
+    def identity(self) -> MeterIdentity:
+        """Model, serial number and calibration date."""
+        date = self.calibration_date
+        return MeterIdentity(self.model, self.serial, None if date is None else date.isoformat())
 
     @model_validator(mode="after")
     def _one_date(self) -> Self:

@@ -219,6 +219,7 @@ class Session:
         InputError
             If a role is not 'light' or 'dark', or the configuration has no such patch.
         """
+        frames = [(self.configuration.camera.stated(frame), role, patch) for frame, role, patch in frames]
         for _, role, patch in frames:
             if role not in ROLES:
                 raise InputError(f"role is {role!r}: give 'light' or 'dark'")

@@ -10,13 +10,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
+import xarray
 
+import labcdp
 from labcdp.acquire import acquire, remaining
 from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.in_process import InProcessCamera
+from labcdp.drivers.simulated.meter.meter import MeterErrorModel
 from labcdp.session import Session, SessionConfiguration, example_session
 
 SHAPE = (400, 480)
@@ -27,10 +32,29 @@ def configuration():
     return SessionConfiguration.load(example_session() / "session.toml")
 
 
+class Continued:
+    """The exposures of a target after the first `n`: a frame has the same noise in whichever run it is taken."""
+
+    def __init__(self, source, n):
+        self._source, self._n = source, n
+
+    @property
+    def state(self):
+        return self._source.state
+
+    def expose(self, exposure_s, gain_db, index):
+        return self._source.expose(exposure_s, gain_db, index + self._n)
+
+
+def simulated_bench():
+    devices = replace(BenchDevices.standard(), meter=MeterErrorModel(scale_rel=0.006))
+    return SimulatedBench(configuration(), devices, SHAPE, clock=SimulatedClock())
+
+
 def work(path, bench):
     with (
         Session.open(path, writable=True) as session,
-        bench.in_process_camera() as camera,
+        InProcessCamera(bench.device, Continued(bench._source, len(session.frames())), SimulatedClock()) as camera,
         bench.pty_meter(0) as pty,
         MinoltaLS110(pty.port) as meter,
     ):
@@ -39,7 +63,7 @@ def work(path, bench):
 
 
 def nurse():
-    bench = SimulatedBench(configuration(), BenchDevices.standard(), SHAPE, clock=SimulatedClock())
+    bench = simulated_bench()
     bench.in_process_camera().open().snap()  # renders what every exposure needs, once and not in each process
     for line in sys.stdin:
         child = os.fork()
@@ -59,6 +83,25 @@ def counts(session):
     }
 
 
+def content(path):
+    """Every frame and reading of a session, in order."""
+    with Session.open(path) as session:
+        frames = [(r.role, r.exposure_s, session.load(r).dn.tobytes()) for r in session.frames()]
+        return frames, [(r.patch, r.reading.raw) for r in session.readings()]
+
+
+def results(path):
+    return labcdp.Session.open(path).calibrate().evaluate().to_dataset().drop_attrs()
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    path = tmp_path_factory.mktemp("uninterrupted") / "session"
+    Session.create(path, configuration()).close()
+    work(path, simulated_bench())
+    return path
+
+
 def checks(path):
     """Checks of the journal's whole lines."""
     lines = (path / "journal.jsonl").read_bytes().split(b"\n")
@@ -72,7 +115,9 @@ def wait_for_lines(path, n):
 
 
 @pytest.mark.parametrize("kills", [30, pytest.param(100, marks=pytest.mark.long)])
-def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_can_be_resumed(tmp_path, kills):
+def test_a_kill_at_any_moment_loses_nothing_and_the_resumed_session_has_the_same_results(
+    tmp_path, uninterrupted, kills
+):
     rng = random.Random(20261121)
     nursery = subprocess.Popen(
         [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
@@ -108,6 +153,7 @@ def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_can_be_res
                 caught_at.add(tuple(now.values()))
                 if remaining(session).complete:
                     assert now == PLANNED
+                    assert content(path) == content(uninterrupted)
                     completed, path = completed + 1, None
     finally:
         nursery.stdin.close()
@@ -118,6 +164,7 @@ def test_a_kill_at_any_moment_loses_nothing_journaled_and_the_session_can_be_res
     # The kills were spread over the whole of an acquisition, and it came to its end in spite of them.
     assert completed >= 3
     assert len(caught_at) >= 15
+    xarray.testing.assert_allclose(results(tmp_path / "session 0"), results(uninterrupted), rtol=1e-6, atol=1e-7)
 
 
 if __name__ == "__main__":

@@ -81,12 +81,14 @@ def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs(labcdp
     (tmp_path / "wide.toml").write_text(wide)
     line = only_line(labcdp("acquire", "wide.toml", "own", "--simulated"))
     assert "patch 'P01' reaches x 2700, y 518, the simulated sensor has 2452 x 2056 pixels: move it inside" in line
+    assert not (tmp_path / "own").exists()
     for old, new, options, named in (
         ("[0.002]", "[1e-9]", SIMULATED, "1e-09 s"),
         ("", "", (*SIMULATED, "--faults", "none.txt"), "none.txt cannot be read"),
         ("", "", ("--replay", "none"), "none is not a session"),
     ):
         assert named in only_line(labcdp("acquire", bench(old, new), "own", *options))
+        assert not (tmp_path / "own").exists()
     done = labcdp("acquire", bench(), "own", *SIMULATED, "--unattended")
     assert done.returncode == 0, done.stderr
     assert "own: 2 frames and 0 readings recorded" in done.stderr
@@ -97,7 +99,7 @@ def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs(labcdp
     assert [row["value"] for row in tables["recorded"]["rows"]] == [4, 2]
     assert tables["left"]["rows"] == []
     assert "Resuming own" in done.stderr
-    # Simulated time goes on after that of the first run.
+    # Simulated time continues after that of the first run.
     with Session.open(tmp_path / "own") as session:
         times = [record.time for record in session.records]
     assert times == sorted(times)

@@ -147,8 +147,8 @@ def small_plan() -> SessionConfiguration:
 
 
 @pytest.fixture
-def live_page(tmp_path: Path) -> Iterator[Any]:
-    """The page of the simulated bench, in a browser."""
+def live_page(tmp_path: Path) -> Iterator[tuple[Any, str]]:
+    """The page of the simulated bench, in a browser, and its address."""
     from playwright.sync_api import sync_playwright
 
     (tmp_path / "plan.toml").write_text(small_plan().to_toml())
@@ -166,7 +166,7 @@ def live_page(tmp_path: Path) -> Iterator[Any]:
         answer = page.goto(url)
         assert answer is not None
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
-        yield page
+        yield page, url
         browser.close()
         process.send_signal(signal.SIGINT)
         assert "Traceback" not in process.stderr.read()
@@ -188,7 +188,11 @@ def number(text: str) -> float:
 
 @pytest.mark.usefixtures("aravis")
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(live_page: Any, tmp_path: Path) -> None:
+def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(
+    live_page: tuple[Any, str], tmp_path: Path
+) -> None:
+    live_page, address = live_page
+
     def card_when(index: int, pattern: str) -> str:
         """Text of a card without its title, once it is as it should become."""
         found = live_page.locator(".card").nth(index).filter(has_text=re.compile(pattern, re.DOTALL))
@@ -213,7 +217,7 @@ def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(live_page
 
     # The meter reads the patch that is selected.
     live_page.get_by_text("Regions", exact=True).first.click()
-    live_page.locator("tr[data-region]", has_text="lower left").click()
+    live_page.locator("tr[data-region]", has_text="lower left").first.click()
     live_page.get_by_text("Live", exact=True).first.click()
     live_page.get_by_role("button", name="Read meter").click()
     assert number(card_when(3, "lower left")) == pytest.approx(414, rel=0.02)
@@ -224,6 +228,34 @@ def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(live_page
     live_page.get_by_role("button", name="Pause", exact=True).click()
     card_when(0, "paused")
     live_page.get_by_role("button", name="Pause", exact=True).click()
+
+    # A second browser looks on until it takes control, and then the first one does.
+    other = live_page.context.browser.new_page()
+    other.set_default_timeout(120_000)
+    other.goto(address)
+    control = "Take control"
+    other.get_by_role("button", name=control).wait_for()
+    assert other.get_by_label("Exposure (ms)").is_disabled()
+    other.get_by_role("button", name=control).click()
+    live_page.get_by_role("button", name=control).wait_for()
+    assert exposure.is_disabled()
+    other.close()
+    live_page.get_by_role("button", name=control).click()
+    live_page.get_by_role("button", name=control).wait_for(state="hidden")
+
+    # A smaller part of the sensor: regions outside it have no values, and come back with it.
+    live_page.get_by_text("Camera", exact=True).last.click()
+    live_page.get_by_text("ExposureTimeAbs", exact=True).wait_for()
+    area = live_page.get_by_label("Region: x, y, width, height")
+    area.fill("0, 0, 480, 200")
+    area.press("Enter")
+    live_page.get_by_text(re.compile("480 x 200 pixels")).first.wait_for()
+    live_page.get_by_text("Luminance", exact=True).first.click()
+    live_page.locator("table.dense tr", has_text=re.compile("lower left.*image", re.DOTALL)).wait_for()
+    live_page.get_by_text("Camera", exact=True).last.click()
+    area.fill("0, 0, 480, 400")
+    area.press("Enter")
+    live_page.get_by_text(re.compile("480 x 400 pixels")).first.wait_for()
 
     # The plan is recorded as on the terminal, with each manual step confirmed.
     live_page.get_by_text("Record", exact=True).first.click()

@@ -24,11 +24,11 @@ from ...minolta_ls.protocol import (
     MeterMode,
     four_digits,
 )
-from .pty import Fault, PtyMeter
+from .pty import PtyMeter
+from .replies import CRLF, Fault
 
 __all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
 
-_CRLF: Final = b"\r\n"
 _POWER_ON: Final = frozenset({MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT})
 _CORRECTION_FLAGS: Final = {
     MeterMode.PRESET: "P",
@@ -161,12 +161,12 @@ class SimulatedLS:
             reply = self._execute(command)
         except _RefusedError as refused:
             reply = str(refused)
-        return reply.encode("ascii") + _CRLF
+        return reply.encode("ascii") + CRLF
 
     def _execute(self, command: bytes) -> str:
-        if not (command.endswith(_CRLF) and command.isascii()):
+        if not (command.endswith(CRLF) and command.isascii()):
             raise _RefusedError("ER00")
-        name, comma, parameter = command.removesuffix(_CRLF).decode("ascii").partition(",")
+        name, comma, parameter = command.removesuffix(CRLF).decode("ascii").partition(",")
         if not comma and name in self._plain:
             return self._plain[name]()
         if name == "MDS" and re.fullmatch(r"0[0-9]", parameter):

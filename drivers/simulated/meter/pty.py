@@ -10,77 +10,18 @@ import termios
 import threading
 import time
 import tty
-from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol, Self
-
-import numpy as np
+from typing import Final, Self
 
 from ....core.errors import DeviceError, InputError
-
-_CRLF: Final = b"\r\n"
+from .replies import CRLF, FaultyMeter, MeterEngine
 
 #: Interval at which an idle port is prepared for the next program.
 _IDLE_S: Final = 0.2
 
-#: Longest garbage; a reading has 17 bytes.
-_LONGEST_GARBAGE: Final = 24
 
-
-class MeterEngine(Protocol):
-    """Maps commands to replies, for example `SimulatedLS`."""
-
-    def answer(self, command: bytes) -> bytes:
-        """Return the reply to a command, both with CR LF, or nothing; a command without CR LF is incomplete."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    r"""Fault of one reply; none without arguments.
-
-    A meter that states fL is no fault of one reply: set `SimulatedLS.unit`.
-
-    Parameters
-    ----------
-    delay_s : float
-        Delay of the reply in seconds; until then the meter accepts no command.
-    reply : bytes or None
-        Sent instead of the meter's own: ``b""`` for silence, ``b"ER30\r\n"`` for an error code, or any garbage.
-    n_bytes : int or None
-        Number of bytes after which the reply is truncated.
-
-    Examples
-    --------
-    Silent once, then an answer 2 s late, a good one, one cut short, and an empty battery:
-
-    >>> faults = [Fault(reply=b""), Fault(delay_s=2), Fault(), Fault(n_bytes=7), Fault(reply=b"ER30\r\n")]
-    """
-
-    delay_s: float = 0.0
-    reply: bytes | None = None
-    n_bytes: int | None = None
-
-    def __post_init__(self) -> None:
-        if not self.delay_s >= 0:
-            raise InputError(f"delay_s is {self.delay_s}: give a number of seconds of at least 0")
-        if self.n_bytes is not None and self.n_bytes < 0:
-            raise InputError(f"n_bytes is {self.n_bytes}: give a number of bytes of at least 0")
-
-    @classmethod
-    def garbled(cls, seed: int) -> Fault:
-        """Return a reply of random bytes of that seed, every other time with a CR LF."""
-        rng = np.random.default_rng(seed)
-        garbage = rng.bytes(int(rng.integers(1, _LONGEST_GARBAGE)))
-        return cls(reply=garbage + (_CRLF if rng.integers(2) else b""))
-
-    def applied_to(self, reply: bytes) -> bytes:
-        """Return the bytes sent instead of a good reply."""
-        return (reply if self.reply is None else self.reply)[: self.n_bytes]
-
-
-class PtyMeter:
+class PtyMeter(FaultyMeter):
     """Serve a meter on a pseudo-terminal while the context lasts.
 
     The port is a link in a folder of its own, so that it has the same name after `unplug` and `plug_in`. Programs may
@@ -109,16 +50,10 @@ class PtyMeter:
     """
 
     def __init__(self, engine: MeterEngine, *, response_time_s: float = 0.8, character_timeout_s: float = 5.0) -> None:
-        for name, time_s in (
-            ("response_time_s", response_time_s),
-            ("character_timeout_s", character_timeout_s),
-        ):
-            if not time_s >= 0:
-                raise InputError(f"{name} is {time_s}: give a number of seconds of at least 0")
-        self._engine = engine
-        self._response_time_s = response_time_s
+        super().__init__(engine, response_time_s)
+        if not character_timeout_s >= 0:
+            raise InputError(f"character_timeout_s is {character_timeout_s}: give a number of seconds of at least 0")
         self._character_timeout_s = character_timeout_s
-        self._faults: deque[Fault] = deque()
         self._folder: Path | None = None
         self._plugged = False
         self._plugging = threading.Lock()
@@ -129,14 +64,6 @@ class PtyMeter:
         if self._folder is None:
             raise DeviceError("the simulated meter has no port yet: use it in a with statement")
         return str(self._folder / "meter")
-
-    def inject(self, *faults: Fault) -> None:
-        """Queue faults, one for each of the next replies, of whatever command."""
-        self._faults.extend(faults)
-
-    def recover(self) -> None:
-        """Forget the faults that are queued."""
-        self._faults.clear()
 
     def __enter__(self) -> Self:
         if self._folder is not None:
@@ -184,9 +111,9 @@ class PtyMeter:
         received = b""
         while (chunk := self._receive(self._character_timeout_s if received else _IDLE_S)) is not None:
             received += chunk
-            while _CRLF in received:
-                command, _, received = received.partition(_CRLF)
-                if self._respond(command + _CRLF):
+            while CRLF in received:
+                command, _, received = received.partition(CRLF)
+                if self._respond(command + CRLF):
                     received = b""
             if received and not chunk:
                 self._respond(received)
@@ -216,12 +143,10 @@ class PtyMeter:
 
     def _respond(self, command: bytes) -> bool:
         """Answer one command; returns True if the meter ignored input meanwhile."""
-        answer = self._engine.answer(command)
-        if not answer:
+        replied = self.reply(command)
+        if replied is None:
             return False
-        fault = self._faults.popleft() if self._faults else Fault()
-        reply = fault.applied_to(answer)
-        busy_s = fault.delay_s + (self._response_time_s if command.startswith(b"MES") else 0.0)
+        reply, busy_s = replied
         ready_at = time.monotonic() + busy_s
         while (left_s := ready_at - time.monotonic()) > 0:
             if self._receive(left_s) is None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...core.errors import InputError
 from ...core.finding import Finding, warning
-from ...core.reading import MeterIdentity, Reading
+from ...core.reading import Reading
 from ...drivers.manual.csv import CsvMeter
 from ...drivers.manual.text import MeterAccuracy
 from ...drivers.minolta_ls.protocol import LS100, LS110
@@ -19,9 +19,7 @@ _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list[tuple[str, Reading]], list[Finding]]:
     """Return the readings with their patches, each line once, and findings."""
     described = configuration.meter
-    date = described.calibration_date
-    identity = MeterIdentity(described.model, described.serial, None if date is None else date.isoformat())
-    with CsvMeter(path, identity, _accuracy(described)) as meter:
+    with CsvMeter(path, described.identity, _accuracy(described)) as meter:
         by_patch = meter.readings
     names = [patch.name for patch in configuration.target.patches]
     for name in by_patch:

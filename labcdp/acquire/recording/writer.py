@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from ...core.clock import Clock
+from ...core.computer.threads import FinishedThread
 from ...core.errors import SessionError
 from ...core.frame import Frame
 from ...session import Role, Session
@@ -90,7 +91,7 @@ class FrameWriter:
         self._ended_s = 0.0
         self._closing = False
         self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._write, name="labcdp frame writer")
+        self._thread = FinishedThread(self._write, "labcdp frame writer")
 
     def __enter__(self) -> Self:
         """Start the thread."""
@@ -107,11 +108,12 @@ class FrameWriter:
         SessionError
             If something could not be written and `put` has not raised it.
         """
-        interrupted = self._join()
-        if self._error is not None and error is not self._error:
-            raise self._error
-        if interrupted is not None:
-            raise interrupted
+        try:
+            # Ctrl-C is raised only afterwards, so that no queued frame is lost.
+            self._thread.finish(self._close)
+        finally:
+            if self._error is not None and error is not self._error:
+                raise self._error
 
     def put(self, frame: Frame, role: Role, patch: str | None) -> None:
         """Queue a frame; blocks while the queue is full.
@@ -157,18 +159,10 @@ class FrameWriter:
         if self._error is not None:
             raise self._error
 
-    def _join(self) -> BaseException | None:
-        """Join the thread; Ctrl-C is raised only afterwards, so that no queued frame is lost."""
-        interrupted: BaseException | None = None
-        while self._thread.is_alive():
-            try:
-                with self._changed:
-                    self._closing = True
-                    self._changed.notify_all()
-                self._thread.join()
-            except BaseException as error:
-                interrupted = error
-        return interrupted
+    def _close(self) -> None:
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
 
     def _write(self) -> None:
         while True:

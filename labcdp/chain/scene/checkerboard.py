@@ -48,7 +48,7 @@ class Checkerboard:
         check_size(self.width, self.height)
         check_whole("oversampling", self.oversampling, "samples", 1, 64)
         check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 1e6, above=True)
+        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 99, above=True)
         if self.oversampling == 1:
             check_whole("square_px", self.square_px, "pixels", 1)
         check_number("square_px", self.square_px, "pixels", 1 / self.oversampling)

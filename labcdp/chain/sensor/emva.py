@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ...core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from ..capture import Capture, check_shape, settings_of
 from ..parameters import LARGEST_SIDE, Range, check_number, check_ranges, check_whole
 from ..signal import Context, Signal

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from shlex import quote
@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.errors import InputError, LabcdpError, SessionError
-from ..options import METER_OPTION, VIRTUAL_CLOCK_OPTION
+from ...core.errors import InputError, SessionError
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
-from .devices_of_session import DeviceChoice, connected
+from .device_options import DeviceChoice, DeviceOptions
+from .devices_of_session import connected
 from .keys import Keys
-from .operators import Console
 
 if TYPE_CHECKING:
     from ...acquire import Left, Unattended
@@ -28,39 +27,70 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130
 
 
+@dataclass(frozen=True)
+class Again:
+    """Options for what of a session is recorded again."""
+
+    replace_damaged: bool = typer.Option(
+        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
+    )
+    retake: list[str] = typer.Option([], help="Patch, 'light frames' or 'dark frames' to take again; may be repeated.")
+
+
+@dataclass(frozen=True)
+class Person:
+    """Options for who does the manual steps."""
+
+    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps.")
+    lens: str | None = typer.Option(
+        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
+    )
+    rehearse: bool = typer.Option(
+        False, "--rehearse", help="Use the simulated bench, but ask for each manual step as with devices."
+    )
+
+    def operator(self) -> Unattended | None:
+        """Return the operator of an unattended run; raises InputError if options contradict each other."""
+        from ...acquire import Unattended
+
+        if self.lens not in (None, "uncovered", "covered"):
+            raise InputError(f"--lens is {self.lens!r}: give 'uncovered' or 'covered'")
+        if self.rehearse and self.unattended:
+            raise InputError("--rehearse cannot be combined with --unattended: leave one out")
+        if self.unattended:
+            return Unattended("covered" if self.lens == "covered" else "uncovered")
+        if self.lens is not None:
+            raise InputError("--lens requires --unattended: give both or neither")
+        return None
+
+
 def acquire(
+    devices: DeviceOptions,
+    person: Person,
+    again: Again,
     configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see labcdp init bench."),
     session: Path = typer.Argument(help="Folder of the session."),
-    camera: str | None = typer.Option(
-        None, help="Serial number, address or model; default: as configured, else the only one."
+    roi: Path | None = typer.Option(
+        None, help="Region file whose regions are the patches of the target.", show_default="those of the configuration"
     ),
-    meter: str | None = METER_OPTION,
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
-    virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
-    faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
     replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices."),
     speed: float | None = typer.Option(
         None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
-    ),
-    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps."),
-    lens: str | None = typer.Option(
-        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
-    ),
-    patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
-    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
-    replace_damaged: bool = typer.Option(
-        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
     ),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
     from ...session import SessionConfiguration
 
-    choice = DeviceChoice(camera, meter, simulated, virtual_clock, faults, replay, speed, patience, transcript)
-    unattended_operator = _unattended(unattended, lens)
+    choice = devices.choice(replay, speed, person.rehearse)
+    operator = person.operator()
     wanted = SessionConfiguration.load(configuration)
+    if roi is not None:
+        wanted = _with_regions(wanted, roi)
     choice.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, choice, unattended_operator, replace_damaged)
+    left, frames, readings = record(
+        session, configuration, wanted, choice, operator, again.replace_damaged, tuple(again.retake)
+    )
     if as_json:
         print_result(_result(session, frames, readings, left, choice.simulated), as_json)
         return
@@ -71,6 +101,13 @@ def acquire(
         say("Resume with the same command without --unattended")
     else:
         say(f"Next: labcdp calibrate {quote(str(session))}")
+
+
+def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
+    from ...regions import load_regions
+    from ...web.bench.plan import with_regions
+
+    return with_regions(configuration, load_regions(roi))
 
 
 def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
@@ -94,6 +131,7 @@ def record(
     choice: DeviceChoice,
     unattended_operator: Unattended | None = None,
     replace_damaged: bool = False,
+    retake: Sequence[str] = (),
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -111,6 +149,8 @@ def record(
         Operator of an unattended acquisition.
     replace_damaged : bool
         Record frames again whose files are missing or damaged.
+    retake : sequence of str
+        Parts to take again, see `labcdp.acquire.forget`.
 
     Returns
     -------
@@ -120,7 +160,7 @@ def record(
     from ...acquire import AcquisitionStoppedError
 
     try:
-        return _record(path, source, wanted, choice, unattended_operator, replace_damaged)
+        return _record(path, source, wanted, choice, unattended_operator, replace_damaged, retake)
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
@@ -133,44 +173,32 @@ def _record(
     choice: DeviceChoice,
     unattended_operator: Unattended | None,
     replace_damaged: bool,
+    retake: Sequence[str],
 ) -> tuple[tuple[Left, ...], int, int]:
-    from ...acquire import Control, is_complete
+    from ...acquire import Control, forget, is_complete
     from ...acquire import acquire as run
+    from ...acquire.attempt import no_bare_session
     from ...core.clock import SimulatedClock
+    from .operators import Console
 
     clock = _clock(path, choice.virtual_clock)
     # A replay does not wait for the pace of the plan.
     pace = clock if choice.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
-    with _without_bare_folder(path), _open_or_create(path, source, wanted, clock) as opened:
+    with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
         if replace_damaged:
             _give_up_damaged(opened)
-        if not is_complete(opened):
+        if retake or not is_complete(opened):
             keys = Keys(control)
             with (
                 progress_bars() as bars,
                 connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
                 keys,
             ):
+                forget(opened, retake)
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
-
-
-@contextmanager
-def _without_bare_folder(path: Path) -> Iterator[None]:
-    """Remove the session of a run that was refused before anything was recorded, unless it was there before."""
-    from ...session import EventRecord, FrameRecord, ReadingRecord, Session
-
-    new = not _holds_something(path)
-    try:
-        yield
-    except LabcdpError:
-        if new and _holds_something(path):
-            session = Session.open(path)
-            if not any(isinstance(one, EventRecord | FrameRecord | ReadingRecord) for one in session.records):
-                session.remove()
-        raise
 
 
 def _give_up_damaged(session: Session) -> None:
@@ -183,36 +211,26 @@ def _give_up_damaged(session: Session) -> None:
     say(f"Recording {len(damaged)} missing or damaged frames again")
 
 
-def _unattended(wanted: bool, lens: str | None) -> Unattended | None:
-    from ...acquire import Unattended
-
-    if lens not in (None, "uncovered", "covered"):
-        raise InputError(f"--lens is {lens!r}: give 'uncovered' or 'covered'")
-    if not wanted:
-        if lens is not None:
-            raise InputError("--lens requires --unattended: give both or neither")
-        return None
-    return Unattended("covered" if lens == "covered" else "uncovered")
-
-
 def _clock(path: Path, simulated: bool) -> Clock:
     """Return the computer's clock, or a simulated one that continues after the records of the session."""
     from datetime import UTC, datetime
 
+    from ...acquire.attempt import holds_something
     from ...core.clock import SimulatedClock, SystemClock
     from ...session import Session
 
     if not simulated:
         return SystemClock()
     now = datetime.now(UTC)
-    recorded = Session.open(path).records if _holds_something(path) else []
+    recorded = Session.open(path).records if holds_something(path) else []
     return SimulatedClock(max([now, *(record.time for record in recorded)]))
 
 
 def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
+    from ...acquire.attempt import holds_something
     from ...session import Session
 
-    if not _holds_something(path):
+    if not holds_something(path):
         return Session.create(path, wanted, clock=clock)
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
@@ -234,7 +252,3 @@ def _is_bare(session: Session) -> bool:
     from ...session import FrameRecord, ReadingRecord
 
     return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
-
-
-def _holds_something(path: Path) -> bool:
-    return path.exists() and not (path.is_dir() and not any(path.iterdir()))

@@ -45,7 +45,7 @@ def demo(
 def _run(configuration: SessionConfiguration, results: ResultsFolder, seed: int) -> tuple[Result, list[Path]]:
     from ...acquire import acquire
     from ...calibration import save
-    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ...drivers.simulated.bench import SimulatedBench
     from ...evaluate.bench.calibrate import calibrate_session
     from ...evaluate.bench.calibration.page import write_calibration_report
     from ...evaluate.bench.calibration.result import calibration_result
@@ -54,12 +54,13 @@ def _run(configuration: SessionConfiguration, results: ResultsFolder, seed: int)
     from ...evaluate.bench.report.result import session_input, session_result
     from ...evaluate.bench.session import evaluate_session
     from ...session import Session
-    from .devices_of_session import simulated_devices
+    from .devices_of_session import simulated_bench_file, simulated_devices
 
-    specimens = BenchDevices.standard(seed)
+    described = simulated_bench_file(None, seed)
+    specimens = described.devices()
     bench = SimulatedBench(configuration, specimens)
     with Session.create(results.path("session"), configuration) as session:
-        session.add_event("simulated bench", {"seed": seed})
+        session.add_event("simulated bench", described.model_dump(mode="json"))
         with progress_bars() as bars:
             with simulated_devices(configuration, bench) as devices:
                 acquire(session, devices.camera, devices.meter, devices.operator, bars.acquisition)

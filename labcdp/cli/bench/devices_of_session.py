@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING
 
 from ...core.errors import InputError
 from ..terminal import say
-from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+from .device_options import DeviceChoice
 
 if TYPE_CHECKING:
     from ...acquire import Operator, Unattended
     from ...core.clock import Clock
-    from ...core.reading import MeterIdentity
     from ...drivers.camera import Camera
     from ...drivers.manual.text import MeterAccuracy
     from ...drivers.meter import Meter
+    from ...drivers.minolta_ls.port import Port
     from ...drivers.simulated.bench import SimulatedBench
+    from ...drivers.simulated.devices import SimulatedBenchFile
     from ...session import MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
+    from .operators import Console
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
@@ -50,82 +52,6 @@ class Devices:
     transport: str
 
 
-@dataclass(frozen=True)
-class DeviceChoice:
-    """Devices chosen by the options of a command.
-
-    Parameters
-    ----------
-    camera, meter : str or None
-        Serial number, address or model of the camera; serial port of the meter; None as configured.
-    simulated, virtual_clock : bool
-        Use the simulated bench; use it with a virtual clock.
-    faults : Path or None
-        Schedule of faults for the simulated bench.
-    replay : Path or None
-        Recorded session to replay instead of using devices.
-    speed : float or None
-        Speed of the replay; None for no waiting.
-    patience_s : float
-        How long to wait for a lost device.
-    transcript : Path or None
-        File for the bytes exchanged with the meter.
-
-    Raises
-    ------
-    InputError
-        If two of them contradict each other.
-    """
-
-    camera: str | None = None
-    meter: str | None = None
-    simulated: bool = False
-    virtual_clock: bool = False
-    faults: Path | None = None
-    replay: Path | None = None
-    speed: float | None = None
-    patience_s: float = 0.0
-    transcript: Path | None = None
-
-    def __post_init__(self) -> None:
-        needs = (
-            ("--virtual-clock", self.virtual_clock, "--simulated", self.simulated),
-            ("--faults", self.faults is not None, "--simulated", self.simulated),
-            ("--speed", self.speed is not None, "--replay", self.replay is not None),
-        )
-        for option, given, needed, there in needs:
-            if given and not there:
-                raise InputError(f"{option} requires {needed}: give both or neither")
-        excluded = (
-            ("--simulated", self.simulated, "--replay", self.replay is not None),
-            ("--camera", self.camera is not None, "--simulated", self.simulated),
-            ("--camera", self.camera is not None, "--replay", self.replay is not None),
-            ("--meter", self.meter is not None, "--simulated", self.simulated),
-            ("--meter", self.meter is not None, "--replay", self.replay is not None),
-            ("--transcript", self.transcript is not None, "--virtual-clock", self.virtual_clock),
-            ("--transcript", self.transcript is not None, "--replay", self.replay is not None),
-        )
-        for option, given, other, there in excluded:
-            if given and there:
-                raise InputError(f"{option} cannot be combined with {other}: leave one out")
-
-    @property
-    def real(self) -> bool:
-        """Whether the devices are neither simulated nor recorded."""
-        return not self.simulated and self.replay is None
-
-    def check(self, meter: MeterConfiguration) -> None:
-        """Check the options against the configured meter; raises InputError."""
-        if not self.real:
-            return
-        if meter.entry != "serial":
-            for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
-                if given is not None:
-                    raise InputError(f'{option} requires a meter on a serial port, but meter.entry is "{meter.entry}"')
-        elif self.meter is None and meter.port is None:
-            raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
-
-
 @contextmanager
 def connected(
     session: Session, choice: DeviceChoice, clock: Clock, console: Console, unattended_operator: Unattended | None
@@ -153,11 +79,12 @@ def connected(
         If a file given as an option cannot be read or is not valid.
     """
     from ...drivers.manual.csv import CsvMeter
+    from .operators import CsvOperator
 
     if choice.replay is not None:
         opened = _replayed(session, choice.replay, choice.speed, clock)
     elif choice.simulated:
-        opened = _simulated(session, choice, clock)
+        opened = _simulated(session, choice, clock, console)
     else:
         opened = _real(session, choice, console)
     with opened as devices:
@@ -173,6 +100,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.manual.csv import CsvMeter
     from ...drivers.manual.meter import ManualMeter
+    from .operators import ConsoleOperator
 
     configuration = session.configuration
     wanted = configuration.camera
@@ -182,10 +110,10 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
         described = configuration.meter
         meter: Meter
         if described.entry == "by hand":
-            meter = stack.enter_context(ManualMeter(console.ask, _identity(described), _accuracy(described)))
+            meter = stack.enter_context(ManualMeter(console.ask, described.identity, _accuracy(described)))
         elif described.entry == "csv":
             assert described.file is not None
-            meter = stack.enter_context(CsvMeter(described.file, _identity(described), _accuracy(described)))
+            meter = stack.enter_context(CsvMeter(described.file, described.identity, _accuracy(described)))
         else:
             port = choice.meter or described.port
             assert port is not None, "checked before the session is made"
@@ -197,6 +125,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
 def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -> Iterator[Devices]:
     from ...drivers.replay.camera import ReplayCamera, ReplayMeter
     from ...session import Session
+    from .operators import RecordingOperator
 
     recorded = Session.open(path)
     _refuse_other_replay(session, recorded)
@@ -229,26 +158,50 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 
 
 @contextmanager
-def _simulated(session: Session, choice: DeviceChoice, clock: Clock) -> Iterator[Devices]:
+def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Console) -> Iterator[Devices]:
     from ...core.disk import read_text
-    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ...drivers.simulated.bench import SimulatedBench
+    from .operators import ConsoleOperator
 
-    faults = None if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
-    configuration, n_records = session.configuration, len(session.records)
-    with SimulatedBench(configuration, BenchDevices.standard(), clock=clock, n_records=n_records) as bench:
+    faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
+    described = simulated_bench_file(choice.bench)
+    devices = described.devices(Path() if choice.bench is None else choice.bench.parent)
+    with (
+        SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
+        ExitStack() as stack,
+    ):
         if choice.virtual_clock:
-            with bench.in_process_camera(patience_s=choice.patience_s) as camera, bench.in_process_meter() as meter:
-                _schedule(bench, faults, choice.faults)
-                yield Devices(camera, meter, bench, "in this process")
+            camera = stack.enter_context(bench.in_process_camera(patience_s=choice.patience_s))
+            meter = serial_meter(stack, session.configuration.meter, bench.in_process_port(), choice)
+            opened = Devices(camera, meter, bench, "in this process")
         else:
-            with simulated_devices(configuration, bench, choice.patience_s, choice.transcript) as devices:
-                _schedule(bench, faults, choice.faults)
-                yield devices
+            opened = stack.enter_context(
+                simulated_devices(session.configuration, bench, choice.patience_s, choice.transcript)
+            )
+        _note_bench(session, described)
+        bench.schedule(faults, str(choice.faults))
+        yield replace(opened, operator=ConsoleOperator(console, bench)) if choice.rehearse else opened
 
 
-def _schedule(bench: SimulatedBench, faults: str | None, path: Path | None) -> None:
-    if faults is not None:
-        bench.schedule(faults, str(path))
+def simulated_bench_file(path: Path | None, seed: int | None = None) -> SimulatedBenchFile:
+    """Read the file of a simulated bench, None for the standard one, with another seed if there is one."""
+    from ...drivers.simulated.devices import SimulatedBenchFile
+
+    described = SimulatedBenchFile() if path is None else SimulatedBenchFile.load(path)
+    return described if seed is None else described.model_copy(update={"seed": seed})
+
+
+def _note_bench(session: Session, described: SimulatedBenchFile) -> None:
+    """Record which simulated bench it is; refuse to resume a session with another one."""
+    from ...session import EventRecord
+    from ...session.records import SIMULATED_BENCH
+
+    content = described.model_dump(mode="json")
+    begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
+    if not begun:
+        session.add_event(SIMULATED_BENCH, content)
+    elif begun[-1] != content:
+        raise InputError(f"{session.path} was begun with another simulated bench: use that one, or a new folder")
 
 
 @contextmanager
@@ -290,8 +243,8 @@ def _try(camera: Camera) -> None:
         camera.snap()
 
 
-def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, choice: DeviceChoice) -> Meter:
-    """Open the meter on a serial port in the modes of the configuration; `stack` closes it."""
+def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
+    """Open the meter on a port in the modes of the configuration; `stack` closes it."""
     from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
@@ -299,7 +252,7 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, cho
     driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
     meter = driver(
         port,
-        _identity(described),
+        described.identity,
         rtscts=described.rtscts,
         modes=modes,
         attempts=_METER_ATTEMPTS,
@@ -308,13 +261,6 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str, cho
     )
     stack.enter_context(meter).ask_if_simulated()
     return meter
-
-
-def _identity(described: MeterConfiguration) -> MeterIdentity:
-    from ...core.reading import MeterIdentity
-
-    date = described.calibration_date
-    return MeterIdentity(described.model, described.serial, None if date is None else date.isoformat())
 
 
 def _accuracy(described: MeterConfiguration) -> MeterAccuracy:

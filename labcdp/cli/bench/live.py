@@ -12,7 +12,7 @@ import typer
 from ...core.errors import InputError
 from ..options import METER_MODEL_OPTION, METER_OPTION, parse_contrasts
 from ..output import output_file
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say
+from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say, say_where
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -110,7 +110,8 @@ def _real(
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
     from ...web.bench.measured import BenchOfPage
-    from .devices_of_session import DeviceChoice, serial_meter
+    from .device_options import DeviceChoice
+    from .devices_of_session import serial_meter
 
     wanted = None if configuration is None else configuration.camera
     selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
@@ -165,12 +166,7 @@ def _serve(
 
     def ready(where: Address) -> None:
         tell_others(where.place)
-        say(f"Open: {where.url}")
-        if where.loopback:
-            say(f"On another computer, first run: {where.tunnel}")
-        else:
-            say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
-        say("Ctrl-C ends the page")
+        say_where(where)
         if open_page:
             typer.launch(where.url)
 
@@ -206,7 +202,9 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
     saved = load_regions(files.output, files.size) if stored else ()
     patches = () if configuration is None else configuration.target.patches
     planned = tuple(
-        RectangleShape(patch.name, *patch.roi) if patch.roi else PolygonShape(patch.name, patch.region().corners)
+        RectangleShape(patch.name, *patch.roi, limits_cd_m2=patch.limits_cd_m2)
+        if patch.roi
+        else PolygonShape(patch.name, patch.region().corners, limits_cd_m2=patch.limits_cd_m2)
         for patch in patches
     )
     drawing = Drawing.of(files.size, files.kept() or saved or planned)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ...acquire.operator import AskedOperator
 from ...core.errors import DeviceError
 from ..terminal import Bars, say
 from .keys import Keys
@@ -43,33 +44,24 @@ class Console:
                 ) from None
 
 
-class ConsoleOperator:
+class ConsoleOperator(AskedOperator):
     """The user at the terminal.
 
     Parameters
     ----------
     console : Console
         Where the person is asked.
+    hands : Operator or None
+        The simulated bench, which then does what the person confirmed.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, hands: Operator | None = None) -> None:
+        super().__init__(hands)
         self._console = console
 
-    def cover_lens(self) -> None:
-        """Ask the person to cover the lens."""
-        self._request("Cover the lens")
-
-    def uncover_lens(self) -> None:
-        """Ask the person to uncover the lens."""
-        self._request("Uncover the lens and light the target")
-
-    def point_meter(self, patch: str) -> None:
-        """Ask the person to point the meter."""
-        self._request(f"Point the luminance meter at the centre of patch {patch}")
-
-    def show_patch(self, patch: str) -> None:
-        """Ask the person for the next patch."""
-        self._request(f"Place patch {patch} in front of camera and luminance meter")
+    def request(self, step: str, patch: str = "") -> None:
+        """Ask the person to press Enter when the step is done."""
+        self._console.ask(f"{step}, then press Enter.")
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
         """Show the findings and ask whether to repeat."""
@@ -77,9 +69,6 @@ class ConsoleOperator:
             say(f"Warning: {finding}")
         answer = self._console.ask(f"Fix it and repeat the {what}? [y/N]")
         return answer.strip().lower() in ("y", "yes")
-
-    def _request(self, request: str) -> None:
-        self._console.ask(f"{request}, then press Enter.")
 
 
 class RecordingOperator:

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ...core.errors import InputError, LabcdpError
+from ..options import SIMULATED_BENCH_OPTION
 from ..terminal import JSON_OPTION, print_result, say
+from .devices_of_session import simulated_bench_file
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -28,7 +30,8 @@ def simulate_bench(
     configuration: Path | None = typer.Argument(None, help="TOML file with the target; default: that of labcdp demo."),
     address: str = typer.Option("127.0.0.1", help="Loopback address of the camera."),
     response_s: float = typer.Option(0.8, help="Seconds that a reading of the meter takes.", min=0),
-    seed: int = typer.Option(0, help="Random seed of camera and meter noise.", min=0),
+    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
+    seed: int | None = typer.Option(None, help="Random seed of camera and meter noise.", min=0, show_default="0"),
     faults: Path | None = typer.Option(
         None, help="File with a schedule of faults: lines such as 'at 1 min vanish for 5 s'."
     ),
@@ -39,7 +42,7 @@ def simulate_bench(
     Type commands to cover the lens, point the meter or cause faults; --faults schedules faults.
     """
     from ...core.disk import read_text
-    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+    from ...drivers.simulated.bench import SimulatedBench
     from ...drivers.simulated.faults.schedule_file import parse_schedule
     from ...session import SessionConfiguration, example_configuration
 
@@ -47,7 +50,9 @@ def simulate_bench(
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     else:
         loaded = SessionConfiguration.load(configuration)
-    bench = SimulatedBench(loaded, BenchDevices.standard(seed, specimen=_specimen(address)))
+    folder = Path() if simulated_bench is None else simulated_bench.parent
+    devices = simulated_bench_file(simulated_bench, seed).devices(folder)
+    bench = SimulatedBench(loaded, devices.specimen(_specimen(address)))
     schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
     parse_schedule(schedule, str(faults))
     with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:

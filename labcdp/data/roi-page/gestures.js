@@ -92,7 +92,7 @@ function pressed(event) {
     gesture = {...start, kind: "pan"}
   else if (near != null)
     gesture = {...start, kind: "corner", shape: near.shape, at: near.at, alt: event.altKey}
-  else if (mode() == "rectangle" || mode() == "ellipse")
+  else if (mode() == "rectangle" || mode() == "ellipse" || mode() == "line")
     gesture = {...start, kind: "box", form: mode()}
   else if (mode() == "select" && selected() != null && selected().outlines.some((o) => contains(o, point)))
     gesture = {...start, kind: "move", shape: selected()}
@@ -132,7 +132,7 @@ function drag(point) {
   let line = null
   if (gesture.kind == "box") {
     const [a, b] = [inside_image([from.x, from.y]), inside_image(to)]
-    line = gesture.form == "ellipse" ? ellipse_corners(a, b) : box_corners(a, b)
+    line = gesture.form == "ellipse" ? ellipse_corners(a, b) : gesture.form == "line" ? [a, b] : box_corners(a, b)
   } else if (gesture.kind == "corner") {
     line = dragged(gesture.shape, "corner", gesture.at, inside_image(to))
   } else {
@@ -158,7 +158,9 @@ function released(event) {
 
 function dropped(done, point) {
   const keep = {preview: done.preview, shape: done.shape?.name}
-  if (done.kind == "box")
+  if (done.kind == "box" && done.form == "line")
+    link.line = [done.from.x, done.from.y, point.x, point.y]
+  else if (done.kind == "box")
     waiting = {...keep, draws: done.form,
       serial: send({do: "box", kind: done.form, start: [done.from.x, done.from.y], end: [point.x, point.y]})}
   else if (done.kind == "corner")
@@ -267,6 +269,7 @@ function key(event) {
       p: () => set_mode("polygon"),
       r: () => set_mode("rectangle"),
       e: () => set_mode("ellipse"),
+      l: () => set_mode("line"),
       f: fit,
       "+": () => zoom(1 / 1.5),
       "-": () => zoom(1.5),
@@ -294,7 +297,10 @@ function key(event) {
 // ---- from labcdp
 
 link.properties.state.change.connect(() => {
+  const {width, height} = state
   state = JSON.parse(link.state)
+  if (state.width != width || state.height != height)
+    fit()
   redraw()
 })
 link.properties.answer.change.connect(() => {
@@ -351,6 +357,10 @@ lost.style.cssText = "position: fixed; inset: 0 0 auto 0; z-index: 1000; padding
 figure.document.on_event("connection_lost", () => document.body.append(lost))
 // What changed meanwhile was told to nobody here.
 figure.document.on_event("client_reconnected", () => location.reload())
+
+const TAB = "labcdp tab"
+sessionStorage.setItem(TAB, sessionStorage.getItem(TAB) ?? Math.random().toString(36).slice(2))
+link.tab = sessionStorage.getItem(TAB)
 
 let seen = ""
 function resized() {

@@ -2,7 +2,7 @@
 // preview: labcdp keeps the drawing, checks each change, and sends the state that counts. Arguments: figure, link, modes,
 // hint, draft, shapes, handles, labels (models of Bokeh).
 
-const MODES = ["select", "polygon", "rectangle", "ellipse"]
+const MODES = ["select", "polygon", "rectangle", "ellipse", "line"]
 const HINTS = {
   select: "Click a region to select it. Drag its corners, or drag inside it to move it. Double-click on an edge adds a"
     + " corner, Alt + click on a corner removes it. Drag beside it moves the picture, the wheel zooms.",
@@ -10,6 +10,7 @@ const HINTS = {
     + " Backspace takes back a corner, Esc gives up.",
   rectangle: "Drag from one corner to the opposite one. Esc gives up.",
   ellipse: "Drag from one corner of its box to the opposite one. Esc gives up.",
+  line: "Drag from one end to the other; the profile of the luminance is under Luminance. Esc gives up.",
 }
 const NEAR_PX = 9       // how near a click must be to a corner or an edge
 const STILL_PX = 4      // a pointer that moves less was a click

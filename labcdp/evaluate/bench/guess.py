@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import inf
 
 from ...chain.optics import axial_illuminance_per_cd_m2
-from ...core.luminance import LinearConversion
-from ...core.photometry import photon_radiance_per_cd_m2
+from ...chain.sensor.conversion import LinearConversion
+from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...core.vignetting import AnyVignetting
 from ...session import GuessConfiguration
 

@@ -5,13 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot
 
-from ...calibration import (
-    AnyCalibration,
-    Calibration,
-    PatchLuminance,
-    colour_patch_luminance,
-    patch_luminance,
-)
+from ...calibration import AnyCalibration, PatchLuminance
+from ...calibration.colour.conversion import luminance_of_planes
 from ...calibration.errors.expanded import expanded_rel
 from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings
@@ -80,15 +75,10 @@ def patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration)
         meter=observed.meter_scale,
         n_readings=measured.n_readings,
         calculated_cd_m2=_calculated_cd_m2(observed, name),
-        calibrated=_calibrated(observed, name, calibration),
+        calibrated=luminance_of_planes(
+            calibration, {plane or "": seen.patches[name] for plane, seen in observed.planes.items()}
+        ),
     )
-
-
-def _calibrated(observed: ObservedSession, name: str, calibration: AnyCalibration) -> PatchLuminance:
-    if isinstance(calibration, Calibration):
-        return patch_luminance(calibration, observed.patches[name])
-    by_plane = {plane: seen.patches[name] for plane, seen in observed.planes.items() if plane is not None}
-    return colour_patch_luminance(calibration, by_plane)
 
 
 def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...calibration import AnyCalibration, Calibration
+from ...calibration import AnyCalibration
 from ...core.errors import CalibrationError
 from ...core.finding import unique, warning
 from ...core.response import Response
@@ -99,10 +99,7 @@ def calibrate_recorded(
 
 
 def _with_flat_field(
-    uniform: UniformLight,
-    corrections: PlaneCorrections,
-    lens: PlaneCorrections,
-    calibrated: Callable[..., _Round],
+    uniform: UniformLight, corrections: PlaneCorrections, lens: PlaneCorrections, calibrated: Callable[..., _Round]
 ) -> _Found:
     try:
         found, responses = calibrated(corrections, first=True)
@@ -128,8 +125,7 @@ def _with_flat_field(
 
 
 def _responses(calibration: AnyCalibration) -> dict[str | None, Response]:
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
-    return {plane.state.plane: plane.response for plane in planes}
+    return {plane.state.plane: plane.response for plane in calibration.planes}
 
 
 def _change(before: Corrections, vignetting: AnyVignetting, uniform: UniformLight) -> float:

@@ -33,6 +33,7 @@ from ...calibration.emva.result import (
 )
 from ...calibration.emva.saturation import Saturation
 from ...calibration.emva.series import Level, SeriesPoint
+from ...calibration.fit.plateau import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.observe import dark_observation
 from ...calibration.frames.spatial import Estimate, spatial_variance
@@ -47,6 +48,8 @@ from .light import patch_deviations, patch_linearity, photometric_responsivity, 
 _SAME_TEMPERATURE_K = 2.0
 #: From this share on a point is saturated altogether.
 _SATURATED_SHARE = 0.99
+#: Share of a full well from which a point is full.
+_FULL_SHARE = 0.98
 #: Definition of saturation used.
 _SATURATED = "saturation capacity, mean of the patches that are completely saturated"
 _BRIGHTEST = "brightest unsaturated patch"
@@ -98,6 +101,7 @@ def characterise_session(
         raise CalibrationError("the session has no light and dark frames at the same exposure: record both")
     found = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
     pairs = sorted(zip(found, usable, strict=True), key=lambda pair: pair[0].net_dn)
+    pairs = _full_marked(pairs)
     points = [point for point, _ in pairs]
     dark = fit_dark_current(darks)
     transfer = _transfer(points, dark.dark_signal_dn().value, state.bit_depth, state.saturation_dn)
@@ -145,6 +149,22 @@ def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SeriesPoint:
     return SeriesPoint(level.region.name, level.exposure_s, None, Level.of(level.statistics), below)
 
 
+def _full_marked(pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]]) -> list[tuple[SeriesPoint, MeasuredFrames]]:
+    """Mark points of pixels that are full below the stated saturation as saturated, and leave out those near it."""
+    usable = [point for point, _ in pairs if point.light.saturated_share <= MAX_CLIPPED_SHARE and point.net_dn > 0]
+    shortest = {p.label: p for p in sorted(usable, key=lambda p: -p.exposure_s)}
+    promised = [shortest[p.label].net_dn * p.exposure_s / shortest[p.label].exposure_s for p in usable]
+    level = plateau_dn([p.net_dn for p in usable], promised, promised)
+    if level is None:
+        return list(pairs)
+    full = _FULL_SHARE * level
+    return [
+        (replace(p, light=replace(p.light, saturated_share=1.0)) if p.net_dn >= full else p, frames)
+        for p, frames in pairs
+        if not SAFE_SHARE * level < p.net_dn < full
+    ]
+
+
 def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, saturation_dn: float) -> Transfer:
     """Saturation by patches that are completely saturated, and K over all others, weighted.
 
@@ -156,9 +176,10 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
     clear = [point for point in points if point.light.saturated_share <= MAX_CLIPPED_SHARE]
     if not clear:
         raise CalibrationError("all patches are saturated at all exposures: record shorter exposures")
-    fitted = points_to_fit(clear, saturation_dn - clear[0].dark.mean_dn)
-    slope = system_gain(fitted, weighted=True)
     full = [point for point in points if point.light.saturated_share >= _SATURATED_SHARE]
+    end_dn = min([saturation_dn, *(point.light.mean_dn for point in full)])
+    fitted = points_to_fit(clear, end_dn - clear[0].dark.mean_dn)
+    slope = system_gain(fitted, weighted=True)
     limit: SaturationLimit = "not reached"
     if not full:
         last = points.index(clear[-1])

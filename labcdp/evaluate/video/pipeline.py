@@ -9,6 +9,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from queue import Empty, Full, Queue
 from typing import TypeVar
 
+from ...core.computer.threads import FinishedThread
+
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
 
@@ -49,7 +51,7 @@ def ahead(items: Iterable[_In]) -> Generator[_In, None, None]:
             if close is not None:
                 close()
 
-    thread = threading.Thread(target=make, name="labcdp video", daemon=True)
+    thread = FinishedThread(make, "labcdp video")
     thread.start()
     try:
         while True:
@@ -63,8 +65,7 @@ def ahead(items: Iterable[_In]) -> Generator[_In, None, None]:
                 return
             yield item  # type: ignore[misc]
     finally:
-        stopped.set()
-        thread.join()
+        thread.finish(stopped.set)
 
 
 def in_order(

@@ -75,6 +75,8 @@ class LiveBench:
         #: Work in progress, what to tell the person, and why there is no cd/m^2 with a calibration.
         self.busy, self.notice, self.mismatch = "", "", ""
         self.paused = False
+        #: The one page that may change anything, and its name, which a tab of a browser keeps while it reloads.
+        self.controller: tuple[object, str] = (None, "")
         #: Sharpness of the newest image, and the largest of the same part so far.
         self.focus = (0.0, 0.0)
         self._focus_of: str | None = None
@@ -152,7 +154,7 @@ class LiveBench:
                 raise InputError("a plan and a meter are needed: start labcdp bench with PLAN and --meter")
             if not name or Path(name).name != name or name.startswith("."):
                 raise InputError("the session needs a plain name of a folder")
-            plan = with_regions(self.plan, self.workspace.drawing.rois)
+            plan = with_regions(self.plan, self.workspace.drawing.shapes)
         except LabcdpError as error:
             self._say(str(error))
             self.workspace.changed()

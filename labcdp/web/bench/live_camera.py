@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from threading import Condition, Lock, Thread
 from time import monotonic
 from typing import Any, cast
 
 from ...core.errors import LabcdpError
 from ...core.frame import Frame
-from ...drivers.camera import Camera, CameraSettingError, CameraSettings, IncompleteFrameError
+from ...drivers.camera import (
+    Camera,
+    CameraSettingError,
+    CameraSettings,
+    CameraSetup,
+    FeatureDescription,
+    FeatureValue,
+    IncompleteFrameError,
+    Region,
+)
 
 #: Pause before a lost, busy or absent camera is looked for again.
 _RETRY_S = 1.0
@@ -19,6 +28,14 @@ _RETRY_S = 1.0
 _MANY = 1_000_000
 #: Weight of the newest interval in the frame rate.
 _NEWEST = 0.1
+#: How often settings are read back while frames are received.
+_READ_BACK_S = 1.0
+#: Settings of `Camera.configure`; the others are of a `CameraSetup`, or features.
+_CONFIGURED = ("exposure_s", "gain_db", "pixel_format")
+_SETUP = ("frame_rate_hz", "black_level", "region")
+
+#: Value of a setting or feature.
+Setting = FeatureValue | Region
 
 
 @dataclass(frozen=True)
@@ -33,6 +50,10 @@ class Live:
         Settings in effect, read back.
     exposure_range_s : (float, float)
         Shortest and longest exposure.
+    features : tuple of FeatureDescription
+        All features as last read; empty until they are asked for.
+    changed : str
+        Settings that the camera or another program changed.
     n_frames, n_incomplete : int
         Frames received, and frames that were refused as incomplete.
     rate_hz : float
@@ -50,6 +71,8 @@ class Live:
     frame: Frame | None = None
     settings: CameraSettings | None = None
     exposure_range_s: tuple[float, float] = (0.0, 0.0)
+    features: tuple[FeatureDescription, ...] = ()
+    changed: str = ""
     n_frames: int = 0
     n_incomplete: int = 0
     rate_hz: float = 0.0
@@ -86,7 +109,7 @@ class LiveCamera:
     def __init__(
         self,
         camera: Camera,
-        settings: Mapping[str, float | str],
+        settings: Mapping[str, Setting],
         prepare: Callable[[Camera], object] = lambda _camera: None,
     ) -> None:
         self._camera, self._prepare = camera, prepare
@@ -97,8 +120,10 @@ class LiveCamera:
         self._open = Lock()
         self._ended = False
         #: Settings requested since the camera was configured, and all that were accepted before.
-        self._requested: dict[str, float | str] = {}
+        self._requested: dict[str, Setting] = {}
         self._accepted = dict(settings)
+        self._features_asked = True
+        self._read_s = 0.0
         self._thread = Thread(target=self._run, name="live camera", daemon=True)
 
     @property
@@ -123,11 +148,21 @@ class LiveCamera:
         self._count_viewers(1)
         return lambda: self._count_viewers(-1)
 
-    def request(self, **settings: float) -> None:
-        """Change settings, as of `Camera.configure`, before the next frame; `Live.error` says which is rejected."""
+    def request(self, **settings: Setting) -> None:
+        """Change settings and features before the next frame; `Live.error` says which is rejected.
+
+        Parameters
+        ----------
+        **settings : float, str, bool or Region
+            As of `Camera.configure` and `CameraSetup`, or features by their GenICam names.
+        """
         with self._changed:
             self._requested |= settings
             self._changed.notify_all()
+
+    def read_features(self) -> None:
+        """Read all features before the next frame, into `Live.features`."""
+        self._features_asked = True
 
     def wait_for_news(self, seen: Live, timeout_s: float) -> Live:
         """Return the state once it differs from `seen`, or when the time is over."""
@@ -183,29 +218,54 @@ class LiveCamera:
         while self._going():
             if self._requested:
                 self._configure(camera)
+            if self._features_asked:
+                self._features_asked = False
+                self._publish(features=camera.describe_features())
             grabbed = cast(Generator[Frame, None, None], camera.grab(_MANY, on_refused=self._refuse))
             with closing(grabbed) as frames:
                 for frame in frames:
                     self._receive(frame)
-                    if not self._going() or self._requested:
+                    if not self._going() or self._requested or self._features_asked or self._has_changed(camera):
                         break
+
+    def _has_changed(self, camera: Camera) -> bool:
+        """Read the settings back, now and then: frames state those of the start of the grab."""
+        if monotonic() - self._read_s < _READ_BACK_S:
+            return False
+        self._read_s, before, now = monotonic(), self._live.settings, camera.settings
+        if before is None or before == now:
+            return False
+        names = [one.name for one in fields(now) if getattr(now, one.name) != getattr(before, one.name)]
+        said = ", ".join(f"{name} {getattr(before, name)} → {getattr(now, name)}" for name in names)
+        self._publish(settings=now, changed=f"changed by the camera or another program: {said}")
+        return True
 
     def _configure(self, camera: Camera) -> None:
         with self._changed:
             requested, self._requested = self._requested, {}
-        error = ""
-        try:
-            if requested:
-                camera.configure(**requested)  # type: ignore[arg-type]
-                self._accepted |= requested
-        except CameraSettingError as rejected:
-            error = str(rejected)
+        errors = []
+        # Each by itself: one that is rejected does not keep back the others.
+        for name, value in requested.items():
+            try:
+                if name in _CONFIGURED:
+                    camera.configure(**{name: value})  # type: ignore[arg-type]
+                elif name in _SETUP:
+                    camera.prepare(CameraSetup(**{name: value}))  # type: ignore[arg-type]
+                else:
+                    camera.prepare(CameraSetup(features={name: cast(FeatureValue, value)}))
+                    self._features_asked = bool(self._live.features)
+                self._accepted[name] = value
+            except CameraSettingError as rejected:
+                self._accepted.pop(name, None)
+                errors.append(str(rejected))
+        self._read_s = monotonic()
         self._publish(
             settings=camera.settings,
             exposure_range_s=camera.exposure_range_s,
             streaming=True,
-            error=error,
-            received_s=monotonic(),
+            error="; ".join(errors),
+            changed="",
+            received_s=self._read_s,
         )
 
     def _receive(self, frame: Frame) -> None:

@@ -77,14 +77,16 @@ class MeterReading:
 
 
 class LiveMeasurements(Measurements):
-    """Measurements of a frame that the next one replaces: uncertainties are those of the pair alone."""
+    """Measurements of a frame that the next one replaces: uncertainties of the pair and of regions with limits."""
 
     def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
-        """Yield the result of the pair."""
+        """Yield the results of the pair and of regions with limits."""
         found = next(super().evaluations(drawing), Evaluated())
         of_pair = (
             {}
             if found.pair is None or found.pair.result is None
             else {one.roi: Evaluation(one) for one in (found.pair.result.a, found.pair.result.b)}
         )
-        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | of_pair, found.pair)
+        limited = [roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()]
+        judged = {roi: self._evaluated(roi) for roi in limited if roi not in of_pair}
+        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | judged | of_pair, found.pair)

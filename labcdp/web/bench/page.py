@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.resources import files
 from math import isfinite
 from time import monotonic
 from typing import Any
@@ -14,14 +13,16 @@ from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span
 from bokeh.plotting import figure
 
 from ...drivers.camera import CameraSettings
+from ..look import TINTED, beside, column, row
+from ..maps.tab import MapTab
 from ..regions.display import DisplayScale
 from ..regions.page import Page
 from ..regions.wording import warning_list
+from .camera_tab import CameraTab
 from .live_bench import TRACE_S, LiveBench
 from .record_tab import RecordTab
 from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
 
-_WIDTH = 440
 #: Bins of the histogram, and pixels of which it is made.
 _N_BINS, _SAMPLE = 128, 200_000
 #: Seconds between two plots, and points of the trace in one: more slow the images down.
@@ -41,22 +42,19 @@ class BenchPage:
 
     def __init__(self, bench: LiveBench, document: Any) -> None:
         self.bench = bench
-        self._regions = Page(bench.workspace, document)
-        self._picture = self._regions.picture
+        self._regions = Page(bench.workspace, document, self._may_change)
+        self._picture, html = self._regions.picture, self._regions.text
         highest = bench.highest_dn
         self._picture.show_scale(DisplayScale.of_range(highest))
         self._picture.mark_ends()
-        css = "".join(
-            files("labcdp").joinpath(f"data/roi-page/{name}").read_text(encoding="utf-8")
-            for name in ("page.css", "bench.css")
-        )
-
-        def html(name: str) -> Any:
-            return pn.pane.HTML("", name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8))
-
-        names = ("strip", "settings", "table", "notice", "findings")
-        self._strip, self._settings, self._table, self._notice, self._findings = map(html, names)
-        self._record = RecordTab(bench, html)
+        self._map = MapTab(self._regions, False)
+        names = ("strip", "table", "notice", "findings")
+        self._strip, self._table, self._notice, self._findings = map(html, names)
+        self._strip.styles = TINTED
+        self._record = RecordTab(bench, html, self._guarded)
+        self._camera = CameraTab(bench.camera, html, self._guarded, self._say)
+        self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
+        self._control.on_click(lambda _event: self._take_control())
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
         self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
         self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
@@ -71,54 +69,59 @@ class BenchPage:
         self._histogram_source = ColumnDataSource(data={"dn": [], "n": []})
         self._plotted_s = 0.0
         self._highest = highest
+        self._histogram = self._histogram_figure()
         self._shown: CameraSettings | None = None
         self._filling = False
         self._connect()
-        for end in (bench.camera.look(), bench.workspace.listen(self._changed)):
+        for end in (bench.camera.look(), bench.workspace.listen(self._changed), self._leave):
             document.on_session_destroyed(_ending(end))
         self._document, self._waits = document, False
-        self.update()
+        #: What only the controlling page may use.
+        self._controls: list[Any] = []
+        self._controlled = True
+        self._picture.link.on_change("tab", lambda _attr, _old, _new: self._arrive())
 
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
-        live = pn.Column(
-            self._notice,
-            pn.Row(self._contrast, self._epsilon, margin=0),
+        live = column(
+            row(self._contrast, self._epsilon),
             pn.pane.Bokeh(self._trace_figure(), sizing_mode="stretch_width", margin=(4, 8)),
-            pn.Row(self._exposure, self._gain, margin=0),
-            pn.Row(*self._buttons(), self._pause, margin=(0, 3)),
-            self._settings,
+            row(self._exposure, self._gain),
+            row(*self._buttons(), self._pause, margin=(0, 3)),
             self._findings,
-            pn.pane.Bokeh(self._histogram_figure(), sizing_mode="stretch_width", margin=(4, 8)),
-            pn.Row(self._typed, margin=0),
+            pn.pane.Bokeh(self._histogram, sizing_mode="stretch_width", margin=(4, 8)),
+            row(self._typed),
             self._table,
-            width=_WIDTH,
-            sizing_mode="stretch_height",
-            scroll="y",
-            margin=0,
         )
-        side = pn.Tabs(
+        tabs = pn.Tabs(
             ("Live", live),
+            ("Camera", self._camera.layout()),
             ("Regions", self._regions.side()),
+            ("Luminance", self._map.layout()),
             ("Record", self._record.layout()),
-            width=_WIDTH,
-            sizing_mode="stretch_height",
+            sizing_mode="stretch_both",
         )
-        row = pn.Row(self._regions.picture_pane(), side, sizing_mode="stretch_both", min_height=380, margin=0)
-        return pn.Column(self._strip, row, sizing_mode="stretch_both", margin=0), self._picture.script()
+        self._controls = [one for place in (0, 1, 4) for one in tabs[place].select(pn.widgets.Widget)]
+        self.update()
+        side = (*self._regions.head(), self._notice, self._control, tabs)
+        return beside(self._picture.figure, side, self._strip), self._picture.script()
 
     def update(self) -> None:
         """Refresh the tab."""
         self._waits = False
         bench = self.bench
         cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
+        if self._pause.value != bench.paused:
+            self._filling, self._pause.value = True, bench.paused
+            self._filling = False
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
-        self._settings.object = settings_text(bench.camera.live)
         self._show_settings(bench.camera.live.settings)
         workspace = bench.workspace
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
-        self._record.update()
+        self._show_control()
+        self._camera.update(bench.camera.live, settings_text(bench.camera.live))
+        self._follow_bits()
         words = bench.busy or bench.notice or bench.mismatch
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         now_s = monotonic()
@@ -137,15 +140,63 @@ class BenchPage:
             self._document.add_next_tick_callback(self.update)
 
     def _connect(self) -> None:
-        self._exposure.param.watch(lambda event: self._request("exposure_s", event.new, 1e-3), "value")
-        self._gain.param.watch(lambda event: self._request("gain_db", event.new, 1.0), "value")
-        self._contrast.param.watch(lambda event: self._aim_contrast(event.new), "value")
-        self._pause.param.watch(lambda event: setattr(self.bench, "paused", event.new), "value")
-        self._typed.param.watch(lambda event: self._enter(event.new), "value")
-        self._epsilon.param.watch(lambda event: self._aim_epsilon(event.new), "value")
+        actions: dict[Any, Callable[[Any], object]] = {
+            self._exposure: lambda value: self._request("exposure_s", value, 1e-3),
+            self._gain: lambda value: self._request("gain_db", value, 1.0),
+            self._contrast: self._aim_contrast,
+            self._pause: lambda value: setattr(self.bench, "paused", value),
+            self._typed: self._enter,
+            self._epsilon: self._aim_epsilon,
+        }
+        for widget, action in actions.items():
+            acting = self._guarded(action)
+            widget.param.watch(lambda event, acting=acting: None if self._filling else acting(event.new), "value")
+
+    def _may_change(self) -> bool:
+        """Whether this page controls the bench."""
+        return self.bench.controller[0] is self
+
+    def _guarded(self, action: Callable[[Any], object]) -> Callable[[Any], None]:
+        def acting(value: Any) -> None:
+            if self._may_change():
+                action(value)
+
+        return acting
+
+    def _arrive(self) -> None:
+        """Control the bench if nobody does."""
+        if self.bench.controller[1] in ("", self._picture.link.tab):
+            self._take_control()
+
+    def _take_control(self) -> None:
+        self.bench.controller = (self, self._picture.link.tab)
+        self.bench.workspace.changed()
+
+    def _leave(self) -> None:
+        if self._may_change():
+            self.bench.controller = (None, "")
+            self.bench.workspace.changed()
+
+    def _show_control(self) -> None:
+        """Enable or disable what changes something, and offer to take control."""
+        controlled = self._may_change()
+        if controlled != self._controlled:
+            self._controlled = controlled
+            for widget in self._controls:
+                widget.disabled = not controlled
+        self._control.visible = not controlled
+        self._record.update(controlled)
+
+    def _follow_bits(self) -> None:
+        """Follow the highest DN, which changes with the pixel format."""
+        highest = self.bench.highest_dn
+        if highest != self._highest:
+            self._highest = highest
+            self._histogram.x_range.end = highest
+            self._map.show_range(DisplayScale.of_range(highest))
 
     def _request(self, name: str, value: float | None, unit: float) -> None:
-        if not self._filling and value is not None and isfinite(value):
+        if value is not None and isfinite(value):
             self.bench.camera.request(**{name: value * unit})
 
     def _enter(self, text: str) -> None:
@@ -191,16 +242,22 @@ class BenchPage:
         self._filling = False
 
     def _buttons(self) -> list[Any]:
+        actions = {"Fit exposure": self.bench.fit_exposure, "Read meter": self.bench.take_reading}
         buttons = []
-        for name, action in (("Fit exposure", self.bench.fit_exposure), ("Read meter", self.bench.take_reading)):
+        for name, action in actions.items():
             button = pn.widgets.Button(name=name, margin=(3, 4))
-            button.on_click(lambda _event, action=action: action())
+            button.on_click(self._guarded(_ending(action)))
             buttons.append(button)
         return buttons
 
     def _trace_figure(self) -> Any:
         plot = figure(
-            height=130, toolbar_location=None, tools="", y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0)
+            sizing_mode="stretch_width",
+            height=130,
+            toolbar_location=None,
+            tools="",
+            y_range=Range1d(-0.02, 1.02),
+            x_range=Range1d(-TRACE_S, 0),
         )
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "s"
         plot.varea("t", "low", "high", source=self._trace_source, fill_alpha=0.3, fill_color="#0072b2")
@@ -209,7 +266,14 @@ class BenchPage:
         return plot
 
     def _histogram_figure(self) -> Any:
-        plot = figure(height=110, toolbar_location=None, tools="", x_range=Range1d(0, self._highest), y_axis_type="log")
+        plot = figure(
+            sizing_mode="stretch_width",
+            height=110,
+            toolbar_location=None,
+            tools="",
+            x_range=Range1d(0, self._highest),
+            y_axis_type="log",
+        )
         plot.y_range.start = 0.5
         plot.xaxis.axis_label, plot.yaxis.axis_label = "DN", "pixels"
         plot.step("dn", "n", source=self._histogram_source, mode="after", line_color="#555555")

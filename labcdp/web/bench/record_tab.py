@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 from html import escape
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import panel as pn
 
 from ...report.digits import printable
+from ..look import column, row
 from .live_bench import LiveBench
 from .recording import Question
 
@@ -22,9 +24,13 @@ class RecordTab:
         State common to all tabs.
     html : function of a name
         Make a pane of HTML.
+    guarded : function
+        Make an action one that only the controlling page may do.
     """
 
-    def __init__(self, bench: LiveBench, html: Any) -> None:
+    def __init__(
+        self, bench: LiveBench, html: Any, guarded: Callable[[Callable[[Any], object]], Callable[[Any], None]]
+    ) -> None:
         self._bench = bench
         self._name = pn.widgets.TextInput(
             name="Folder of the session", value=f"session-{datetime.now():%Y%m%d-%H%M}", width=250
@@ -42,35 +48,33 @@ class RecordTab:
         )
         self._state = html("record")
         self._asked: Question | None = None
-        self._start.on_click(lambda _event: bench.record(self._name.value_input or self._name.value))
-        self._pause.on_click(lambda _event: self._hold())
-        self._stop.on_click(lambda _event: self._end())
+        self._start.on_click(guarded(lambda _event: bench.record(self._name.value_input or self._name.value)))
+        self._pause.on_click(guarded(lambda _event: self._hold()))
+        self._stop.on_click(guarded(lambda _event: self._end()))
         for button in (self._first, self._second):
-            button.on_click(lambda event: self._answer(event.obj.name))
+            button.on_click(guarded(lambda event: self._answer(event.obj.name)))
 
     def layout(self) -> Any:
         """Return the tab."""
-        return pn.Column(
-            self._name,
-            pn.Row(self._start, self._pause, self._stop, margin=0),
+        return column(
+            row(self._name),
+            row(self._start, self._pause, self._stop),
             self._state,
-            pn.Row(self._first, self._second, margin=(0, 5)),
-            sizing_mode="stretch_both",
-            margin=0,
+            row(self._first, self._second, margin=(0, 5)),
         )
 
-    def update(self) -> None:
-        """Refresh the tab."""
+    def update(self, controlled: bool) -> None:
+        """Refresh the tab of a page that may change something, or only look on."""
         bench, recording = self._bench, self._bench.recording
         running = recording is not None and bool(bench.busy)
-        self._start.disabled = bool(bench.busy) or bench.plan is None or bench.meter is None
-        self._name.disabled = running
-        self._pause.disabled = self._stop.disabled = not running
+        self._start.disabled = not controlled or bool(bench.busy) or bench.plan is None or bench.meter is None
+        self._name.disabled = running or not controlled
+        self._pause.disabled = self._stop.disabled = not (running and controlled)
         question = recording.operator.question if recording is not None and running else None
         self._asked = question
         answers = question.answers if question is not None else ()
         for place, button in enumerate((self._first, self._second)):
-            button.visible = place < len(answers)
+            button.visible, button.disabled = place < len(answers), not controlled
             if place < len(answers):
                 button.name = answers[place]
         if recording is not None:

@@ -10,6 +10,7 @@ from threading import Condition, Event
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire
+from ...acquire.attempt import no_bare_session
 from ...core.errors import LabcdpError
 from ...drivers.meter import Meter
 from ...session import Session, SessionConfiguration
@@ -170,13 +171,14 @@ class Recording:
             changed()
 
         try:
-            with self._session() as session:
+            with no_bare_session(self.folder), self._session() as session:
                 with camera.lent() as lent:
                     acquire(session, lent, meter, self.operator, report, control=self.control)
                 yield "Calibrating and evaluating …"
                 self.report = _report(session)
         except LabcdpError as error:
-            self.outcome = f"{str(error)[:1].upper()}{str(error)[1:]}; {self.folder} holds what was recorded"
+            kept = f"; {self.folder} holds what was recorded" if self.folder.exists() else ""
+            self.outcome = f"{str(error)[:1].upper()}{str(error)[1:]}{kept}"
         else:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
         finally:

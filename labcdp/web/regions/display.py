@@ -15,7 +15,7 @@ _BLACK, _WHITE = 0.1, 99.9
 #: Number of values sampled for the percentiles.
 _SAMPLE = 1_000_000
 #: Largest ratio spanned by the logarithm, so that noise around zero does not dominate.
-_LARGEST_RATIO = 1e5
+LARGEST_RATIO = 1e5
 
 ScaleName = Literal["linear", "gamma", "logarithm"]
 SCALES: tuple[ScaleName, ...] = ("linear", "gamma", "logarithm")
@@ -31,11 +31,14 @@ class DisplayScale:
         Shape; the exponent of the gamma is 1 / 2.2, which is about perceptually uniform.
     black, white : float
         Values shown as 0 and 255.
+    ends_apart : bool
+        Whether 0 and 255 are only for what is infinite, below and above; the finite values are 1 to 254.
     """
 
     name: ScaleName
     black: float
     white: float
+    ends_apart: bool = False
 
     @classmethod
     def of(cls, values: NDArray[Any], name: ScaleName | None = None) -> DisplayScale:
@@ -61,7 +64,7 @@ class DisplayScale:
         return cls(name, black, white)
 
     def to_8_bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
-        """Return values as 0 (black) to 255 (white); non-finite values are black."""
+        """Return values as 0 (black) to 255 (white); what is no number is black."""
         if values.dtype in (np.uint8, np.uint16):
             tones: NDArray[np.uint8] = self._tones_of_dn[values]
             return tones
@@ -74,13 +77,16 @@ class DisplayScale:
     def _tones(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         with np.errstate(invalid="ignore", over="ignore"):
             share = (values.astype(np.float32) - self.black) / (self.white - self.black)
+        below, above = np.isneginf(share), np.isposinf(share)
         share = np.clip(np.nan_to_num(share, nan=0.0), 0, 1)
         if self.name == "gamma":
             share = share ** (1 / 2.2)
         elif self.name == "logarithm":
             ratio = self._ratio
             share = np.log1p(share * (ratio - 1)) / np.log(ratio)
-        tones: NDArray[np.uint8] = np.rint(share * 255).astype(np.uint8)
+        first, last = (1, 254) if self.ends_apart else (0, 255)
+        tones: NDArray[np.uint8] = np.rint(first + share * (last - first)).astype(np.uint8)
+        tones[below], tones[above] = 0, 255
         return tones
 
     @classmethod
@@ -93,7 +99,7 @@ class DisplayScale:
         """Ratio of the brightest to the darkest value resolved by the logarithm."""
         if self.black <= 0:
             return 1000.0
-        return float(np.clip(self.white / self.black, 10.0, _LARGEST_RATIO))
+        return float(np.clip(self.white / self.black, 1.001, LARGEST_RATIO))
 
 
 @dataclass(frozen=True, eq=False)

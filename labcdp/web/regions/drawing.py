@@ -217,3 +217,8 @@ class History:
         if not self.future:
             raise InputError("there is nothing to redo")
         return History(self.future[-1], (*self.past, self.present), self.future[:-1])
+
+    def resized(self, size: ImageSize) -> History:
+        """Return the history for an image of another size; regions that are outside stay."""
+        past, future = (tuple(replace(one, size=size) for one in some) for some in (self.past, self.future))
+        return History(replace(self.present, size=size), past, future)

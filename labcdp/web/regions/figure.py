@@ -9,8 +9,19 @@ from typing import Any
 import numpy as np
 from bokeh.core.properties import Float, Int, List, String
 from bokeh.model import DataModel
-from bokeh.models import ColumnDataSource, CustomJS, Div, LinearColorMapper, RadioButtonGroup, Range1d
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    Div,
+    LinearColorMapper,
+    LogColorMapper,
+    RadioButtonGroup,
+    Range1d,
+)
+from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
+from numpy.typing import NDArray
 
 from .display import DisplayScale, Tile, tile
 from .drawing import Drawing
@@ -24,10 +35,14 @@ _OVERVIEW_PX = 1000
 _MOST_PX = 4096
 
 #: Scripts for the browser, in this order.
-_SCRIPTS = ("picture.js", "gestures.js")
+_SCRIPTS = ("picture.js", "gestures.js", "themes.js")
 
 #: Modes of a click on the picture, as on the buttons; picture.js has the same order.
-MODES = ("Select", "Polygon", "Rectangle", "Ellipse")
+MODES = ("Select", "Polygon", "Rectangle", "Ellipse", "Line")
+
+#: Colours of pixels at 0 or below the black, and of saturated ones.
+_BLACK, _SATURATED = "#3050ff", "#ff3020"
+_GREY = tuple(f"#{level:02x}{level:02x}{level:02x}" for level in range(256))
 
 
 class Link(DataModel):  # type: ignore[misc]
@@ -45,8 +60,12 @@ class Link(DataModel):  # type: ignore[misc]
         Left, top, right and bottom of the visible part, in pixels of the image, and its size on the screen.
     pointer : list of int
         Pixel under the pointer; empty outside the image.
+    line : list of float
+        Ends x, y, x, y of the last line drawn for a profile; empty if none.
     drawn : int
         Number of images that the browser has drawn.
+    tab : str
+        Name of the tab of the browser, which stays while it is reloaded.
     """
 
     state = String(default="{}")
@@ -55,7 +74,9 @@ class Link(DataModel):  # type: ignore[misc]
     sent = String(default="")
     view = List(Float)
     pointer = List(Int)
+    line = List(Float)
     drawn = Int(default=0)
+    tab = String(default="")
 
 
 class Picture:
@@ -71,7 +92,10 @@ class Picture:
         self.image = image
         self.link = Link()
         self.scale = DisplayScale.of(image.display)
+        #: Whether luminance is shown, and whether the ends of the scale are marked.
+        self.of_light, self._marked = False, False
         self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
+        self.theme = RadioButtonGroup(labels=["Light", "Dark", "Red light"], active=0, name="theme", margin=(4, 8))
         self.hint = Div(text="", name="hint", sizing_mode="stretch_width")
         self._n_sent = 0
         self._part: tuple[float, float, float, float] | None = None
@@ -85,8 +109,22 @@ class Picture:
             "handles": _source("x", "y"),
             "labels": _source("x", "y", "text", "colour"),
         }
-        levels = [f"#{level:02x}{level:02x}{level:02x}" for level in range(256)]
-        self._grey = LinearColorMapper(palette=levels, low=0, high=255)
+        self.isolines = _lines("xs", "ys")
+        self.isoline_labels, self.profile_line = _lines("x", "y", "text"), _lines("x", "y")
+        self._colours = LinearColorMapper(palette=list(_GREY), low=0, high=255)
+        # A mapper for each kind of scale: the ticks of a bar are chosen when it is made.
+        kinds = {"linear": LinearColorMapper, "logarithm": LogColorMapper}
+        mappers = {name: kind(palette=Viridis256, low=0.1, high=1.0) for name, kind in kinds.items()}
+        self._bars = {
+            name: ColorBar(
+                color_mapper=mapper,
+                visible=False,
+                width=14,
+                major_label_text_color="#808080",
+                background_fill_color=None,
+            )
+            for name, mapper in mappers.items()
+        }
         self.figure = self._new_figure()
         # Only properties of models in the document are synchronised.
         self.figure.tags = [self.link]
@@ -96,12 +134,14 @@ class Picture:
         """Return a callback that attaches the mouse and key handlers when the page is loaded."""
         folder = files("labcdp") / "data" / "roi-page"
         code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
-        arguments = {"figure": self.figure, "link": self.link, "modes": self.modes, "hint": self.hint, **self._sources}
+        arguments = {"figure": self.figure, "link": self.link, "modes": self.modes, "hint": self.hint}
+        arguments |= {"theme": self.theme, **self._sources}
         return CustomJS(args=arguments, code=code)
 
     def mark_ends(self) -> None:
-        """Show saturated pixels in red and pixels at 0 in blue."""
-        self._grey.palette = ["#3050ff", *self._grey.palette[1:-1], "#ff3020"]
+        """Show saturated pixels in red and pixels at 0 in blue, also while DN are shown."""
+        self._marked = True
+        self._colours.palette = [_BLACK, *self._colours.palette[1:-1], _SATURATED]
 
     def show(self, drawing: Drawing, selected: str | None) -> None:
         """Show a drawing."""
@@ -110,22 +150,34 @@ class Picture:
             self.link.state = state
 
     def renew(self, image: PageImage) -> None:
-        """Show another image of the same size, once the browser has drawn the one before."""
+        """Show another image, once the browser has drawn the one before."""
         if image is self.image or self.link.drawn < self._n_sent or self._part is None:
             return
-        self.image = image
+        resized, self.image = image.size != self.image.size, image
+        if resized:
+            self._show_overview()
         self._n_sent += 1
         self.show_part(self._part, self._screen)
 
-    def show_scale(self, scale: DisplayScale) -> None:
-        """Change the mapping of values to grey levels."""
-        self.scale = scale
-        height, width = self.image.display.shape
-        reduction = max(width, height) / _OVERVIEW_PX
-        screen = round(width / reduction), round(height / reduction)
-        self._put(self._overview, tile(self.image.display, scale, (0, 0, width, height), screen))
+    def show_scale(self, scale: DisplayScale, *, of_light: bool = False, coloured: bool = False) -> None:
+        """Change the mapping of values, or of luminance, to grey levels or false colours."""
+        self.scale, self.of_light = scale, of_light
+        palette = Viridis256 if coloured else _GREY
+        ends = (_BLACK, _SATURATED) if of_light or self._marked else (palette[0], palette[-1])
+        self._colours.palette = [ends[0], *palette[1:-1], ends[1]]
+        for name, bar in self._bars.items():
+            bar.visible = of_light and name == scale.name
+            if bar.visible:
+                bar.color_mapper.update(low=scale.black, high=scale.white, palette=list(palette))
+        self._show_overview()
         if self._part is not None:
             self.show_part(self._part, self._screen)
+
+    def _show_overview(self) -> None:
+        height, width = self._shown.shape
+        reduction = max(width, height) / _OVERVIEW_PX
+        screen = round(width / reduction), round(height / reduction)
+        self._put(self._overview, tile(self._shown, self.scale, (0, 0, width, height), screen))
 
     def show_part(self, part: tuple[float, float, float, float], screen: tuple[int, int]) -> None:
         """Show a part of the image (left, top, right, bottom) with as many pixels as it has on the screen."""
@@ -133,11 +185,17 @@ class Picture:
         step = self._step
         left, top, right, bottom = (edge / step for edge in part)
         pixels = min(screen[0], _MOST_PX), min(screen[1], _MOST_PX)
-        self._put(self._detail, tile(self.image.display, self.scale, (left, top, right, bottom), pixels))
+        self._put(self._detail, tile(self._shown, self.scale, (left, top, right, bottom), pixels))
+
+    @property
+    def _shown(self) -> NDArray[Any]:
+        return self.image.light_display if self.of_light else self.image.display
 
     @property
     def _step(self) -> int:
         """Pixels of the image, along each side, per displayed pixel."""
+        if self.of_light:
+            return self.image.luminance.step
         return 1 if self.image.colour_filter is None else 2
 
     def _put(self, source: ColumnDataSource, part: Tile) -> None:
@@ -159,6 +217,7 @@ class Picture:
             x_range=Range1d(0, width),
             y_range=Range1d(height, 0),
             min_border=4,
+            border_fill_color=None,
             background_fill_color="#2b2b2b",
             outline_line_color="#999999",
             name="picture",
@@ -166,8 +225,14 @@ class Picture:
         plot.grid.visible = False
         plot.axis.minor_tick_line_color = None
         plot.axis.axis_line_color = None
+        plot.axis.major_label_text_color = "#808080"
         for source in (self._overview, self._detail):
-            plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=self._grey, source=source)
+            plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=self._colours, source=source)
+        for bar in self._bars.values():
+            plot.add_layout(bar, "right")
+        plot.multi_line("xs", "ys", line_color="white", source=self.isolines)
+        plot.text("x", "y", text="text", text_color="white", text_font_size="11px", source=self.isoline_labels)
+        plot.line("x", "y", line_color="white", line_dash="dashed", line_width=2, source=self.profile_line)
         sources = self._sources
         plot.patches(
             "xs",
@@ -225,6 +290,10 @@ def _state(drawing: Drawing, selected: str | None) -> dict[str, Any]:
 def _source(*columns: str) -> ColumnDataSource:
     """Return a data source changed only by the page."""
     return ColumnDataSource(data={name: [] for name in columns}, syncable=False)
+
+
+def _lines(*columns: str) -> ColumnDataSource:
+    return ColumnDataSource(data={name: [] for name in columns})
 
 
 def _image_source() -> ColumnDataSource:

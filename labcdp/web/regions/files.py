@@ -82,15 +82,19 @@ class DrawingFiles:
         InputError
             If it is not a plain file name with a known suffix, or exists and is not the output.
         """
+        path = self.beside(name)
+        if path.suffix.lower() not in REGION_SUFFIXES:
+            raise InputError(f"{name!r} has an unknown suffix: give a name that ends in {', '.join(REGION_SUFFIXES)}")
+        return path
+
+    def beside(self, name: str) -> Path:
+        """Return the path for a plain file name in the folder of the output; raises InputError for any other."""
         name = name.strip()
         if not name or Path(name).name != name or name.startswith(".") or not name.isprintable():
             raise InputError(
                 f"{name!r} is not a plain file name: give one without folders; it is written to {self.output.parent}"
             )
-        path = self.output.with_name(name)
-        if path.suffix.lower() not in REGION_SUFFIXES:
-            raise InputError(f"{name!r} has an unknown suffix: give a name that ends in {', '.join(REGION_SUFFIXES)}")
-        return path
+        return self.output.with_name(name)
 
     def fingerprint(self, path: Path) -> str:
         """SHA-256 of a file, empty if there is none; raises InputError if it cannot be read."""

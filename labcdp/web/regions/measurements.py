@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
 
 from ...core.errors import LabcdpError
 from ...core.finding import Finding
@@ -28,8 +31,10 @@ class Means:
         Number of its pixels.
     value, value_std : float or None
         Mean and standard deviation (n - 1) of DN or of the values of the file; None if there are not enough pixels.
-    light : float or None
-        Mean luminance.
+    light, light_std, lowest, highest : float or None
+        Luminance: mean, standard deviation (n - 1), and range of the pixels.
+    saturated : float
+        Share of saturated pixels.
     error : str
         Why there are none.
     """
@@ -38,6 +43,10 @@ class Means:
     value: float | None = None
     value_std: float | None = None
     light: float | None = None
+    light_std: float | None = None
+    lowest: float | None = None
+    highest: float | None = None
+    saturated: float = 0.0
     error: str = ""
 
 
@@ -137,11 +146,20 @@ class Measurements:
     def _mean(self, roi: Roi) -> Means:
         try:
             inside = roi.select(self.image.values)
-            light = float(self.image.luminance.select(roi).mean(dtype=float))
+            light = self.image.luminance.select(roi)
+            saturated = float(roi.select(self.image.saturated).mean())
         except LabcdpError as error:
             return Means(error=str(error))
-        std = float(inside.std(dtype=float, ddof=1)) if inside.size > 1 else None
-        return Means(inside.size, float(inside.mean(dtype=float)), std, light)
+        return Means(
+            n_pixels=inside.size,
+            value=float(inside.mean(dtype=float)),
+            value_std=_std(inside),
+            light=float(light.mean(dtype=float)),
+            light_std=_std(light),
+            lowest=float(light.min()),
+            highest=float(light.max()),
+            saturated=saturated,
+        )
 
     def _evaluated_pair(self, first: Roi, second: Roi) -> PairEvaluation:
         try:
@@ -164,6 +182,10 @@ class Measurements:
             return None
         result = self._pair.result
         return next((one for one in (result.a, result.b) if one.roi == roi), None)
+
+
+def _std(values: NDArray[Any]) -> float | None:
+    return float(values.std(dtype=float, ddof=1)) if values.size > 1 else None
 
 
 def _wanted(drawing: Drawing) -> tuple[Roi, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...core.disk import parse_json
@@ -35,7 +36,7 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
     message : mapping
         ``do`` with its arguments: ``polygon`` (corners), ``box`` (kind, start, end), ``corner`` (name, at, to),
         ``insert`` (name, after, at), ``remove corner`` (name, at), ``move`` (name, by), ``delete`` (name), ``rename``
-        (name, to), ``accept`` (name).
+        (name, to), ``accept`` (name), ``limits`` (name, of two numbers or None).
 
     Raises
     ------
@@ -85,6 +86,11 @@ def _move(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
     return drawing.changed(name, lambda shape: moved(shape, by, drawing.size)), name
 
 
+def _limits(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+    name = _text(message, "name")
+    return drawing.changed(name, lambda shape: replace(shape, limits_cd_m2=message.get("of"))), name
+
+
 def _delete(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
     return drawing.deleted(_text(message, "name")), None
 
@@ -109,6 +115,7 @@ _CHANGES: dict[str, Callable[[Drawing, Mapping[str, Any]], _Changed]] = {
     "delete": _delete,
     "rename": _rename,
     "accept": _accept,
+    "limits": _limits,
 }
 
 

@@ -6,23 +6,19 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
-from importlib.resources import files
 from itertools import count
 from typing import Any
 
 import panel as pn
-from bokeh.models import CustomJS
 
 from ...core.errors import LabcdpError
 from ...report.digits import printable
-from .display import SCALES, DisplayScale
+from ..look import column, row, style
 from .figure import Picture
 from .messages import parse_message
 from .proposals import METHOD_NAMES, METHODS, default_size_px, propose
 from .wording import pair_table, region_table, warning_list
 from .workspace import Workspace
-
-_WIDTH = 420
 
 
 class Page:
@@ -34,18 +30,24 @@ class Page:
         State common to all tabs.
     document : bokeh.document.Document
         The tab.
+    may_change : function
+        Whether the tab may change anything now.
     """
 
-    def __init__(self, workspace: Workspace, document: Any) -> None:
-        self.workspace, self.document = workspace, document
+    def __init__(self, workspace: Workspace, document: Any, may_change: Callable[[], bool] = lambda: True) -> None:
+        self.workspace, self.document, self.may_change = workspace, document, may_change
+        #: Called after each refresh.
+        self.after_update: Callable[[], None] = lambda: None
         self.picture = Picture(workspace.image)
         self._updating = False
         self._waits = False
         self._asked = count(1)
-        css = files("labcdp").joinpath("data/roi-page/page.css").read_text(encoding="utf-8")
+        css, scrolled = style(), {"overflow-x": "auto", "min-width": "0"}
 
         def text(name: str, html: str = "") -> Any:
-            return pn.pane.HTML(html, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8))
+            return pn.pane.HTML(
+                html, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8), styles=scrolled
+            )
 
         self._head, self._readout, self._notice = text("head"), text("readout"), text("notice")
         self._regions, self._pair, self._warnings = text("regions"), text("pair"), text("warnings")
@@ -60,9 +62,6 @@ class Page:
             value=workspace.files.output.name,
             sizing_mode="stretch_width",
         )
-        self._scale = pn.widgets.Select(
-            name="Brightness", options=list(SCALES), value=self.picture.scale.name, width=130
-        )
         self._method = pn.widgets.Select(
             name="Propose regions", options={METHOD_NAMES[one]: one for one in METHODS}, sizing_mode="stretch_width"
         )
@@ -70,54 +69,50 @@ class Page:
             name="Size in pixels", value=default_size_px(workspace.image), start=6, width=110, visible=False
         )
         self._buttons = self._new_buttons()
-        self._text = text
+        self.text = text
         self._connect()
         self.update()
 
-    def tab(self) -> tuple[Any, CustomJS]:
-        """Return the layout of the tab, and the script that starts with it."""
-        layout = pn.Row(self.picture_pane(), self.side(), sizing_mode="stretch_both", min_height=420, margin=0)
-        return layout, self.picture.script()
-
-    def picture_pane(self) -> Any:
-        """Return the picture."""
-        return pn.pane.Bokeh(self.picture.figure, sizing_mode="stretch_both", margin=0)
+    def head(self) -> tuple[Any, ...]:
+        """Return what is above the tabs: theme, value under the pointer, and messages."""
+        return self.picture.theme, self._readout, self._notice
 
     def side(self) -> Any:
         """Return tools, tables and files beside the picture."""
-        button, text = self._buttons, self._text
-        return pn.Column(
+        button, text = self._buttons, self.text
+        return column(
             self._head,
             self.picture.modes,
             self.picture.hint,
-            pn.Row(*(button[name] for name in ("Undo", "Redo", "Delete", "Fit", "+", "-")), margin=(0, 3)),
-            self._readout,
-            self._notice,
+            row(*(button[name] for name in ("Undo", "Redo", "Delete", "Fit", "+", "-")), margin=(0, 3)),
             text("h", "<h2>Regions</h2>"),
             self._regions,
             self._name,
             text("h", "<h2>Contrast of two regions</h2>"),
-            pn.Row(self._first, self._second, margin=0, sizing_mode="stretch_width"),
+            row(self._first, self._second, sizing_mode="stretch_width"),
             self._pair,
             self._warnings,
             text("h", "<h2>Save</h2>"),
-            pn.Row(self._file, pn.Column(pn.Spacer(height=14), button["Save"], margin=0), margin=0),
+            row(self._file, pn.Column(pn.Spacer(height=14), button["Save"], margin=0)),
             button["Replace"],
             text("h", "<h2>More</h2>"),
-            pn.Row(self._method, self._size, margin=0),
-            pn.Row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
-            self._scale,
-            width=_WIDTH,
-            sizing_mode="stretch_height",
-            scroll="y",
-            margin=0,
+            row(self._method, self._size),
+            row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
         )
+
+    def do(self, message: dict[str, Any]) -> bool:
+        """Apply a message as `Workspace.do`, if the tab may change anything; all may select."""
+        return (message["do"] == "select" or self.may_change()) and self.workspace.do(message)
 
     def changed(self) -> None:
         """Schedule a refresh; may be called from anywhere in the server's loop."""
         if not self._waits:
             self._waits = True
             self.document.add_next_tick_callback(self.update)
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Do what changes models of Bokeh; callbacks of widgets do not have the document to themselves."""
+        self.document.add_next_tick_callback(action)
 
     def update(self) -> None:
         """Refresh the tab from the workspace."""
@@ -147,6 +142,7 @@ class Page:
             button["Accept all"].disabled = button["Discard"].disabled = not proposals
             button["Replace"].visible = workspace.in_the_way is not None
             button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
+        self.after_update()
 
     def _heading(self) -> str:
         workspace = self.workspace
@@ -161,7 +157,7 @@ class Page:
         )
 
     def _new_buttons(self) -> dict[str, Any]:
-        do = self.workspace.do
+        do = self.do
 
         def selected(what: str) -> Callable[[Any], object]:
             return lambda _: do({"do": what, "name": self.workspace.selected})
@@ -193,7 +189,6 @@ class Page:
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
         link.on_change("view", lambda _attr, _old, new: self._look(new))
         link.on_change("pointer", lambda _attr, _old, new: self._point(new))
-        self._scale.param.watch(self._unless_updating(self._rescale), "value")
         self._name.param.watch(self._unless_updating(self._rename), "value")
         for widget in (self._first, self._second):
             widget.param.watch(self._unless_updating(self._pair_chosen), "value")
@@ -210,7 +205,7 @@ class Page:
             return
         if message["do"] == "save":
             message["name"] = self._file.value_input or self._file.value
-        done = self.workspace.do(message)
+        done = self.do(message)
         self.update()
         self.picture.link.answer = json.dumps({"serial": message.get("serial"), "done": done})
 
@@ -228,21 +223,20 @@ class Page:
 
     def _propose(self) -> None:
         method = self._method.value
+        if not self.may_change():
+            return
         try:
             found = propose(self.workspace.image, method, self._size.value if method == "superpixels" else None)
             self.workspace.propose(found, METHOD_NAMES[method])
         except LabcdpError as error:
             self.workspace.warn(error)
 
-    def _rescale(self, _event: Any) -> None:
-        self.picture.show_scale(DisplayScale.of(self.workspace.image.display, self._scale.value))
-
     def _rename(self, event: Any) -> None:
         if self.workspace.selected is not None:
-            self.workspace.do({"do": "rename", "name": self.workspace.selected, "to": event.new})
+            self.do({"do": "rename", "name": self.workspace.selected, "to": event.new})
 
     def _pair_chosen(self, _event: Any) -> None:
-        self.workspace.do({"do": "pair", "first": self._first.value, "second": self._second.value})
+        self.do({"do": "pair", "first": self._first.value, "second": self._second.value})
 
     def _unless_updating(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
         def watcher(event: Any) -> None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from math import floor
+from functools import cached_property, partial
+from math import floor, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.finding import Finding, unique
-from ...core.luminance import Invalid, LuminanceMap
-from ...report.digits import significant
+from ...core.luminance import Invalid, LuminanceMap, Window
+from ...report.digits import Z_95, significant, with_half_width
 from .shape_edit import ImageSize
 
 if TYPE_CHECKING:
@@ -50,6 +51,12 @@ class PageImage:
         ``cd/m^2``, or ``relative`` for an uncalibrated camera.
     findings : tuple of Finding
         Findings of the conversion.
+    part : function of a window, or None
+        Converts some rows and columns of the map, where that is faster than the whole one's uncertainty.
+    saturation_dn : float or None
+        DN from which a pixel is saturated; None if only the map says it.
+    simulated : bool
+        Whether the camera was simulated.
     """
 
     name: str
@@ -59,6 +66,9 @@ class PageImage:
     luminance: LuminanceMap
     unit: str
     findings: tuple[Finding, ...] = ()
+    part: Callable[[Window], LuminanceMap] | None = None
+    saturation_dn: float | None = None
+    simulated: bool = False
 
     @classmethod
     def of(cls, picture: Picture, conversion: PictureConversion) -> PageImage:
@@ -74,12 +84,23 @@ class PageImage:
             luminance=conversion.luminance(picture),
             unit=conversion.unit_of(picture),
             findings=unique(conversion.findings(picture)),
+            simulated=frame is not None and frame.camera.simulated,
         )
 
     @classmethod
     def of_frame(cls, name: str, frame: Frame, conversion: PictureConversion) -> PageImage:
         """Convert a frame; raises CalibrationError if it is not of the calibrated camera, setting or size."""
-        return cls(name, frame.dn, True, frame.colour_filter, conversion.convert(frame), conversion.unit)
+        return cls(
+            name=name,
+            values=frame.dn,
+            is_dn=True,
+            colour_filter=frame.colour_filter,
+            luminance=conversion.convert(frame),
+            unit=conversion.unit,
+            part=partial(conversion.convert, frame),
+            saturation_dn=frame.saturation_dn,
+            simulated=frame.camera.simulated,
+        )
 
     @property
     def size(self) -> ImageSize:
@@ -97,9 +118,35 @@ class PageImage:
         return mean
 
     @cached_property
+    def light_display(self) -> NDArray[np.float32]:
+        """Displayed luminance, shape of the map: infinite where saturated, minus infinity where negative."""
+        light = np.array(self.luminance.luminance_cd_m2, dtype=np.float32)
+        light[light < 0] = -np.inf
+        light[self.saturated if self.luminance.step == 1 else self._saturated_light] = np.inf
+        return light
+
+    def light_at(
+        self, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the luminance of pixels of the map, and its expanded uncertainty U (95 %): nan if it is not known."""
+        top, left = int(rows.min()), int(columns.min())
+        window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
+        whole = self.luminance
+        part = whole if self.part is None else self.part(window)
+        at = (rows, columns) if self.part is None else (rows - top, columns - left)
+        value = np.asarray(part.luminance_cd_m2[at], dtype=np.float64)
+        relative = [np.broadcast_to(one, part.shape)[at] for one in (part.random_rel, part.common_rel, part.slow_rel)]
+        slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
+        u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
+        return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
+
+    @cached_property
     def saturated(self) -> NDArray[np.bool_]:
         """Mask of saturated pixels, shape (height, width)."""
-        flags: NDArray[np.bool_] = np.not_equal(self.luminance.invalid & np.uint8(Invalid.SATURATED), 0)
+        if self.saturation_dn is not None:
+            saturated: NDArray[np.bool_] = np.greater_equal(self.values, self.saturation_dn)
+            return saturated
+        flags = self._saturated_light
         step = self.luminance.step
         if step == 1:
             return flags
@@ -107,6 +154,12 @@ class PageImage:
         repeated = flags.repeat(step, axis=0).repeat(step, axis=1)[: full.shape[0], : full.shape[1]]
         full[: repeated.shape[0], : repeated.shape[1]] = repeated
         return full
+
+    @property
+    def _saturated_light(self) -> NDArray[np.bool_]:
+        """Mask of saturated pixels of the map."""
+        saturated: NDArray[np.bool_] = np.not_equal(self.luminance.invalid & np.uint8(Invalid.SATURATED), 0)
+        return saturated
 
     @property
     def unit_text(self) -> str:
@@ -129,9 +182,11 @@ class PageImage:
             min(place // self.luminance.step, n - 1)
             for place, n in zip((row, column), self.luminance.shape, strict=True)
         )
-        light = significant(float(self.luminance.luminance_cd_m2[at]))
+        value, expanded = (float(one[0]) for one in self.light_at(*(np.array([place]) for place in at)))
+        light = with_half_width(value, expanded) if isfinite(expanded) else significant(value)
         parts.append(f"{light} cd/m²" if self.unit == "cd/m^2" else f"light {light}")
-        flags = int(self.luminance.invalid[at])
+        one = tuple(slice(place, place + 1) for place in at)
+        flags = int((self.luminance.invalid[one] if self.part is None else self.part((one[0], one[1])).invalid)[0, 0])
         parts += [text for reason, text in _REASONS.items() if flags & reason]
         return " · ".join(parts)
 

@@ -60,6 +60,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion, options
         colour_filter=frame.colour_filter,
         luminance=conversion.convert(frame),
         unit=conversion.unit,
+        simulated=frame.camera.simulated,
         findings=unique((*source.findings, *conversion_findings(conversion, source))),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +95,7 @@ class Workspace:
         #: Fingerprints of the files when last read or written here.
         self._stored = {files.output: start.stored}
         self._saved, self._read, self._proposals = start.saved, start.read, start.proposals
+        self.run_elsewhere = run_elsewhere
         self._lanes = (
             Lane(run_elsewhere, lambda drawing: self._measurements.means(drawing), self._take_means),
             Lane(run_elsewhere, lambda drawing: self._measurements.evaluations(drawing), self._take_evaluated),
@@ -108,8 +109,11 @@ class Workspace:
         return self._measurements.image
 
     def renew(self, measurements: Measurements) -> None:
-        """Show and measure another image of the same size, as of a live camera."""
+        """Show and measure another image, as of a live camera; regions outside a smaller one stay, without values."""
         self._measurements = measurements
+        if self.image.size != self.files.size:
+            self.files = replace(self.files, size=self.image.size)
+            self.history = self.history.resized(self.image.size)
         self.measure()
         self.changed()
 
@@ -175,6 +179,10 @@ class Workspace:
     def warn(self, error: Exception) -> None:
         """Report an error."""
         self._tell(Notice(_sentence(str(error)), "warning"))
+
+    def say(self, text: str) -> None:
+        """Show a sentence."""
+        self._tell(Notice(_sentence(text)))
 
     def measure(self) -> None:
         """Start measuring the drawing; called after each change."""

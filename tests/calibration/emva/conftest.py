@@ -95,11 +95,10 @@ def data_set(tmp_path_factory):
     return write_data_set(tmp_path_factory.mktemp("known") / "set")
 
 
-@pytest.fixture(scope="session")
-def reference_set():
-    """Reference set 001 of the standard's makers, or skip."""
+def reference_set(name: str) -> Path:
+    """A reference data set of the standard's makers, or skip."""
     default = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "emva1288"
-    folder = Path(os.environ.get("LABCDP_EMVA_DATA", default)) / "EMVA1288_ReferenceSet_001_CCD_12Bit"
+    folder = Path(os.environ.get("LABCDP_EMVA_DATA", default)) / f"EMVA1288_ReferenceSet_{name}"
     if not folder.is_dir():
-        pytest.skip(f"reference set 001 is not at {folder} (LABCDP_EMVA_DATA says where)")
+        pytest.skip(f"there is no {folder} (LABCDP_EMVA_DATA says where)")
     return folder

@@ -1,7 +1,9 @@
-from math import sqrt
+from dataclasses import replace
+from math import inf, sqrt
 
 import numpy as np
 import pytest
+from scipy.special import stdtr, stdtrit
 
 from labcdp.calibration import CameraState, DarkObservation
 from labcdp.calibration.dark.lines import line
@@ -9,6 +11,7 @@ from labcdp.calibration.emva import Level, Quantity, SeriesPoint
 from labcdp.calibration.emva.dark_current import fit_dark_current
 from labcdp.calibration.emva.linearity import linearity
 from labcdp.calibration.emva.photon_transfer import responsivity, system_gain
+from labcdp.calibration.emva.saturation import find_saturation
 from labcdp.calibration.emva.snr import sensitivity_threshold_e, snr
 from labcdp.core.frame import CameraIdentity
 
@@ -119,6 +122,30 @@ def test_linearity_is_that_of_the_standards_closed_form():
     assert found.slope_dn == pytest.approx(slope, rel=1e-9)
     expected = [deviation.min(), deviation.max(), np.abs(deviation).mean()]
     assert [one.value for one in found.errors()] == pytest.approx(expected, abs=1e-12)
+
+
+def test_saturation_is_the_peak_of_the_variance_above_dark_and_known_as_well_as_it_is_flat():
+    photons = np.linspace(1000, 20_000, 20)
+    rising = K * R * photons
+    flat = np.minimum(rising, rising[14]) - np.where(photons > 18_000, 100.0, 0.0)
+    dark = np.where(photons == photons[9], 40.0, 4.0)  # one exposure with a noisy dark signal
+    found = find_saturation([point(p, R * p, v + d, d) for p, v, d in zip(photons, flat, dark, strict=True)])
+    assert (14 <= found.index <= 17, found.limit) == (True, "full well")
+    # From half a step below the first of the four alike to half a step above the last; noise may add a point below.
+    assert found.uncertainty_rel * photons[found.index] == pytest.approx(2000 / sqrt(3), rel=0.26)
+
+
+@pytest.mark.parametrize(("share", "limit"), [(0.13, "converter"), (0.0, "full well")])
+def test_clipping_of_some_pixels_explains_the_fall_of_the_noise(share, limit):
+    z = stdtrit(inf, 1 - share) if share else 1.1
+    density = np.exp(-(z**2) / 2) / sqrt(2 * np.pi)
+    beyond = stdtr(inf, -z)
+    mean = z * beyond - density
+    clipped = stdtr(inf, z) - z * density + z**2 * beyond - mean**2  # variance of min(x, z)
+    points = [point(p, R * p, DARK_VARIANCE + K * R * p) for p in np.linspace(1000, 20_000, 20)]
+    last = point(21_000, 2100, clipped * K * R * 21_000)
+    last = replace(last, light=replace(last.light, saturated_share=share))
+    assert find_saturation([*points, last]).limit == limit
 
 
 def test_doubling_temperature_is_found_and_covered():

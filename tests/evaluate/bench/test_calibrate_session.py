@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import load, save
+from labcdp.calibration.response.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.frame import CameraIdentity
@@ -57,9 +58,9 @@ class Camera:
                 yield frame(dn, exposure_s, number, gain_db=self.gain_db, camera=identity), role
 
 
-def bench_of(path, camera=None, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, **changes):
+def bench_of(path, device=None, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, **changes):
     """Write a session of the ten patches, or of another scene in their place."""
-    frames = (camera or Camera()).frames(of, n, exposures_s, first)
+    frames = (device or Camera()).frames(of, n, exposures_s, first)
     return record(path, configuration(ROIS, contrast=[CONTRAST], **changes), frames, LUMINANCES_CD_M2, first)
 
 
@@ -165,9 +166,32 @@ def test_sessions_with_other_lens_or_light_are_not_joined(observed):
             calibrate_session(lamp, other)
 
 
-def test_a_camera_that_is_full_before_its_converter_ends_is_refused(tmp_path):
-    """20 000 e- are 4064 DN, of 4095."""
-    observed = observe(bench_of(tmp_path / "s", Camera(full_well_e=20000.0)))
-    message = r"stays at 4064 DN with more light \(patches 'P7' at 0\.032 s, .*\): the camera saturates there, below th"
-    with pytest.raises(CalibrationError, match=message):
-        calibrate_session(observed)
+@pytest.mark.parametrize("full_well_e", [20000.0, 8000.0])
+def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well_e, corrections, tmp_path):
+    """20 000 e- are 4064 DN, of 4095; 8000 e- are 1664 DN."""
+    path = bench_of(tmp_path / "s", Camera(full_well_e=full_well_e))
+    calibration = calibrate_session(observe(path, corrections))
+    full_dn = 64 + 0.2 * full_well_e
+    (finding,) = (one for one in calibration.findings if one.code == "full-below-saturation")
+    assert finding.values["level_dn"] == pytest.approx(full_dn, abs=1)
+    assert calibration.state.saturation_dn == pytest.approx(64 + 0.18 * full_well_e, abs=1)
+    assert np.abs(deviations(calibration)).max() < 0.01
+    assert "patch-contradicts" not in {one.code for one in calibration.findings}
+    with Session.open(path) as session:
+        rows = evaluate_session(session, observe_session(session, corrections=corrections), calibration).patches
+        frames = [session.load(record) for record in session.frames() if record.role == "light"]
+    for row in rows:
+        low, high = row.calibrated.interval_95_cd_m2
+        assert low < LUMINANCES_CD_M2[row.region.name] < high
+    bracket = bracket_luminance(calibration, frames).map
+    valid = bracket.invalid == 0
+    assert np.median(np.abs(bracket.luminance_cd_m2 / SCENE - 1)[valid]) < 0.02
+
+
+def test_a_stated_saturation_needs_no_finding(corrections, tmp_path):
+    camera = {"pixel_pitch_m": 4e-6, "saturation_dn": 1550.0}
+    path = bench_of(tmp_path / "s", Camera(full_well_e=8000.0), camera=camera)
+    calibration = calibrate_session(observe(path, corrections))
+    assert calibration.state.saturation_dn == 1550
+    assert "full-below-saturation" not in {one.code for one in calibration.findings}
+    assert np.abs(deviations(calibration)).max() < 0.01

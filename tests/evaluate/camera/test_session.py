@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.chain import Chain, Sensor
 from labcdp.core.errors import CalibrationError
-from labcdp.core.photometry import electron_radiance_per_cd_m2
+from labcdp.core.spectral.photometry import electron_radiance_per_cd_m2
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.session import Session
 
@@ -82,6 +82,18 @@ def test_known_sensor_is_found_with_its_doubling_temperature(tmp_path):
     within(found.dsnu_e, SENSOR.dsnu_e, more=0.02)
     within(found.dsnu_e_s, SENSOR.dsnu_e_s)
     assert log2(found.doubling_temperature_c.value / 7.0) == pytest.approx(0, abs=0.02)
+
+
+def test_a_full_well_below_the_converters_end_is_found(tmp_path):
+    rates = np.geomspace(2000, 200_000, 6)
+    told = characterised(tmp_path / "a", rates=rates)
+    found = characterised(tmp_path / "b", lambda frame, _: replace(frame, saturation_dn=4095.0), rates=rates)
+    for one in (told, found):
+        assert one.saturation_limit == "full well"
+        within(one.full_well_e, SENSOR.full_well_e)
+        within(one.k_dn_per_e, SENSOR.k_dn_per_e)
+        within(one.prnu_rel, SENSOR.prnu_rel)
+        within(one.linearity_error_max_rel, 0.0, more=2e-4)
 
 
 def test_a_sensor_with_colours_is_characterised_by_one_plane(tmp_path):

@@ -150,7 +150,6 @@ def test_the_documentation_names_options_that_exist_and_code_that_runs(image, sc
         (("--roi", "rois.json", "--pair", "bright:sky"), "there is no 'sky': choose from bright, dark, left"),
         (("--roi", "rois.json", "--epsilon", "0%"), "--epsilon is '0%': give a percentage above 0%, up to 100%"),
         (("--rectangle", "1,2,3"), "--rectangle is '1,2,3': give two corner pixels x0,y0,x1,y1 as whole numbers"),
-        (("--neighbours", "--encoding", "gamma"), "--encoding is 'gamma': give linear or srgb"),
         (
             ("--neighbours", "--output", "one.png"),
             "one.png is not a folder: give another --output",

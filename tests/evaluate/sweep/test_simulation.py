@@ -52,6 +52,23 @@ def test_scene_keeps_every_contrast():
     assert pair.csnr.value == pair.d_prime.value == inf
 
 
+@pytest.mark.parametrize(("glare", "subtracted"), [(0.0, "false"), (0.1, "true")])
+def test_vignetting_is_no_noise_and_no_contrast_of_saturated_pixels(glare, subtracted):
+    open_lens = run(glare=glare, subtracted=subtracted).chain
+    # At the corner of 64 x 48 pixels of 4 um, 0.2 mm behind the lens, 38 % of the light is left.
+    chain = open_lens.with_(optics__focal_length_m=2e-4)
+    dark, bright = evaluate_stage(chain.run(), "optics").regions
+    assert dark.snr.value == bright.snr.value == inf
+    # Shot noise falls with the root of the light, and the mean with the light.
+    plain, fallen = (evaluate_stage(one.run(), "sensor").regions[0].snr for one in (open_lens, chain))
+    assert 0.6 * plain.value < fallen.value < plain.value
+    full = chain.with_(exposure__exposure_s=0.1)
+    pair, *regions = evaluate_pair(full.run(), "sensor")
+    assert [one.saturated_share for one in regions] == [1.0, 1.0]
+    assert (pair.cdp.cdp, pair.cdp.below) == (0.0, 1.0)
+    assert pair.measured_contrast == pytest.approx(0.0, abs=2e-5)
+
+
 def test_cdp_of_a_stage_is_that_of_its_regions():
     done = run()
     pair = evaluate_stage(done, "sensor").pairs[0]

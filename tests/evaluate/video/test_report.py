@@ -14,9 +14,10 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
+from labcdp.evaluate.video.frame_findings import runs
 from labcdp.evaluate.video.report import sheets as video_sheets
 from labcdp.evaluate.video.report.files import write_video
-from labcdp.evaluate.video.result import runs, video_result
+from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
 from labcdp.report.envelope import schema

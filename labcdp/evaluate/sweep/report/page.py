@@ -14,7 +14,7 @@ from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.netcdf import dataset_bytes
 from ..maps.dips import SnrDip
 from .interactive import map_script
-from .labels import at_text, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
+from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
 from .static import map_picture
 from .view import MapView
 
@@ -52,20 +52,27 @@ def _page(result: Result, view: MapView) -> Page:
     return Page(
         "map of contrast detection probability",
         title(dataset),
-        summary=conditions(dataset),
+        summary=f"{_answer(view)} ({conditions(dataset)}).",
         banner=SIMULATED,
         cards=_cards(view),
         lead=(map_script(view),),
         findings=(*result.findings, *(left_out if view.left_out else ())),
         sections=[
             *([Section("Numbers", tables)] if tables else []),
-            Section(
-                "Chain and provenance",
-                (Facts(facts), *([Verbatim(chain)] if chain else [])),
-                collapsed=True,
-            ),
+            Section("Chain and provenance", (Facts(facts), *([Verbatim(chain)] if chain else [])), collapsed=True),
         ],
     )
+
+
+def _answer(view: MapView) -> str:
+    """Return where CDP is high enough, without full stop."""
+    one, level = view.analysis.widest, view.analysis.level
+    if one is not None and one.widest is not None:
+        x, at = view.axes[one.axis], at_text(one.at, view.axes)
+        where = f"{axis_name(x)} {ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
+        return f"CDP is at least {level:g} for {where}{at and f', widest at {at}'}"
+    highest = significant(float(view.dataset["cdp"].max()), 3)
+    return f"CDP is at most {highest}" + (f", nowhere {level:g}" if view.analysis.usable_ranges else "")
 
 
 def _cards(view: MapView) -> list[Card]:

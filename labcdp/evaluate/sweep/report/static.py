@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.drawing import (
+from ....report.figures.drawing import (
     LABEL_SIZE,
     SMALL_SIZE,
     TITLE_SIZE,
@@ -63,8 +63,8 @@ def _heat_maps(view: MapView) -> Figure:
         place.set_facecolor(MISSING)
         edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
         mesh = place.pcolormesh(*edges, np.ma.masked_invalid(section["cdp"].values), cmap=SCALE, vmin=0, vmax=1)
-        _set_scale(x, place.xaxis)
-        _set_scale(y, place.yaxis)
+        set_scale(x, place.xaxis)
+        set_scale(y, place.yaxis)
         handles |= _draw_lines(place, view, at)
         # With axes shared, only those at the rim are labelled; above a hidden panel is the rim, too.
         rim = number + columns >= n
@@ -116,7 +116,7 @@ def _curves(view: MapView) -> Figure:
     if snr:
         _draw_curves(panels[1], view, snr)
     for panel, name in zip(panels, ("CDP", "SNR (mean/std) in dB (20 log₁₀)"), strict=False):
-        _set_scale(axis, panel.xaxis)
+        set_scale(axis, panel.xaxis)
         if not axis.numeric:
             panel.set_xticks(drawn_places(axis), list(axis.values), parse_math=False)
             panel.margins(x=0.1)
@@ -140,7 +140,7 @@ def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
         panel.plot(*dips, "o", color="black", markersize=10, markerfacecolor="none", label=text)
 
 
-def _set_scale(axis: MapAxis, drawn: Any) -> None:
+def set_scale(axis: MapAxis, drawn: Any) -> None:
     """Make a drawn axis logarithmic if the map's is, with numbers at decades, on a short axis also between them."""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 

@@ -19,7 +19,7 @@ class RegionRow:
     true_cd_m2 : float
         Mean luminance of the scene there.
     mean, standard_deviation : float
-        Of the native values, in the unit of the stage.
+        Of the native values, in the unit of the stage; the deviation without what follows the vignetting.
     snr : Estimate
         Their mean over standard deviation; inf without noise.
     snr_10log10_db, snr_20log10_db : Estimate

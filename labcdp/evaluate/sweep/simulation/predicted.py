@@ -14,6 +14,7 @@ from ....output import Destination, write_files
 from ....report.digits import percent
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
+from .result import answer
 
 _COLUMNS = (
     Column("stage", "stage", meaning="Stage of the chain behind which the values are taken."),
@@ -81,7 +82,7 @@ def write_prediction(result: Result, chain: Chain, folder: Destination) -> list[
     page = Page(
         "predicted imaging chain",
         result.title,
-        summary=chain.description,
+        summary=answer(detection, detection["stage"][-1:]) or chain.description,
         banner=SIMULATED,
         cards=cards,
         lead=(detection,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import inf, isfinite, isinf
 from typing import Any
 
@@ -10,11 +11,15 @@ from ....core.finding import Finding, info, warning
 from ....core.result import InputFile, Result
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionResult
-from ....metrics.known_snr import LARGEST_SNR
+from ....report.digits import percent
+from ..maps.known_snr import LARGEST_SNR
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
 _SATURATED_SHARE = 0.001
+
+#: Fall of the CDP at a stage from which on it is named.
+_LOSS = 0.001
 
 _STAGE = Column("stage", "stage", meaning="Stage of the chain behind which the values are taken.")
 _PAIR = (
@@ -51,7 +56,7 @@ _SIGNAL = (
     Column("unit", "unit", meaning="Unit of the values that the stage hands on."),
     Column("quantity", "quantity", meaning="What these values are.", shown=False),
     Column("mean", "mean", meaning="Mean of the values."),
-    Column("standard_deviation", "std", meaning="Standard deviation of the values."),
+    Column("standard_deviation", "std", meaning="Standard deviation of the values, without vignetting."),
     *uncertain(Column("snr", "spatial SNR", meaning="Mean over standard deviation of the values; ∞ without noise.")),
     Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the spatial SNR, as in the 2018 thesis.", decimals=2),
     Column("u_snr_10log10_db", "u of 10 lg SNR", "dB", "Its standard uncertainty.", digits=2, shown=False),
@@ -71,6 +76,26 @@ _SIGNAL = (
     ),
     Column("saturated_share", "saturated", "%", "Share of the region's pixels that are saturated.", decimals=2),
 )
+
+
+def answer(detection: Table, final: Sequence[str]) -> str:
+    """Return what a chain detects behind its last stages, and the stage that costs most, in a sentence."""
+    rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
+    found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
+    if not found:
+        return ""
+    name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
+    lowest = min(found, key=lambda row: row[name])
+    pair = [row for row in rows if all(row[key] == lowest[key] for key in ("bright", "dark"))]
+    known = [row for row in pair[: pair.index(lowest) + 1] if row.get(name) is not None]
+    losses = [(before[name] - after[name], after["stage"]) for before, after in pairwise(known)]
+    loss, stage = max(losses, default=(0.0, ""))
+    of = "" if len(found) == 1 else f"Lowest of {len(found)}: "
+    costs = f"; the largest loss is at {stage}" if loss >= _LOSS else ""
+    asked = lowest.get("contrast")
+    contrast = "the contrast" if asked is None else f"a contrast of {percent(asked, 4)}"
+    sentence = f"{of}{contrast} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
+    return f"{sentence[0].upper()}{sentence[1:]} with a probability of {lowest[name]:.3f}{costs}."
 
 
 def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -> Result:

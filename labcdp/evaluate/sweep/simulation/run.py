@@ -28,6 +28,7 @@ from ....metrics import (
     weber_contrast_of_means,
 )
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
+from .fall_off import axial_where_saturated, relative_illuminance, without_fall_off
 
 #: A plot shows no more; the distributions of a result are reduced to it to save memory.
 _MOST_VALUES = 4096
@@ -60,12 +61,7 @@ def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 
 
 
 def evaluate_stage(
-    run: ChainRun,
-    name: str,
-    contrast: float | None = None,
-    epsilon: float = 0.5,
-    *,
-    plot_contrasts: bool = False,
+    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
 ) -> StageRow:
     """Evaluate one stage of a run, without the contrasts of all pairs unless they are to be plotted.
 
@@ -75,7 +71,9 @@ def evaluate_stage(
     scene = run.chain.scene
     masks = {region: mask for region, mask in scene.regions().items() if mask.any()}
     true_means = _true_means(run, masks)
-    luminance = pixel_means(signal.luminance_cd_m2, signal.oversampling)
+    relative = relative_illuminance(signal) if signal.oversampling == 1 else None
+    luminance = axial_where_saturated(signal.luminance_cd_m2, signal, relative)
+    luminance = pixel_means(luminance, signal.oversampling)
     values = pixel_means(signal.values, signal.oversampling)
     luminance_shown = shown_distribution(luminance)
     seen = {region: Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
@@ -93,17 +91,17 @@ def evaluate_stage(
             row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
         pairs.append(row)
     rows = [
-        _region(region, true_means[region], values[mask], seen[region], _saturated_share(signal, mask))
+        _region(
+            region,
+            true_means[region],
+            values[mask] if relative is None else without_fall_off(values[mask], relative[mask]),
+            seen[region],
+            _saturated_share(signal, mask),
+        )
         for region, mask in masks.items()
     ]
     return StageRow(
-        name,
-        signal.quantity,
-        signal.unit,
-        shown_distribution(values),
-        luminance_shown,
-        tuple(rows),
-        tuple(pairs),
+        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(rows), tuple(pairs)
     )
 
 

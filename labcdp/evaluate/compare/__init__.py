@@ -1,0 +1,1 @@
+"""Results of one kind side by side."""

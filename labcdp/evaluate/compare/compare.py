@@ -1,0 +1,181 @@
+"""Compare things of one kind: each with the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...chain import Chain
+from ...core.errors import InputError
+from ..sweep.axis import Axis
+from ..sweep.maps.map import MapAnalysis, analyse_map
+from ..sweep.plan import Sweep
+from ..sweep.run import run_sweep
+from .difference import Difference, difference
+from .grid import Grid, map_grid, responsivity_grid
+from .rows import Named, values_of
+from .thing import Thing, read_things
+
+#: Luminances at which chains are compared unless others are given: from starlight to a sunlit road sign.
+LUMINANCES = Axis("scene.luminance_cd_m2", tuple(np.geomspace(0.001, 1e5, 121).tolist()))
+#: Longest text of a setting.
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class Question:
+    """What chains are asked.
+
+    Parameters
+    ----------
+    axes : tuple of Axis
+        Parameters that are varied.
+    changes : mapping
+        Parameters that are set in all chains.
+    contrast : float or None
+        Weber contrast to be detected, a fraction; None for that of each scene.
+    epsilon : float
+        Its relative tolerance.
+    """
+
+    axes: tuple[Axis, ...] = (LUMINANCES,)
+    changes: Mapping[str, Any] | None = None
+    contrast: float | None = None
+    epsilon: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A value of one thing beside that of the first.
+
+    Parameters
+    ----------
+    name : str
+        The thing.
+    first, other : Named
+        The values.
+    difference : Difference
+        Other minus first.
+    """
+
+    name: str
+    first: Named
+    other: Named
+    difference: Difference
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Things of one kind, each compared with the first.
+
+    Parameters
+    ----------
+    things : tuple of Thing
+        At least two.
+    rows : tuple of Compared
+        Values compared one by one.
+    unmatched : tuple of str
+        Quantities that only some things have.
+    grid : Grid or None
+        Curves or maps on the same axes.
+    analyses : tuple of MapAnalysis
+        Usable ranges of each map.
+    question : Question or None
+        Of chains.
+    """
+
+    things: tuple[Thing, ...]
+    rows: tuple[Compared, ...] = ()
+    unmatched: tuple[str, ...] = ()
+    grid: Grid | None = None
+    analyses: tuple[MapAnalysis, ...] = ()
+    question: Question | None = None
+
+    @property
+    def kind(self) -> str:
+        """Kind of the things."""
+        return self.things[0].kind
+
+    @property
+    def settings(self) -> dict[str, list[str]]:
+        """Settings in which the things differ, as text of each."""
+        flat = [dict(_flat(thing.settings)) for thing in self.things]
+        rows = {name: [one.get(name, "") for one in flat] for one in flat for name in one}
+        return {name: texts for name, texts in rows.items() if len(set(texts)) > 1}
+
+
+def compare_things(
+    sources: Sequence[Any], question: Question | None = None, progress: Callable[[int, int], None] | None = None
+) -> Comparison:
+    """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_things`.
+
+    Parameters
+    ----------
+    sources : sequence
+        At least two.
+    question : Question or None
+        What chains are asked; None for CDP over the luminance.
+    progress : callable or None
+        Called with the number of cells of a chain's prediction that are done, and of all.
+
+    Raises
+    ------
+    InputError
+        If things cannot be read or compared, or there is a question but no chain.
+    """
+    things = read_things(sources)
+    kind = things[0].kind
+    if kind == "chain":
+        return _chains(things, question or Question(), progress)
+    if question is not None:
+        raise InputError(f"parameters, contrast and tolerance are options for chains, {things[0].name} is a {kind}")
+    if kind == "sweep":
+        return _maps(things, [thing.content for thing in things])
+    rows, unmatched = _rows(things)
+    return Comparison(things, rows, unmatched, responsivity_grid(things) if kind == "calibration" else None)
+
+
+def _chains(things: tuple[Thing, ...], question: Question, progress: Callable[[int, int], None] | None) -> Comparison:
+    """Predict all chains without random numbers, on the optical axis, as `labcdp.Chain.sweep` does."""
+    maps, changed = [], []
+    for thing in things:
+        chain: Chain = thing.content.with_(**question.changes) if question.changes else thing.content
+        wanted = Sweep(chain, question.axes, True, None, question.contrast, question.epsilon)
+        try:
+            maps.append(run_sweep(wanted, None, progress))
+        except InputError as error:
+            raise InputError(f"{thing.name}: {error}; or compare simulated maps of labcdp sweep") from error
+        changed.append(replace(thing, settings=chain.document))
+    return replace(_maps(tuple(changed), maps), question=question)
+
+
+def _maps(things: tuple[Thing, ...], maps: Sequence[Any]) -> Comparison:
+    grid = map_grid(things, maps)
+    return Comparison(things, grid=grid, analyses=tuple(analyse_map(dataset) for dataset in maps))
+
+
+def _rows(things: tuple[Thing, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:
+    first, *others = (values_of(thing) for thing in things)
+    rows = [
+        Compared(thing.name, first[name], other[name], difference(first[name].value, other[name].value))
+        for name in first
+        for thing, other in zip(things[1:], others, strict=True)
+        if name in other
+    ]
+    if not rows:
+        ours, theirs = (", ".join(list(one)[:3]) for one in (first, others[0]))
+        raise InputError(f"{things[0].name} and {things[1].name} have no quantity in common ({ours}; {theirs})")
+    every = dict.fromkeys(name for one in (first, *others) for name in one)
+    return tuple(rows), tuple(name for name in every if not all(name in one for one in (first, *others)))
+
+
+def _flat(values: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(values, Mapping):
+        for key, value in values.items():
+            yield from _flat(value, f"{name}.{key}" if name else str(key))
+    elif values is not None and name not in ("name", "description"):
+        text = str(values)
+        yield name, text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

@@ -1,0 +1,157 @@
+"""Curves and maps of several things on the same axes: CDP of sweeps, responsivity of calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...calibration import AnyCalibration, Calibration
+from ...calibration.errors.expanded import expanded_rel
+from ...core.errors import InputError
+from ...core.table import Z_95
+from ..sweep.maps.axes import MapAxis, map_axis, map_layout, sections
+from .difference import Difference, Uncertain, difference
+from .thing import Thing
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Relative difference of coordinates that are equal but for rounding.
+_ROUNDING = 1e-9
+#: Signals at which responsivities are compared.
+_SIGNALS = 101
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A quantity of all things at the same places.
+
+    Parameters
+    ----------
+    quantity : str
+        ``CDP`` or ``responsivity R``.
+    axes : tuple of MapAxis
+        The last one is drawn across, the one before up if it has numbers.
+    values : tuple of Uncertain
+        Of each thing, of the shape of the axes.
+    differences : tuple of Difference
+        Of each other thing from the first, of the same shape.
+    relative : bool
+        Whether the differences are relative to the first.
+    """
+
+    quantity: str
+    axes: tuple[MapAxis, ...]
+    values: tuple[Uncertain, ...]
+    differences: tuple[Difference, ...]
+    relative: bool
+
+    @property
+    def spanned(self) -> int:
+        """Number of axes a figure spans: 2 for maps, 1 for curves."""
+        *_, y, _x = (None, *self.axes)
+        return 2 if y is not None and y.numeric and y.values.size > 1 else 1
+
+
+def map_grid(things: Sequence[Thing], maps: Sequence[Dataset]) -> Grid:
+    """Return CDP over the axes that all maps have.
+
+    Raises
+    ------
+    InputError
+        If the maps have other axes, or other values on them.
+    """
+    layout = map_layout(maps[0])
+    single = [str(name) for name in maps[0]["cdp"].dims if name not in (*layout.others, *layout.spanned)]
+    names = [*single, *layout.others, *layout.spanned]
+    for thing, dataset in zip(things, maps, strict=True):
+        _require_axes(things[0].name, maps[0], thing.name, dataset)
+    values = tuple(_cdp(dataset, names) for dataset in maps)
+    differences = tuple(difference(values[0], other) for other in values[1:])
+    return Grid("CDP", tuple(map_axis(maps[0], name) for name in names), values, differences, relative=False)
+
+
+def _cdp(dataset: Dataset, names: list[str]) -> Uncertain:
+    (_, ordered), *_ = sections(dataset, names)
+    expanded: Any = 0.0
+    if dataset.attrs.get("method") != "exact":
+        known = "standard_error" in dataset
+        expanded = Z_95 * ordered["standard_error"].values if known else np.full(ordered["cdp"].shape, np.nan)
+    return Uncertain(ordered["cdp"].values, expanded, expanded)
+
+
+def _require_axes(first: str, ours: Dataset, other: str, theirs: Dataset) -> None:
+    def text(dataset: Dataset) -> str:
+        axes = [map_axis(dataset, str(name)) for name in dataset["cdp"].dims]
+        return ", ".join(f"{a.name} ({a.values.size} from {a.values[0]} to {a.values[-1]})" for a in axes)
+
+    same = set(ours["cdp"].dims) == set(theirs["cdp"].dims)
+    if not same or not all(_alike(map_axis(ours, str(n)), map_axis(theirs, str(n))) for n in ours["cdp"].dims):
+        raise InputError(
+            f"the maps have different axes, {first}: {text(ours)}; {other}: {text(theirs)}: sweep both over the same"
+        )
+
+
+def _alike(a: MapAxis, b: MapAxis) -> bool:
+    if a.numeric != b.numeric or a.values.shape != b.values.shape:
+        return False
+    return bool(np.allclose(a.values, b.values, rtol=_ROUNDING, atol=0) if a.numeric else (a.values == b.values).all())
+
+
+def responsivity_grid(things: Sequence[Thing]) -> Grid:
+    """Return R(n) = n / (L t) over the DN n above dark that all calibrations cover, by plane if they have planes.
+
+    Raises
+    ------
+    InputError
+        If some are of planes and some are not, or their signals do not overlap.
+    """
+    cameras = [_planes(thing.content) for thing in things]
+    names = [plane.state.plane for plane in cameras[0]]
+    for thing, planes in zip(things, cameras, strict=True):
+        if [plane.state.plane for plane in planes] != names:
+            raise InputError(f"{things[0].name} and {thing.name} have other colour planes: compare alike sensors")
+    ranges = [plane.range_net_dn for planes in cameras for plane in planes]
+    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    if low >= high:
+        raise InputError("the calibrations have no signal in common: compare calibrations of one range of DN")
+    net_dn = np.linspace(low, high, _SIGNALS)
+    logs = [_log_responsivity(planes, net_dn) for planes in cameras]
+    relative = tuple(_exponential(difference(logs[0], one)) for one in logs[1:])
+    values = tuple(_scaled(log) for log in logs)
+    axes = (MapAxis("plane", np.array(names, dtype=str), "", "plane", False),) if names != [None] else ()
+    signal = MapAxis("net_dn", net_dn, "DN", "signal above dark", True)
+    return Grid("responsivity R", (*axes, signal), values, relative, relative=True)
+
+
+def _planes(calibration: AnyCalibration) -> Sequence[Calibration]:
+    return (calibration,) if isinstance(calibration, Calibration) else calibration.planes
+
+
+def _log_responsivity(planes: Sequence[Calibration], net_dn: NDArray[np.float64]) -> Uncertain:
+    """Return ln R with U of the fit and the meter; the errors of the fit are independent of each other."""
+    logs, expanded, by_meter = [], [], []
+    for plane in planes:
+        logs.append(np.log(net_dn / plane.luminance_cd_m2(net_dn, 1.0)))
+        errors = [np.interp(net_dn, error.net_dn, error.relative) for error in plane.fit_errors]
+        u_fit = np.sqrt(np.sum(np.square(errors), axis=0)) if errors else np.zeros_like(net_dn)
+        expanded.append([expanded_rel((plane.meter_scale,), float(u)) for u in u_fit])
+        by_meter.append(plane.meter_scale.common_rel / np.hypot(plane.meter_scale.common_rel, np.maximum(u_fit, 1e-12)))
+    shape = (len(planes), net_dn.size) if planes[0].state.plane else net_dn.shape
+    share, sides = np.reshape(by_meter, shape), np.reshape(expanded, shape)
+    data, meter = planes[0].provenance.input_sha256, planes[0].meter_scale
+    common = {f"meter {meter}": share, f"data {data}": np.sqrt(1 - share**2)}
+    return Uncertain(np.reshape(logs, shape), sides, sides, common)
+
+
+def _scaled(log: Uncertain) -> Uncertain:
+    value = np.exp(np.asarray(log.value))
+    return Uncertain(value, value * np.asarray(log.below), value * np.asarray(log.above))
+
+
+def _exponential(log: Difference) -> Difference:
+    return Difference(np.expm1(log.value), np.expm1(log.low), np.expm1(log.high), log.z)

@@ -1,0 +1,105 @@
+"""The files of a comparison: page, spreadsheet, numbers and figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...core.result import Result
+from ...output import Destination, write_files
+from ...report.cells import cell_text
+from ...report.figure import ReportFigure
+from ...report.files import result_files
+from ...report.findings import finding_text
+from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section, State, input_facts
+from .compare import Comparison
+from .figures import comparison_figure
+from .result import answer
+
+#: Most rows of a table beside the figure, and most cards.
+_BRIEF, _MOST_CARDS = 10, 4
+_METHOD = (
+    "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
+    "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
+    "5.2.2; for probabilities Newcombe 1998, method 10). A difference is significant if the interval does not contain "
+    "0, which happens by chance in 1 of 20."
+)
+
+
+def write_comparison(found: Comparison, result: Result, folder: Destination) -> list[Path]:
+    """Write a comparison into a folder as `write_files` takes it.
+
+    Everything is made before the first file is written; InputError is raised if one cannot be written.
+
+    Returns
+    -------
+    list of Path
+        results.json, report.html, results.xlsx and figures/comparison.png.
+    """
+    png = comparison_figure(found)
+    names = ", ".join(thing.name for thing in found.things)
+    figures = [] if png is None else [ReportFigure("comparison.png", png, _caption(found), f"Comparison of {names}.")]
+    return write_files(folder, "compare", result_files(result, _page(found, result, figures), figures))
+
+
+def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Page:
+    said = answer(found)
+    sentences = [finding_text(one) for one in said]
+    tables = {table.name: table for table in result.tables}
+    first = [tables[name] for name in ("usable_ranges", "differences") if name in tables]
+    brief = [
+        table.showing("quantity", "name", "difference", "z", "differs", "at", "range", "decades") for table in first
+    ]
+    lead: tuple[Block, ...] = (*figures, *(table for table in brief if len(table) <= _BRIEF))
+    sections = [
+        *(Section("Values", (table,), len(table) <= _BRIEF) for table in first if table.name == "differences"),
+        *(Section("Settings that differ", (tables[name],)) for name in ("settings",) if name in tables),
+        *(Section("All places", (tables[name],), collapsed=True) for name in ("curves",) if name in tables),
+        Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True),
+    ]
+    return Page(
+        f"Comparison of {found.kind}s",
+        result.title,
+        " ".join(f"{text[:1].upper()}{text[1:]}." for text in sentences),
+        SIMULATED if result.simulated else "",
+        tuple(_cards(found, result)),
+        lead,
+        [one for one in result.findings if one not in said],
+        sections,
+    )
+
+
+def _cards(found: Comparison, result: Result) -> Iterator[Card]:
+    """Yield the usable range of each map, or how many values differ and which one most."""
+    if found.analyses:
+        if len(found.things) > _MOST_CARDS:
+            return
+        table = result.table("usable_ranges")
+        column = table.column("range")
+        for thing, analysis in zip(found.things, found.analyses, strict=True):
+            widest = analysis.widest.widest if analysis.widest else None
+            rows = [row for row in table.rows() if row["name"] == thing.name]
+            row = next((row for row in rows if widest is not None and row["low"] == widest.low), rows[0])
+            title = f"{thing.name}: {'widest ' if len(rows) > 1 else ''}range with CDP ≥ {analysis.level:g}"
+            yield Card(title, cell_text(column, row), column.unit, state="bad" if widest is None else "open")
+        return
+    for thing in found.things[1 : _MOST_CARDS + 1]:
+        own = [row for row in found.rows if row.name == thing.name]
+        n = sum(bool(row.difference.significant) for row in own)
+        state: State = "bad" if n else "good"
+        verdict, detail = "differs" if n else "", f"values differ significantly from {found.things[0].name}"
+        yield Card(thing.name, f"{n} of {len(own)}", detail, verdict=verdict, state=state)
+    known = [row for row in found.rows if np.isfinite(row.difference.z)]
+    most = max(known, key=lambda row: abs(float(row.difference.z)), default=None)
+    if most is not None and most.difference.z:
+        yield Card("Most significant", f"z = {float(most.difference.z):.1f}", most.first.quantity, (most.name,))
+
+
+def _caption(found: Comparison) -> str:
+    if found.grid is None:
+        return f"Each beside {found.things[0].name}; bars are 95 % intervals, the grey band is not significant."
+    return (
+        "Bands are 95 % intervals." if not found.analyses else f"CDP, and its difference from {found.things[0].name}."
+    )

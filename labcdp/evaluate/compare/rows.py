@@ -1,0 +1,133 @@
+"""Values of sessions, pictures, characterisations and calibrations that can be compared one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import nan, sqrt
+from typing import Any, TypeAlias
+
+from ...calibration.verify.history import histories
+from ...core.errors import InputError
+from ..bench.calibration.quantities import RESPONSIVITY
+from .difference import Uncertain
+from .thing import Thing
+
+#: Part of the uncertainty that other values may have, too: by what identifies it, the share of the variance.
+_Shares: TypeAlias = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Named:
+    """A value that is compared with the one of the same quantity of another thing.
+
+    Parameters
+    ----------
+    quantity : str
+        What it is.
+    unit : str
+        Its unit; values in ``%`` are fractions.
+    value : Uncertain
+        The value.
+    probability : bool
+        Whether it is a CDP.
+    """
+
+    quantity: str
+    unit: str
+    value: Uncertain
+    probability: bool = False
+
+
+def values_of(thing: Thing) -> dict[str, Named]:
+    """Return the values of a thing by their quantity.
+
+    Raises
+    ------
+    InputError
+        If the results are damaged.
+    """
+    of = {"session": _session, "picture": _picture, "characterisation": _characterisation, "calibration": _calibration}
+    try:
+        return {one.quantity: one for one in of[thing.kind](thing)}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"the results {thing.name} are damaged ({error!r}): run the command again") from error
+
+
+def _session(thing: Thing) -> Iterator[Named]:
+    tables = thing.content["tables"]
+    provenance = {row["item"]: row["value"] for row in tables["provenance"]["rows"]}
+    frames = f"frames {provenance['SHA-256 of frames and readings']}"
+    calibration = f"calibration {provenance['SHA-256 of those of the calibration']}"
+    for row in tables["contrasts"]["rows"]:
+        text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
+        yield Named(text, "", _cdp(row, frames, calibration), True)
+    for row in {row["pair"]: row for row in tables["contrasts"]["rows"]}.values():
+        value = _symmetric(row["camera_contrast"], row["expanded_camera_contrast"], {frames: 1.0})
+        yield Named(f"contrast of {row['pair']}", "%", value)
+
+
+def _picture(thing: Thing) -> Iterator[Named]:
+    tables, number = thing.content["tables"], thing.content["number"]
+    (sha256,) = (row["sha256"] for row in tables["pictures"]["rows"] if row["number"] == number)
+    calibrations = [one["sha256"] for one in thing.content["inputs"] if one["role"] == "calibration"]
+    picture, calibration = f"picture {sha256}", f"calibration {calibrations[0] if calibrations else sha256}"
+    rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
+    for row in rows:
+        measured = row["contrast_origin"] == "measured"
+        asked = "its contrast" if measured else _percent(row["contrast"])
+        below, above = row["tolerance_below"], row["tolerance_above"]
+        ends = [_percent(below) if below == above else f"{_percent(below)}, {_percent(above)}"]
+        yield Named(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", "", _cdp(row, picture, calibration), True)
+    for row in {row["pair"]: row for row in rows}.values():
+        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], {picture: 1.0})
+        yield Named(f"contrast of {row['pair']}", "%", value)
+
+
+def _characterisation(thing: Thing) -> Iterator[Named]:
+    data = {f"{one['role']} {one['sha256']}": 1.0 for one in thing.content["inputs"][:1]}
+    for row in thing.content["tables"]["characterisation"]["rows"]:
+        unit = "%" if row["unit"] == "1" else str(row["unit"] or "")
+        yield Named(str(row["quantity"]), unit, _symmetric(row["value"], row["expanded_value"], data))
+
+
+def _calibration(thing: Thing) -> Iterator[Named]:
+    data = f"data {thing.content.provenance.input_sha256}"
+    for history in histories({thing.name: thing.content}, {}):
+        (point,) = history.points
+        plane = f" of plane {history.plane}" if history.plane else ""
+        assert point.responsivity is not None
+        r, own, whole = point.responsivity
+        shares = {data: (own / whole) ** 2, f"meter {point.meter}": 1 - (own / whole) ** 2} if whole else {}
+        yield Named(f"responsivity R{plane}", RESPONSIVITY, _symmetric(r, r * whole, shares))
+        yield Named(f"dark offset{plane}", "DN", _symmetric(*point.dark_offset_dn, {data: 1.0}))
+        if point.dark_rate_dn_s is not None:
+            yield Named(f"dark rate{plane}", "DN/s", _symmetric(*point.dark_rate_dn_s, {data: 1.0}))
+        if point.k_dn_per_e is not None:
+            yield Named(f"overall system gain K{plane}", "DN/e⁻", _symmetric(point.k_dn_per_e, None, {}))
+
+
+def _symmetric(value: Any, expanded: Any, shares: _Shares) -> Uncertain:
+    u = _number(expanded)
+    return Uncertain(_number(value), u, u, _roots(shares))
+
+
+def _cdp(row: Mapping[str, Any], pixels: str, calibration: str) -> Uncertain:
+    """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
+    value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
+    u, by_pixels = _number(row["u_cdp"]), _number(row["u_cdp_pixels"])
+    # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
+    share = min(by_pixels / u, 1.0) ** 2 if u > 0 else 1.0
+    return Uncertain(value, value - low, high - value, _roots({pixels: share, calibration: 1 - share}))
+
+
+def _roots(shares: _Shares) -> dict[str, float]:
+    return {name: sqrt(share) for name, share in shares.items()}
+
+
+def _number(value: Any) -> float:
+    return nan if value is None else float(value)
+
+
+def _percent(fraction: Any) -> str:
+    return "∞" if fraction is None else f"{100 * float(fraction):.6g} %"

@@ -1,0 +1,198 @@
+"""What can be compared: chains, maps of sweeps, calibrations and results, recognised by their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_any
+from ...chain import Chain, preset_names
+from ...core.disk import parse_toml, read_json
+from ...core.errors import InputError
+from ...core.result import InputFile, Result
+from ...report.envelope import SCHEMA, envelope
+from ...report.netcdf import read_dataset
+from ...session import Session
+from ...session.journal_text import JOURNAL
+from ..bench.calibration.quantities import lens_text, meter_text
+from ..bench.recorded_calibration import calibrate_recorded
+from ..bench.report.result import session_input, session_result
+from ..bench.session import evaluate_session
+from ..sweep.maps.axes import check_map
+
+#: Kinds by the command whose results they are; the file next to results.json that holds them, if not that itself.
+_OF_COMMAND = {
+    "evaluate": ("session", ""),
+    "demo": ("session", ""),
+    "image": ("picture", ""),
+    "characterise": ("characterisation", ""),
+    "calibrate": ("calibration", "calibration.json"),
+    "sweep": ("sweep", "map.nc"),
+    "simulate": ("chain", "chain.toml"),
+}
+_HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of labcdp evaluate, image or characterise"
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """One of the things that are compared.
+
+    Parameters
+    ----------
+    kind : str
+        ``chain``, ``sweep``, ``session``, ``calibration``, ``characterisation`` or ``picture``.
+    name : str
+        What tables and figures call it.
+    content : Chain, Dataset, Calibration or dict
+        What it is; of session, characterisation and picture the content of results.json.
+    inputs : tuple of InputFile
+        Its files.
+    settings : mapping
+        What it was made with, as nested values.
+    simulated : bool
+        Whether its data is simulated.
+    """
+
+    kind: str
+    name: str
+    content: Any
+    inputs: tuple[InputFile, ...]
+    settings: Mapping[str, Any]
+    simulated: bool
+
+
+def read_things(sources: Sequence[Any]) -> tuple[Thing, ...]:
+    """Recognise and read what is compared.
+
+    Parameters
+    ----------
+    sources : sequence
+        Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
+        are as many things.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read or is nothing that can be compared, if they are of different kinds, or less than two.
+    """
+    found = [thing for source in sources for thing in _read(source)]
+    kinds = {thing.kind: thing.name for thing in reversed(found)}
+    if len(kinds) > 1:
+        (one, a), (other, b), *_ = reversed(kinds.items())
+        raise InputError(f"{a} is a {one}, but {b} is a {other}: compare things of one kind")
+    if len(found) < 2:
+        raise InputError("there is nothing to compare with: give at least two")
+    return tuple(replace(thing, name=name) for thing, name in zip(found, _names(found), strict=True))
+
+
+def _names(things: Sequence[Thing]) -> list[str]:
+    """Last parts of the names, whole names where those are equal, and numbers where these are, too."""
+    last = [Path(thing.name).name or thing.name for thing in things]
+    names = last if len(set(last)) == len(last) else [thing.name for thing in things]
+    return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
+
+
+def _read(source: Any) -> list[Thing]:
+    if isinstance(source, str | Path):
+        return _file(str(source), Path(source))
+    if isinstance(source, Chain):
+        return [_chain(source.name or "chain", source, ())]
+    if isinstance(source, Session):
+        return _session(str(source.path.name), source)
+    if hasattr(source, "data_vars"):
+        return [_map(str(source.attrs.get("title", "map")), source, ())]
+    if isinstance(source, Calibration | ColourCalibration):
+        return [_calibration("calibration", source, ())]
+    if hasattr(source, "to_dict"):
+        content = source.to_dict()
+        return _results(str(content.get("title", "results")), Path(), content, ())
+    raise InputError(f"{type(source).__name__} cannot be compared: {_HINT}")
+
+
+def _file(text: str, path: Path) -> list[Thing]:
+    if not path.exists() and text in preset_names():
+        return [_chain(text, Chain.load(text), (InputFile("preset", text, ""),))]
+    if not path.exists():
+        raise InputError(f"{text} does not exist: {_HINT}")
+    if (path / JOURNAL).is_file():
+        with Session.open(path) as session:
+            return _session(text.rstrip("/"), session)
+    results = path / "results.json"
+    # Of files with a name that labcdp gives, the folder says more.
+    own = path.name in ("results.json", "calibration.json", "map.nc", "chain.toml") and path.parent.name
+    name = str(path.parent) if own else text.rstrip("/")
+    match path.suffix.lower():
+        case _ if results.is_file():
+            return _document(name, results)
+        case ".json":
+            return _document(name, path)
+        case ".nc":
+            return [_map(name, read_dataset(path, "map"), (InputFile.of("map", path),))]
+        case ".toml":
+            return [_chain(name, Chain.load(path), (InputFile.of("chain", path),))]
+    raise InputError(f"{text} cannot be compared: {_HINT}")
+
+
+def _document(name: str, path: Path) -> list[Thing]:
+    content = read_json(path, "results or a calibration of labcdp")
+    if isinstance(content, dict) and content.get("format") == "labcdp-calibration":
+        return [_calibration(name, load_any(path), (InputFile.of("calibration", path),))]
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputError(f"{path} holds no results of labcdp: {_HINT}")
+    return _results(name, path, content, (InputFile.of("results", path),))
+
+
+def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[InputFile, ...]) -> list[Thing]:
+    command = str(content.get("kind"))
+    if command not in _OF_COMMAND:
+        raise InputError(f"{name} holds results of labcdp {command}, which cannot be compared: {_HINT}")
+    kind, file = _OF_COMMAND[command]
+    if file:
+        return _file(str(path.parent / file), path.parent / file)
+    try:
+        settings, simulated = dict(content["configuration"]), bool(content["simulated"])
+        if kind != "picture":
+            return [Thing(kind, name, content, inputs, settings, simulated)]
+        pictures = [str(row["picture"]) for row in content["tables"]["pictures"]["rows"]]
+        several = len(pictures) > 1
+        return [
+            Thing(kind, one if several else name, {**content, "number": number}, inputs, settings, simulated)
+            for number, one in enumerate(pictures, start=1)
+        ]
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(f"{name} lacks a part of the results of labcdp {command}: run the command again") from None
+
+
+def _session(name: str, session: Session) -> list[Thing]:
+    """Evaluate a session with its own calibration."""
+    calibration, observed = calibrate_recorded([session])
+    result: Result = session_result(evaluate_session(session, observed, calibration), [session_input(session)])
+    return _results(name, session.path, envelope(result), result.inputs)
+
+
+def _chain(name: str, chain: Chain, inputs: tuple[InputFile, ...]) -> Thing:
+    return Thing("chain", name, chain, inputs, chain.document, True)
+
+
+def _map(name: str, dataset: Any, inputs: tuple[InputFile, ...]) -> Thing:
+    check_map(dataset)
+    text = str(dataset.attrs.get("chain", ""))
+    asked = {key: dataset.attrs[key] for key in ("contrast", "epsilon", "stage", "method") if key in dataset.attrs}
+    return Thing("sweep", name, dataset, inputs, {**asked, **parse_toml(text)}, True)
+
+
+def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile, ...]) -> Thing:
+    state, camera = calibration.state, calibration.state.camera
+    settings = {
+        "camera": str(camera),
+        "lens": lens_text(calibration.lens),
+        "pixel format": f"{state.pixel_format}, {state.bit_depth} bit",
+        "gain_db": state.gain_db,
+        "light": calibration.source_spectrum,
+        "meter": meter_text(calibration.meter_scale.meter),
+        "meter state": calibration.meter_scale.state,
+        "measured": f"{calibration.provenance.measured:%Y-%m-%d %H:%M}",
+    }
+    return Thing("calibration", name, calibration, inputs, settings, camera.simulated)

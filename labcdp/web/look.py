@@ -1,0 +1,56 @@
+"""How pages are laid out: a picture with tabs beside it, or below it on narrow screens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+import panel as pn
+
+#: Width of the tabs beside the picture.
+SIDE_PX = 450
+#: Screens up to this width have the tabs below the picture: tablets held upright, and phones.
+_NARROW = "@media (max-width: 960px)"
+#: Panel makes a layout as wide as its children ask for.
+_FREE = ":host { min-width: 0 !important; }"
+#: The theme changes the colours of everything but the picture; see themes.js.
+TINTED = {"filter": "var(--tint, none)"}
+
+
+def style() -> str:
+    """Return the style of tables, cards and sentences."""
+    names = ("page.css", "bench.css")
+    return "".join(files("labcdp").joinpath(f"data/roi-page/{name}").read_text(encoding="utf-8") for name in names)
+
+
+def row(*items: Any, **options: Any) -> Any:
+    """Return a row that is broken where the screen is too narrow."""
+    return pn.Row(*items, margin=options.pop("margin", 0), stylesheets=[":host { flex-wrap: wrap; }"], **options)
+
+
+def column(*items: Any) -> Any:
+    """Return the content of a tab, which scrolls where the screen is low."""
+    width = f"{_FREE} :host {{ max-width: {SIDE_PX}px; }} {_NARROW} {{ :host {{ max-width: 100vw; }} }}"
+    return pn.Column(*items, sizing_mode="stretch_both", scroll="y", margin=0, stylesheets=[width])
+
+
+def beside(picture: Any, side: Sequence[Any], *above: Any) -> Any:
+    """Return the page: `above` the picture, and `side` at its right, or below it on narrow screens."""
+    pane = pn.pane.Bokeh(
+        picture,
+        sizing_mode="stretch_both",
+        margin=0,
+        stylesheets=[f"{_NARROW} {{ :host {{ flex: 0 0 48vh !important; height: 48vh !important; width: 100%; }} }}"],
+    )
+    side = pn.Column(
+        *side,
+        width=SIDE_PX,
+        sizing_mode="stretch_height",
+        margin=0,
+        styles=TINTED,
+        stylesheets=[f"{_FREE} {_NARROW} {{ :host {{ width: 100% !important; height: auto !important; }} }}"],
+    )
+    narrow = f"{_FREE} {_NARROW} {{ :host {{ flex-direction: column !important; overflow-y: auto; }} }}"
+    both = pn.Row(pane, side, sizing_mode="stretch_both", min_height=380, margin=0, stylesheets=[narrow])
+    return pn.Column(*above, both, sizing_mode="stretch_both", margin=0, stylesheets=[_FREE])

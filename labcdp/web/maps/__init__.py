@@ -1,0 +1,1 @@
+"""Luminance maps on a page: false colours, profile, isolines, limits and export."""

@@ -1,0 +1,219 @@
+"""The tab of the luminance map: scale, isolines, profile, statistics with limits, and export."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from math import isfinite
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import panel as pn
+from bokeh.models import ColumnDataSource
+from bokeh.plotting import figure
+
+from ...core.errors import InputError, LabcdpError
+from ..look import column, row
+from ..regions.display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
+from ..regions.page import Page
+from .export import EXPORTS, export_map
+from .lines import isolines, profile
+from .wording import statistics_table
+
+#: Seconds between two profiles and sets of isolines of a live image.
+_EVERY_S = 1.0
+#: What an empty plot shows, which cannot find a range.
+_NO_PROFILE = {"d": [0, 1], "l": [0, 0], "low": [0, 0], "high": [0, 0]}
+_VALUES, _COLOURS, _GREY = "Values of the camera", "Luminance in false colours", "Luminance in grey"
+
+
+class MapTab:
+    """The tab.
+
+    Parameters
+    ----------
+    page : Page
+        Picture and regions of the tab of the browser.
+    coloured : bool
+        Whether the luminance is shown in false colours at first.
+    """
+
+    def __init__(self, page: Page, coloured: bool) -> None:
+        self._page, self._picture, self._workspace = page, page.picture, page.workspace
+        self._dn_scale = page.picture.scale
+        self._levels: tuple[float, ...] = ()
+        self._ends: tuple[float, ...] = ()
+        self._drawn_s, self._image = 0.0, page.workspace.image
+        unit = page.workspace.image.unit_text
+        self._shown = pn.widgets.Select(name="Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
+        self._kind = pn.widgets.Select(name="Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
+        self._low, self._high = (pn.widgets.FloatInput(name=name, start=0.0, width=110) for name in ("From", "To"))
+        self._fit = pn.widgets.Button(
+            name="Fit scale", description="Span the luminances of the picture", margin=(19, 4)
+        )
+        self._isolines = pn.widgets.TextInput(
+            name=f"Isolines ({unit})", placeholder="for example 1, 10, 100", width=190
+        )
+        self._line = pn.widgets.TextInput(name="Profile from x, y to x, y", placeholder="or draw a line (L)", width=190)
+        self._limits = pn.widgets.TextInput(
+            name="Limits of the selected region (cd/m²)", placeholder="for example 10 to 12", width=250
+        )
+        self._file = pn.widgets.TextInput(
+            name=f"Export as {', '.join(EXPORTS)}", value=f"{page.workspace.files.output.stem}.png", width=250
+        )
+        self._save = pn.widgets.Button(name="Export", margin=(19, 4))
+        self._table = page.text("statistics")
+        self._profile = ColumnDataSource(data=_NO_PROFILE)
+        self._plot = pn.pane.Bokeh(self._new_plot(), sizing_mode="stretch_width", margin=(4, 8), visible=False)
+        self._connect()
+        page.after_update = self.update
+        if coloured:
+            self._shown.value = _COLOURS
+        self.update()
+
+    def layout(self) -> Any:
+        """Return the tab."""
+        return column(
+            row(self._shown, self._kind),
+            row(self._low, self._high, self._fit),
+            row(self._isolines, self._line),
+            self._plot,
+            self._table,
+            row(self._limits),
+            row(self._file, self._save),
+        )
+
+    def update(self) -> None:
+        """Refresh statistics, and now and then what is drawn of a live image."""
+        workspace = self._workspace
+        self._table.object = statistics_table(
+            workspace.image, workspace.drawing.shapes, workspace.means, workspace.evaluated, workspace.selected
+        )
+        if workspace.image is not self._image and monotonic() - self._drawn_s > _EVERY_S:
+            self._draw()
+
+    def _connect(self) -> None:
+        page = self._page
+        later = page.later
+        self._shown.param.watch(lambda event: later(partial(self._show, event.new)), "value")
+        for widget in (self._kind, self._low, self._high):
+            widget.param.watch(lambda _event: later(self._rescale), "value")
+        self._fit.on_click(lambda _event: later(self._fit_scale))
+        self._isolines.param.watch(lambda event: later(partial(self._entered, "_levels", event.new)), "value")
+        self._line.param.watch(lambda event: later(partial(self._entered, "_ends", event.new)), "value")
+        self._picture.link.on_change(
+            "line", lambda _attr, _old, new: self._line.param.update(value=", ".join(f"{one:.1f}" for one in new))
+        )
+        self._limits.param.watch(lambda event: self._limit(event.new), "value")
+        self._save.on_click(lambda _event: self._export())
+
+    def show_range(self, scale: DisplayScale) -> None:
+        """Show other values of the camera from black to white, as after a change of its bits."""
+        self._dn_scale = scale
+        self._show(self._shown.value)
+
+    def _show(self, what: str) -> None:
+        of_dn = what == _VALUES
+        kinds = list(SCALES) if of_dn else ["logarithm", "linear"]
+        self._kind.param.update(options=kinds, value=self._dn_scale.name if of_dn else kinds[0])
+        if not (of_dn or self._high.value):
+            self._fit_scale()
+        self._rescale()
+
+    def _rescale(self) -> None:
+        if self._shown.value == _VALUES:
+            self._picture.show_scale(replace(self._dn_scale, name=self._kind.value))
+            return
+        self._picture.show_scale(self._scale(), of_light=True, coloured=self._shown.value == _COLOURS)
+
+    def _scale(self) -> DisplayScale:
+        kind: ScaleName = self._kind.value
+        high = float(self._high.value or 1.0)
+        low = min(float(self._low.value or 0.0), 0.999 * high)
+        # Not more decades than the colours can tell.
+        return DisplayScale(kind, max(low, high / LARGEST_RATIO) if kind == "logarithm" else low, high, ends_apart=True)
+
+    def _fit_scale(self) -> None:
+        light = self._workspace.image.light_display
+        low, high = np.percentile(light[np.isfinite(light)], (0.5, 99.9)) if np.isfinite(light).any() else (0.0, 1.0)
+        low = max(low, high / LARGEST_RATIO, 0.0)
+        self._low.param.update(value=float(f"{low:.3g}"))
+        self._high.param.update(value=float(f"{max(high, 1e-6):.3g}"))
+        if self._shown.value == _VALUES:
+            self._shown.value = _COLOURS
+
+    def _entered(self, name: str, text: str) -> None:
+        try:
+            setattr(self, name, _numbers(text))
+            self._draw()
+        except LabcdpError as error:
+            self._workspace.warn(error)
+
+    def _draw(self) -> None:
+        """Draw profile and isolines of the image of this moment."""
+        self._drawn_s, image = monotonic(), self._workspace.image
+        self._image, picture = image, self._picture
+        found = isolines(image.luminance, self._levels) if self._levels else []
+        picture.isolines.data = {"xs": [one.x for one in found], "ys": [one.y for one in found]}
+        middle = [(one.x[len(one.x) // 2], one.y[len(one.y) // 2], f"{one.level:g}") for one in found]
+        picture.isoline_labels.data = dict(zip("xy", ([row[at] for row in middle] for at in (0, 1)), strict=True)) | {
+            "text": [row[2] for row in middle]
+        }
+        ends = self._ends
+        picture.profile_line.data = {"x": list(ends[::2]), "y": list(ends[1::2])}
+        self._plot.visible = bool(ends)
+        if not ends:
+            return
+        along = profile(image, ends)
+        half = np.nan_to_num(along.expanded)
+        self._profile.data = {
+            "d": along.distance_px,
+            "l": along.luminance,
+            "low": along.luminance - half,
+            "high": along.luminance + half,
+        }
+
+    def _limit(self, text: str) -> None:
+        if not text:
+            return
+        given = None if text.strip() == "-" else [float(one) for one in re.findall(r"[\d.]+(?:e-?\d+)?", text)]
+        if self._workspace.selected is None:
+            self._workspace.warn(InputError("select a region first, then give its limits; - for none"))
+        else:
+            self._page.do({"do": "limits", "name": self._workspace.selected, "of": given})
+        self._limits.value = ""
+
+    def _export(self) -> None:
+        workspace, image, scale = self._workspace, self._workspace.image, self._scale()
+
+        def steps() -> Iterator[str]:
+            try:
+                path = workspace.files.beside(self._file.value_input or self._file.value)
+                export_map(image, path, scale)
+                yield f"Exported: {path}"
+            except LabcdpError as error:
+                yield str(error)
+
+        if self._page.may_change():
+            workspace.run_elsewhere(steps(), workspace.say, workspace.changed)
+
+    def _new_plot(self) -> Any:
+        plot = figure(sizing_mode="stretch_width", height=150, toolbar_location=None, tools="")
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "pixels along the line", self._workspace.image.unit_text
+        plot.varea("d", "low", "high", source=self._profile, fill_alpha=0.3, fill_color="#0072b2")
+        plot.line("d", "l", source=self._profile, line_color="#0072b2")
+        return plot
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Read numbers that are apart by commas or spaces; raises InputError."""
+    try:
+        values = tuple(float(one) for one in re.split(r"[,;\s]+", text.strip()) if one)
+    except ValueError:
+        values = (float("nan"),)
+    if not all(map(isfinite, values)):
+        raise InputError(f"{text[:40]!r} are no numbers: give them with commas, for example 1, 10, 100")
+    return values

@@ -102,7 +102,7 @@ def _read(source: Any) -> list[Thing]:
     if isinstance(source, Session):
         return _session(str(source.path.name), source)
     if hasattr(source, "data_vars"):
-        return [_map(str(source.attrs.get("title", "map")), source, ())]
+        return [_map(str(source.attrs.get("title", "map")).partition(":")[0], source, ())]
     if isinstance(source, Calibration | ColourCalibration):
         return [_calibration("calibration", source, ())]
     if hasattr(source, "to_dict"):

@@ -48,7 +48,7 @@ from labcdp.evaluate.bench.dark import with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.twin.evaluate import TwinEvaluation, twin_session
-from labcdp.evaluate.twin.pair import SAMPLING
+from labcdp.evaluate.twin.pair import SAMPLING, TwinPair
 from labcdp.evaluate.twin.report.verdict import signal_findings
 from labcdp.evaluate.twin.signal import KINDS
 from labcdp.session import Session, SessionConfiguration
@@ -116,21 +116,21 @@ class RandomBench:
         return SessionConfiguration.from_toml(self.text + "\n".join(patches), "random bench")
 
 
-def random_bench(seed: int) -> RandomBench:
-    rng = np.random.default_rng([20261121, seed])
+def between(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number whose logarithm is evenly distributed."""
+    return float(exp(rng.uniform(log(low), log(high))))
 
-    def between(low: float, high: float) -> float:
-        return float(exp(rng.uniform(log(low), log(high))))
 
+def random_sensor(rng: np.random.Generator, seed: int) -> Sensor:
     bits = int(rng.choice([10, 12, 12, 14]))
-    full_well_e, read_noise_e = between(5e3, 4e4), between(2, 15)
-    dsnu_e, dark_current_e_s = between(0.5, 5), between(1, 200)
-    lines_e = between(0.2, 1) * read_noise_e / 10 if rng.uniform() < 0.3 else 0.0
-    black_share = between(0.01, 0.03)
-    k = (1 - black_share) * 2**bits / (full_well_e * between(0.7, 1.1))
+    full_well_e, read_noise_e = between(rng, 5e3, 4e4), between(rng, 2, 15)
+    dsnu_e, dark_current_e_s = between(rng, 0.5, 5), between(rng, 1, 200)
+    lines_e = between(rng, 0.2, 1) * read_noise_e / 10 if rng.uniform() < 0.3 else 0.0
+    black_share = between(rng, 0.01, 0.03)
+    k = (1 - black_share) * 2**bits / (full_well_e * between(rng, 0.7, 1.1))
     black_dn = max(black_share * 2**bits, ceil(6 * (k * sqrt(read_noise_e**2 + dsnu_e**2) + 0.3)))
-    sensor = Sensor(
-        pixel_pitch_m=between(2.2e-6, 6e-6),
+    return Sensor(
+        pixel_pitch_m=between(rng, 2.2e-6, 6e-6),
         width=WIDTH,
         height=HEIGHT,
         quantum_efficiency=float(rng.uniform(0.3, 0.7)),
@@ -141,23 +141,28 @@ def random_bench(seed: int) -> RandomBench:
         bits=bits,
         black_level_dn=float(black_dn),
         doubling_temperature_c=float(rng.uniform(6, 9)),
-        prnu_rel=between(0.003, 0.02),
+        prnu_rel=between(rng, 0.003, 0.02),
         dsnu_e=dsnu_e,
         column_dsnu_e=lines_e,
         row_dsnu_e=lines_e,
         dsnu_e_s=float(rng.uniform(0.1, 0.6)) * dark_current_e_s,
         device_seed=seed,
     )
-    f_number, spectrum = between(1.6, 5.6), str(rng.choice(["D65", "A", "LED-B4", "LED-B1"]))
-    focal_m = between(2.5e-3, 16e-3)
+
+
+def random_bench(seed: int) -> RandomBench:
+    rng = np.random.default_rng([20261121, seed])
+    sensor = random_sensor(rng, seed)
+    f_number, spectrum = between(rng, 1.6, 5.6), str(rng.choice(["D65", "A", "LED-B4", "LED-B1"]))
+    focal_m = between(rng, 2.5e-3, 16e-3)
     optics = Optics(f_number * float(rng.uniform(0.97, 1.03)), float(rng.uniform(0.7, 0.95)), focal_m)
     chain = ImagingChain(spectrum, None, optics, sensor)
     temperature_c = float(rng.uniform(20, 45))
-    count, brightest = int(rng.integers(6, 13)), between(100, 3000)
-    luminances = brightest * np.geomspace(1, between(1 / 3000, 1 / 30), count) * np.exp(rng.normal(0, 0.1, count))
+    count, brightest = int(rng.integers(6, 13)), between(rng, 100, 3000)
+    luminances = brightest * np.geomspace(1, between(rng, 1 / 3000, 1 / 30), count) * np.exp(rng.normal(0, 0.1, count))
     luminances = np.clip(rng.permutation(luminances), 0.3, None)
     electrons_s = optics.axial_illuminance_per_cd_m2 * sensor.electrons_per_lx_s(spectrum)
-    room_e = (sensor.saturation_dn() - sensor.black_level_dn) / k
+    room_e = (sensor.saturation_dn() - sensor.black_level_dn) / sensor.k_dn_per_e
     ends = [rng.uniform(0.5, 0.85) * room_e / (electrons_s * value) for value in (luminances.max(), luminances.min())]
     exposures = np.geomspace(ends[0], max(min(ends[1], 1.0), 3 * ends[0]), int(rng.integers(3, 5)))
     exposures_s = tuple(float(f"{value:.4g}") for value in exposures)
@@ -172,7 +177,7 @@ def random_bench(seed: int) -> RandomBench:
         first, second = sorted(rng.choice(count, 2, replace=False), key=lambda i: -luminances[i])
         contrast = float(f"{(luminances[first] / luminances[second] - 1) * exp(rng.normal(0, 0.05)):.2g}")
         if contrast > 0:
-            epsilon = round(between(0.01, 0.5), 3)
+            epsilon = round(between(rng, 0.01, 0.5), 3)
             asked.append(ASKED_TEXT.format(names[first], names[second], contrast, epsilon))
     text = TOLD.format(
         asked="".join(asked),
@@ -291,6 +296,22 @@ def share_with_uncertainty(agreeing: Sequence[int], compared: Sequence[int]) -> 
     return float(share), float(sqrt(np.sum(residual**2) * n.size / max(n.size - 1, 1)) / n.sum())
 
 
+def print_share(label: str, chosen: list[tuple[int, TwinPair]], seeds: list[int]) -> None:
+    """Print how many pairs of a kind agree, with the uncertainty by the scatter of the benches."""
+    decided = [(seed, pair) for seed, pair in chosen if pair.judgement != "undecided"]
+    if not decided:
+        print(f"{label:24s} {len(chosen):5d} pairs, none of them decided")
+        return
+    of_bench = [[pair.judgement == "agree" for seed, pair in decided if seed == one] for one in seeds]
+    of_bench = [one for one in of_bench if one]
+    share, error = share_with_uncertainty([sum(one) for one in of_bench], [len(one) for one in of_bench])
+    print(
+        f"{label:24s} {len(chosen):5d} pairs, {len(chosen) - len(decided):3d} undecided, of the decided "
+        f"{100 * share:.2f} % +- {100 * error:.2f} % agree, scatter of a bench "
+        f"{100 * error * sqrt(len(of_bench)):.1f} %"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--benches", type=int, default=100)
@@ -334,18 +355,7 @@ def main() -> None:
         ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
         ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.largest != SAMPLING]),
     ):
-        decided = [(seed, pair) for seed, pair in chosen if pair.judgement != "undecided"]
-        if not decided:
-            print(f"{label:24s} {len(chosen):5d} pairs, none of them decided")
-            continue
-        of_bench = [[pair.judgement == "agree" for seed, pair in decided if seed == one] for one, _ in results]
-        of_bench = [one for one in of_bench if one]
-        share, error = share_with_uncertainty([sum(one) for one in of_bench], [len(one) for one in of_bench])
-        print(
-            f"{label:24s} {len(chosen):5d} pairs, {len(chosen) - len(decided):3d} undecided, of the decided "
-            f"{100 * share:.2f} % +- {100 * error:.2f} % agree, scatter of a bench "
-            f"{100 * error * sqrt(len(of_bench)):.1f} %"
-        )
+        print_share(label, chosen, [seed for seed, _ in results])
     z = np.array([pair.z for _, pair in pairs if pair.judgement != "undecided" and 0.01 <= pair.predicted <= 0.99])
     print(f"standardised differences: {z.mean():.2f} +- {z.std():.2f}, beyond 3: {np.mean(abs(z) > 3):.2%}")
     for kind in KINDS:

@@ -84,7 +84,7 @@ def fit(
         If a reading is a ratio in %.
     """
     intake = take_in(observations, darks, readings, held_out, None if response is None else response.response)
-    fitted, findings = _fitted(intake, readings, setup, held_out, response)
+    fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     groups = intake.groups
     rows, of_held_out = held_out_rows(
@@ -98,17 +98,12 @@ def fit(
 
 
 def _fitted(
-    intake: Intake,
-    readings: Mapping[str, Sequence[Reading]],
-    setup: Setup,
-    held_out: Collection[str],
-    response: ResponseCurve | None,
+    intake: Intake, readings: Mapping[str, Sequence[Reading]], setup: Setup, response: ResponseCurve | None
 ) -> tuple[Calibration, list[Finding]]:
     """Fit all patches that are not held out."""
     settings = intake.settings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
-    groups = {name: group for name, group in intake.groups.items() if name not in held_out}
-    data = take_usable(groups, readings, settings)
+    data = take_usable(intake.fitted, readings, settings)
     design = build_design(data.groups, data.readings, settings)
     dark_dn = settings[0].dark.mean_dn(design.exposures_s[0])
     require_every_gain(design, settings)

@@ -42,10 +42,8 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
 
     Parameters
     ----------
-    calibration : Calibration
-        The calibration.
-    frame : Frame
-        Monochrome, or one colour plane.
+    calibration, frame : Calibration, Frame
+        The frame is monochrome, or one colour plane.
     window : Window
         Rows and columns to convert; the map starts at the first of them.
 

@@ -36,12 +36,20 @@ class Intake:
         One for each gain, the first observation's first; factors are 1.
     findings, of_dark : list of Finding
         Findings for the user; those about the dark signal at the first gain.
+    held_out : collection of str
+        Patches that the fit is not shown.
     """
 
     groups: Mapping[str, Sequence[PatchObservation]]
     settings: tuple[GainSetting, ...]
     findings: list[Finding]
     of_dark: list[Finding]
+    held_out: Collection[str]
+
+    @property
+    def fitted(self) -> dict[str, Sequence[PatchObservation]]:
+        """Those that are not held out."""
+        return {name: group for name, group in self.groups.items() if name not in self.held_out}
 
 
 def take_in(
@@ -61,12 +69,14 @@ def take_in(
     require_one_camera(observations, darks)
     settings, findings, of_dark = gain_settings(observations, darks, tone)
     groups = group_by_patch(observations, readings, held_out)
-    full = full_well({name: group for name, group in groups.items() if name not in held_out}, readings, settings)
+    intake = Intake(groups, settings, findings, of_dark, held_out)
+    full = full_well(intake.fitted, readings, settings)
     if full is None:
-        return Intake(groups, settings, findings, of_dark)
+        return intake
     marked = [o.saturating_at(full[0]) for o in observations]
     settings, findings, of_dark = gain_settings(marked, darks, tone)
-    return Intake(group_by_patch(marked, readings, held_out), settings, [*full[1], *findings], of_dark)
+    groups = group_by_patch(marked, readings, held_out)
+    return Intake(groups, settings, [*full[1], *findings], of_dark, held_out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,10 +52,8 @@ def calibrate_recorded(
         Of one camera and lens; the first one's gain is the calibration's own.
     uniform : UniformLight or None
         Frames of a uniform source; None for natural vignetting by the configured lens.
-    without : sequence of str
-        Patches of the first session to leave out.
-    held_out : collection of str
-        Patches that the fit is tested with.
+    without, held_out : sequence of str, collection of str
+        Patches of the first session to leave out, and those that the fit is tested with.
     bracket : bool
         Whether to find the response from the exposures as a bracket, instead of fitting it to the patches.
     certificate : MeterCertificate or None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
@@ -19,8 +19,8 @@ from ..bench.session import mismatch
 from .corrected import CorrectedTwin
 from .pair import Judgement, PairAsked, TwinPair, compare_pair
 from .parameters import TwinParameters, require_monochrome, twin_parameters
-from .prediction import TwinRegion, predict_regions
-from .regions import regions_of, seen_regions
+from .prediction import RegionPrediction, TwinRegion, predict_regions
+from .regions import SeenRegion, regions_of, seen_regions
 from .signal import TwinPatch, twin_patch
 
 #: Fewest patches that can be compared.
@@ -79,26 +79,16 @@ def twin_session(
 
     Parameters
     ----------
-    session : Session
-        To read frames from.
-    observed : ObservedSession
-        What `observe_session` returned for it.
-    calibration : Calibration
+    session, observed : Session, ObservedSession
+        To read frames from, and what `observe_session` returned for it.
+    calibration, characterisation : Calibration, Characterisation
         Of this camera and its settings.
-    characterisation : Characterisation
-        What `characterise_session` returned for it.
-    contrast : float or None
-        Weber contrast to be detected between all pairs of patches, a fraction; None for each pair's own by the meter.
-        Pairs below `LEAST_CONTRAST` by the meter are left out. The pairs of the session's configuration are compared
-        at theirs as well.
-    epsilon : float
-        Tolerance of `contrast`.
+    contrast, epsilon : float or None, float
+        Weber contrast to be detected between all pairs of patches, a fraction, with its tolerance; None for each pair's
+        own by the meter. Pairs below `LEAST_CONTRAST` by the meter are left out. The pairs of the session's
+        configuration are compared at theirs as well.
     report : callable
         Called with the number of exposures done, and of all.
-
-    Returns
-    -------
-    TwinEvaluation
 
     Raises
     ------
@@ -121,21 +111,16 @@ def twin_session(
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     asked, left_out = _asked(observed, regions, contrast, epsilon)
-
-    def compare(exposure_s: float, pairs: Sequence[PairAsked]) -> Iterator[TwinPair]:
-        """Compare pairs in the frames of one exposure."""
-        names = {name for pair in pairs for name in (pair.bright, pair.dark)}
+    at = _by_exposure(observed, asked, left_out)
+    compared: dict[PairAsked, TwinPair] = {}
+    for done, (exposure_s, group) in enumerate(sorted(at.items())):
+        report(done, len(at))
+        names = {name for pair in group for name in (pair.bright, pair.dark)}
         seen = seen_regions(session, observed, calibration, exposure_s, names)
         shown = [region for region in regions.values() if region.name in names]
         predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, response)
-        for pair in pairs:
-            both = seen[pair.bright], seen[pair.dark]
-            if max(one.luminance_cd_m2.max() for one in both) <= 0:
-                left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
-            else:
-                yield compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
-
-    compared = _compared(observed, asked, left_out, compare, report)
+        compared |= _compared(group, seen, predicted, left_out)
+    report(len(at), len(at))
     if not compared:
         reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
         raise CalibrationError(f"no two patches can be compared: {reasons}")
@@ -158,14 +143,10 @@ def twin_session(
     )
 
 
-def _compared(
-    observed: ObservedSession,
-    asked: Sequence[PairAsked],
-    left_out: list[_LeftOut],
-    compare: Callable[[float, Sequence[PairAsked]], Iterable[TwinPair]],
-    report: Callable[[int, int], None],
-) -> dict[PairAsked, TwinPair]:
-    """Compare each pair in the longest exposure that saturates neither patch."""
+def _by_exposure(
+    observed: ObservedSession, asked: Sequence[PairAsked], left_out: list[_LeftOut]
+) -> dict[float, list[PairAsked]]:
+    """Pairs by the longest exposure that saturates neither patch."""
     at: dict[float, list[PairAsked]] = {}
     for pair in asked:
         exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
@@ -173,11 +154,23 @@ def _compared(
             left_out.append(("pairs-saturated", pair.bright, pair.dark))
         else:
             at.setdefault(exposure_s, []).append(pair)
-    compared: dict[PairAsked, TwinPair] = {}
-    for done, (exposure_s, group) in enumerate(sorted(at.items())):
-        report(done, len(at))
-        compared |= {one.asked: one for one in compare(exposure_s, group)}
-    report(len(at), len(at))
+    return at
+
+
+def _compared(
+    pairs: Sequence[PairAsked],
+    seen: Mapping[str, SeenRegion],
+    predicted: Mapping[str, RegionPrediction],
+    left_out: list[_LeftOut],
+) -> dict[PairAsked, TwinPair]:
+    """Compare pairs in the frames of one exposure."""
+    compared = {}
+    for pair in pairs:
+        both = seen[pair.bright], seen[pair.dark]
+        if max(one.luminance_cd_m2.max() for one in both) <= 0:
+            left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
+        else:
+            compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
     return compared
 
 

@@ -77,28 +77,6 @@ class ImagingChain:
         )
         return rate
 
-    def expose(
-        self,
-        electron_rate: ArrayLike,
-        exposure_s: float,
-        gain_db: float = 0.0,
-        *,
-        temperature_c: float,
-        seed: int,
-        exposure_index: int,
-        threads: int | None = None,
-    ) -> NDArray[np.uint16]:
-        """Take one exposure; everything as in `Sensor.expose`, an `electron_rate` of 0.0 is the lens cap."""
-        return self.sensor.expose(
-            electron_rate,
-            exposure_s,
-            gain_db,
-            temperature_c=temperature_c,
-            seed=seed,
-            exposure_index=exposure_index,
-            threads=threads,
-        )
-
     def conversion(self, gain_db: float = 0.0, *, temperature_c: float) -> LinearConversion:
         """Return the inverse from DN to luminance that follows from the stages, without any uncertainty of its own.
 

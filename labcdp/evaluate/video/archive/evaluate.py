@@ -181,10 +181,6 @@ def evaluate_archive(
     inputs : sequence of Path
         Other files that are read, and never replaced.
 
-    Returns
-    -------
-    ArchiveResult
-
     Raises
     ------
     InputError

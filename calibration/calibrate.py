@@ -32,7 +32,7 @@ from .fit.selection import select_model
 from .frames.observations import DarkObservation, PatchObservation
 from .gains import GainSetting
 from .meter import meter_scale
-from .model import Calibration, ResponsivityFit
+from .model import Calibration, ResponsivityFit, range_of
 from .response.curve import ResponseCurve
 from .setup import Provenance, Setup
 
@@ -117,13 +117,13 @@ def _fitted(
     screened = screen(design, candidates, data.readings, readings)
     design = screened.design
     require_every_gain(design, settings)
-    first, ladder = select_model(design, candidate_models(design.net_dn, len(design.patches), dark_dn, response))
+    candidates = candidate_models(design.net_dn, len(design.patches), dark_dn, response)
+    first, ladder = select_model(design, candidates)
     require_monotone(first)
     seen = next(iter(intake.groups.values()))[0]
     final, responsivity, gains, tests = _final(first, seen.vignetting, intake)
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     residuals = fitted_rows(final, screened.readings, intake.groups)
-    luminances = [value for row in residuals for value in (row.reading_cd_m2, row.luminance_cd_m2)]
     findings = [
         *scale.findings(measured),
         *data.findings,
@@ -147,7 +147,7 @@ def _fitted(
         vignetting=seen.vignetting,
         defects=None,
         dark_library=None,
-        range_cd_m2=(min(luminances), max(luminances)),
+        range_cd_m2=range_of(residuals),
         range_net_dn=_range_net_dn(final),
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         residuals=residuals,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, isfinite
 
@@ -26,6 +27,7 @@ from .frames.observations import CameraState
 from .gains import GainSetting, index_of_gain
 from .meter import MeterScale
 from .noise import TemporalNoise
+from .readings import MeasuredPatch
 from .setup import LensIdentity, Provenance
 
 _log = logging.getLogger(__name__)
@@ -76,25 +78,15 @@ class ResponsivityFit:
 
 
 @dataclass(frozen=True)
-class PatchResidual:
+class PatchResidual(MeasuredPatch):
     """One row of the residual table.
 
     Parameters
     ----------
-    patch : str
-        Name of the patch.
-    reading_cd_m2, reading_random_cd_m2 : float
-        By the meter: mean of the readings, and its standard uncertainty without the scale.
-    n_readings : int
-        Number of readings.
-    luminance_cd_m2 : float
-        By the calibrated camera.
     residual_rel : float
         Relative deviation of the camera from the meter.
     standardised_residual : float
         Residual over its standard deviation by the stated errors.
-    exposures_s : tuple of float
-        Exposures that were used.
     centre_px : (float, float)
         Middle (x, y) of the patch's region in the image.
     leave_one_out_rel : float or None
@@ -102,16 +94,16 @@ class PatchResidual:
         if the other patches do not suffice for a fit.
     """
 
-    patch: str
-    reading_cd_m2: float
-    reading_random_cd_m2: float
-    n_readings: int
-    luminance_cd_m2: float
     residual_rel: float
     standardised_residual: float
-    exposures_s: tuple[float, ...]
     centre_px: tuple[float, float]
     leave_one_out_rel: float | None
+
+
+def range_of(rows: Sequence[PatchResidual]) -> tuple[float, float]:
+    """Lowest and highest luminance of patches, by meter or camera."""
+    luminances = [value for row in rows for value in (row.reading_cd_m2, row.luminance_cd_m2)]
+    return min(luminances), max(luminances)
 
 
 @dataclass(frozen=True)
@@ -284,14 +276,12 @@ class Calibration:
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it, to luminance.
 
-        An exposure outside the calibrated ones is logged as a warning; a luminance outside the calibrated range is
-        flagged in the map.
+        An exposure outside the calibrated ones is logged; a luminance outside the calibrated range is flagged.
 
         Raises
         ------
         CalibrationError
-            If the frame is of another camera, pixel format, bit depth, saturation or image size, or of a gain that was
-            not calibrated.
+            As `require`.
         """
         from .convert.conversion import to_luminance
 

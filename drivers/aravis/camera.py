@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
 from math import isfinite
-from typing import Self
+from typing import Self, TypedDict, Unpack
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
@@ -39,6 +39,19 @@ from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
 _LONGEST_WAIT_S = 86_400
+
+
+class SettingChanges(TypedDict, total=False):
+    """Settings that `AravisCamera.configure` changes; None leaves one as it is."""
+
+    exposure_s: float | None
+    gain_db: float | None
+    pixel_format: str | None
+    region: Region | None
+    binning: tuple[int, int] | None
+    black_level: float | None
+    frame_rate_hz: float | None
+    trigger: Trigger | None
 
 
 class AravisCamera(Device):
@@ -139,18 +152,7 @@ class AravisCamera(Device):
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._connection.gaps
 
-    def configure(
-        self,
-        *,
-        exposure_s: float | None = None,
-        gain_db: float | None = None,
-        pixel_format: str | None = None,
-        region: Region | None = None,
-        binning: tuple[int, int] | None = None,
-        black_level: float | None = None,
-        frame_rate_hz: float | None = None,
-        trigger: Trigger | None = None,
-    ) -> CameraSettings:
+    def configure(self, **wanted: Unpack[SettingChanges]) -> CameraSettings:
         """Change the given settings and return those in effect.
 
         Parameters
@@ -175,22 +177,12 @@ class AravisCamera(Device):
         CameraLostError
             If the camera does not answer.
         """
-        given = {
-            "exposure_s": exposure_s,
-            "gain_db": gain_db,
-            "pixel_format": pixel_format,
-            "region": region,
-            "binning": binning,
-            "black_level": black_level,
-            "frame_rate_hz": frame_rate_hz,
-            "trigger": trigger,
-        }
-        wanted = {name: value for name, value in given.items() if value is not None}
         self._refuse_while_grabbing("a change of settings")
-        for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, wanted)):
-            self._connection.changes.setting(name, wanted[name])
+        given = {name: value for name, value in wanted.items() if value is not None}
+        for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, given)):
+            self._connection.changes.setting(name, given[name])
         self._connection.remember_settings()
-        if "region" in wanted or "binning" in wanted:
+        if "region" in given or "binning" in given:
             self._learn_size()
         return self.settings
 

@@ -202,12 +202,8 @@ def bring_back(
 
     Raises
     ------
-    CameraLostError
-        If it does not come back in time.
-    CameraSettingError
-        If it comes back with other settings and does not take the former ones.
     CameraError
-        If the wait was cancelled.
+        CameraLostError if it does not come back in time, CameraSettingError if it does not take its former settings.
     """
     lost_at, began_s = datetime.now(UTC), time.monotonic()
     _log.warning("%s; waiting up to %g s for it to come back", str(loss), patience_s)
@@ -221,9 +217,9 @@ def bring_back(
             found = _look_for(info, everywhere=n_looks % _LOOKS_AT_ADDRESS == _LOOKS_AT_ADDRESS - 1)
             if found is not None:
                 link = _connect_as_before(found, changes, snapshot)
-                gap = Gap(lost_at, datetime.now(UTC), time.monotonic() - began_s, str(loss))
-                _log.warning("%s came back after %.1f s; its settings are restored", link.identity, gap.duration_s)
-                return link, gap
+                back_s = time.monotonic() - began_s
+                _log.warning("%s came back after %.1f s; its settings are restored", link.identity, back_s)
+                return link, Gap(lost_at, datetime.now(UTC), back_s, str(loss))
         except _NotRestoredError as error:
             raise CameraSettingError(str(error)) from error
         except CameraError as error:

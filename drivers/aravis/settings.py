@@ -143,14 +143,7 @@ def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
 def change_setting(camera: Any, name: str, value: Any) -> None:
     """Change one setting; raises errors of Aravis.
 
-    Parameters
-    ----------
-    camera : Aravis.Camera
-        Open, not acquiring.
-    name : str
-        Parameter of `AravisCamera.configure`.
-    value : object
-        New value.
+    Parameters are an open camera that does not acquire, a parameter of `AravisCamera.configure` and its new value.
 
     Raises
     ------
@@ -205,16 +198,12 @@ def _change_region(camera: Any, region: Region) -> None:
         _, _, full_width, full_height = camera.get_region()
         if (region.x, region.y) != (0, 0) and not camera.is_region_offset_available():
             raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
-        _check_steps("x", region.x, (0, full_width - region.width), _step(camera.get_x_offset_increment))
-        _check_steps("y", region.y, (0, full_height - region.height), _step(camera.get_y_offset_increment))
+        _check_steps("x", region.x, (0, full_width - region.width), camera.get_x_offset_increment())
+        _check_steps("y", region.y, (0, full_height - region.height), camera.get_y_offset_increment())
     except CameraSettingError:
         camera.set_region(*whole)
         raise
     camera.set_region(region.x, region.y, region.width, region.height)
-
-
-def _step(increment: Callable[[], int]) -> int:
-    return max(1, increment())
 
 
 def _change_exposure(camera: Any, exposure_s: float) -> None:

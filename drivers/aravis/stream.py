@@ -24,10 +24,7 @@ _log = logging.getLogger(__name__)
 #: Longest single wait: the latency for noticing a close from another thread, or silence.
 _SLICE_S = 0.05
 
-#: Interval of checks of a silent camera.
-_PAUSE_S = 0.15
-
-#: Silence after which a camera is checked, also during an exposure.
+#: Silence after which a camera is checked, also during an exposure, and interval of the checks.
 _ASKED_AFTER_S = 0.15
 
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
@@ -155,13 +152,7 @@ class FrameStream:
         return self._counted if stream is None else _count(stream)
 
     def next(self) -> Frame:
-        """Wait for the next complete frame.
-
-        Raises
-        ------
-        FrameTimeoutError, IncompleteFrameError, CameraLostError
-            As `AravisCamera.grab`.
-        """
+        """Wait for the next complete frame; raises as `AravisCamera.grab`."""
         while True:
             self._running()
             if self._conditions.settings.trigger.source == "Software":
@@ -180,7 +171,7 @@ class FrameStream:
         while True:
             waited_s = time.monotonic() - began_s
             buffer = self._running().timeout_pop_buffer(int(max(0.0, min(self._wait_s - waited_s, _SLICE_S)) * 1e6))
-            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _PAUSE_S:
+            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _ASKED_AFTER_S:
                 buffer = self._ask_after()
             if buffer is not None and buffer.get_status() == aravis().BufferStatus.CLEARED:
                 # Without any packet it is not a frame: on a busy computer Aravis may return such a buffer.
@@ -239,16 +230,12 @@ class FrameStream:
 
     def _causes(self) -> list[str]:
         """Return possible transport problems, the most likely first, each with its remedy."""
-        counted = self.statistics
         facts = StreamFacts(
             address=self._link.info.address,
             payload_bytes=self._payload_bytes,
             packet_size_bytes=self._packet_bytes,
             socket_buffer_bytes=self._granted_bytes,
-            completed=counted.completed,
-            failed=counted.failed,
-            underruns=counted.underruns,
-            missing=counted.missing,
+            counted=self.statistics,
         )
         return [str(finding) for finding in stream_causes(facts)[:_MOST_CAUSES]]
 

@@ -25,9 +25,8 @@ from ..host.network import GIGABIT_MBIT_S, Interface, interface_to, network_find
 from ..host.stream import packet_size_finding
 from ..host.units import size
 
-#: Number of test frames.
+#: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
-#: Exposure of these frames, within the camera's range.
 _EXPOSURE_S = 0.01
 
 #: Device temperature above which a notice is given. A camera without heat sink at 22.5 degC reaches 50 degC inside
@@ -117,10 +116,7 @@ def check_camera(
     timeout_s : float or None
         Longest wait for a frame beyond its exposure, as of `AravisCamera.grab`.
 
-    Returns
-    -------
-    list of Finding
-        Errors of the camera are returned as findings.
+    Errors of the camera are returned as findings.
     """
     address = info.address if info.protocol == "GigEVision" else ""
     interface = interface_to(address, known)
@@ -234,11 +230,7 @@ def _link(facts: CameraFacts) -> Finding | None:
 
 
 def _limit(facts: CameraFacts) -> tuple[str, float] | None:
-    for name in _BANDWIDTH_FEATURES:
-        value = facts.number(name)
-        if value:
-            return name, value
-    return None
+    return next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
 
 
 def _carried(facts: CameraFacts) -> float | None:

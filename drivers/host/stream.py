@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..camera import StreamStatistics
 from .finding import Finding
 from .kernel import firewall, keep_receive_limit, open_firewall, raise_receive_limit, receive_limit_bytes
 from .network import Interface, interface_to, interfaces, network_finding
@@ -24,7 +25,7 @@ class StreamFacts:
         Size of a stream packet as the camera has it (GevSCPSPacketSize), headers included.
     socket_buffer_bytes : int or None
         Receive buffer the kernel granted; None if unknown.
-    completed, failed, underruns, missing : int
+    counted : StreamStatistics
         The stream's counters.
     """
 
@@ -32,10 +33,7 @@ class StreamFacts:
     payload_bytes: int
     packet_size_bytes: int | None = None
     socket_buffer_bytes: int | None = None
-    completed: int = 0
-    failed: int = 0
-    underruns: int = 0
-    missing: int = 0
+    counted: StreamStatistics = field(default_factory=StreamStatistics)
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def stream_causes(facts: StreamFacts) -> list[Finding]:
 
 def causes_at(facts: StreamFacts, receiver: Receiver) -> list[Finding]:
     """List possible causes as `stream_causes`, for a given state of the receiver."""
-    something_came = facts.completed + facts.failed + facts.missing > 0
+    something_came = facts.counted.completed + facts.counted.failed + facts.counted.missing > 0
     buffer, packets = _receive_buffer(facts, receiver), packet_size_finding(facts.packet_size_bytes, receiver.interface)
     away = None if receiver.interface is None else network_finding(facts.address, receiver.interface)
     if not something_came:
@@ -122,23 +120,23 @@ def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -
 
 
 def _missing(facts: StreamFacts) -> Finding | None:
-    if facts.missing == 0:
+    if facts.counted.missing == 0:
         return None
     return Finding(
         "packets",
         "notice",
-        f"{facts.missing} packets are counted as missing",
+        f"{facts.counted.missing} packets are counted as missing",
         "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay",
     )
 
 
 def _underruns(facts: StreamFacts) -> Finding | None:
-    if facts.underruns == 0:
+    if facts.counted.underruns == 0:
         return None
     return Finding(
         "underruns",
         "notice",
-        f"{facts.underruns} packets found no free buffer, since the program was too slow to take them",
+        f"{facts.counted.underruns} packets found no free buffer, since the program was too slow to take them",
         "lower the frame rate, or do less between two frames",
     )
 

@@ -98,7 +98,7 @@ def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: flo
 
 
 def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) -> float | None:
-    seen_cd_m2 = luminance_cd_m2 * _fall_off(calibration, patch)
+    seen_cd_m2 = luminance_cd_m2 * _relative_illuminance(calibration, patch)
     fitting = []
     for exposure_s in calibration.exposures_s:
         net_dn, dark_dn = net_dn_at(calibration, seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
@@ -109,7 +109,7 @@ def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) 
     return max(fitting, default=None)
 
 
-def _fall_off(calibration: Calibration, patch: Patch) -> float:
+def _relative_illuminance(calibration: Calibration, patch: Patch) -> float:
     if calibration.vignetting is None:
         return 1.0
     height, width = calibration.state.image_shape

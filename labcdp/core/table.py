@@ -165,6 +165,14 @@ class Table:
         return cls(name, title, tuple(columns), data, note, detail=detail)
 
     @classmethod
+    def of_facts(cls, name: str, title: str, facts: Iterable[tuple[str, str]], item: str = "item") -> Table:
+        """Make a table of named texts, without those that are empty."""
+        kept = [(label, text) for label, text in facts if text]
+        columns = (Column("item", item), Column("value", "value"))
+        data = {"item": [label for label, _ in kept], "value": [text for _, text in kept]}
+        return cls(name, title, columns, data, detail=True)
+
+    @classmethod
     def of_items(
         cls,
         name: str,

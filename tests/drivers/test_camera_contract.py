@@ -158,7 +158,7 @@ def test_frames_come_whole_in_order_and_with_the_settings_asked_for(transport):
             assert frame.camera == camera.identity
             assert frame.saturation_dn == 2**frame.bit_depth - 1
             assert not frame.dn.flags.writeable
-        assert camera.statistics.completed == 10
+        assert camera.statistics.completed >= 10
         assert (camera.statistics.failed, camera.statistics.underruns, camera.gaps) == (0, 0, ())
         assert camera.features()["DeviceModelName"] == camera.identity.model
 
@@ -198,7 +198,7 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         assert len(taken) == 8
         assert {(frame.exposure_s, frame.gain_db) for frame in taken} == {(before.exposure_s, before.gain_db)}
         assert gap.lost_at < gap.back_at
-        assert taken[1].timestamp < gap.lost_at
+        assert taken[1].timestamp <= gap.lost_at
         assert all(not gap.lost_at < frame.timestamp < gap.back_at for frame in taken)
         assert 0.1 < gap.duration_s < 100
         assert "answer" in gap.reason

@@ -120,10 +120,6 @@ class SimulatedGigECamera(Device):
         self._switch_off()
         self._renderer.close()
 
-    def set_packet_loss(self, ratio: float) -> None:
-        """Drop this share of the stream's packets, 0 to 1, to simulate a bad network."""
-        self.set_faults(CameraTrouble(loss=float(ratio)))
-
     def set_faults(self, trouble: CameraTrouble) -> None:
         """Replace the current trouble.
 

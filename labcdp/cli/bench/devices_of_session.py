@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ...acquire import Operator, Unattended
     from ...core.clock import Clock
     from ...drivers.camera import Camera
-    from ...drivers.manual.text import MeterAccuracy
     from ...drivers.meter import Meter
     from ...drivers.minolta_ls.port import Port
     from ...drivers.simulated.bench import SimulatedBench
@@ -100,6 +99,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.manual.csv import CsvMeter
     from ...drivers.manual.meter import ManualMeter
+    from ...drivers.manual.text import stated_accuracy
     from .operators import ConsoleOperator
 
     configuration = session.configuration
@@ -110,10 +110,10 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
         described = configuration.meter
         meter: Meter
         if described.entry == "by hand":
-            meter = stack.enter_context(ManualMeter(console.ask, described.identity, _accuracy(described)))
+            meter = stack.enter_context(ManualMeter(console.ask, described.identity, stated_accuracy(described)))
         elif described.entry == "csv":
             assert described.file is not None
-            meter = stack.enter_context(CsvMeter(described.file, described.identity, _accuracy(described)))
+            meter = stack.enter_context(CsvMeter(described.file, described.identity, stated_accuracy(described)))
         else:
             port = choice.meter or described.port
             assert port is not None, "checked before the session is made"
@@ -245,12 +245,11 @@ def _try(camera: Camera) -> None:
 
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
-    from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
+    from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
-    driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
-    meter = driver(
+    meter = DRIVERS[described.model](
         port,
         described.identity,
         rtscts=described.rtscts,
@@ -261,12 +260,3 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Po
     )
     stack.enter_context(meter).ask_if_simulated()
     return meter
-
-
-def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
-    from ...drivers.manual.text import MeterAccuracy
-
-    # The configuration requires all three where no driver knows them.
-    return MeterAccuracy(
-        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
-    )

@@ -128,7 +128,7 @@ def toml(path: Path) -> Description:
         return "imaging chain", properties, [], commands
     if "emva1288" in content:
         return "EMVA 1288 data sheet", {}, [], ["init chain my.toml --sensor {file}"]
-    if content.keys() <= {"seed", "camera", "sensor", "meter"}:
+    if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
         camera = SimulatedBenchFile.load(path).devices(path.parent)
         commands = ["acquire PLAN rehearsal --simulated-bench {file}"]
         return "simulated bench", {"camera": f"{camera.vendor} {camera.model}"}, [], commands

@@ -44,8 +44,7 @@ def calibrate_recorded(
 ) -> tuple[AnyCalibration, ObservedSession]:
     """Calibrate a camera from recorded sessions.
 
-    A flat field must be linearised with the camera's response, which the patches show only with the right vignetting:
-    for a camera with a curved response both are found in turns.
+    The flat field of a camera with a curved response must be linearised: both are found in turns.
 
     Parameters
     ----------
@@ -66,10 +65,8 @@ def calibrate_recorded(
 
     Returns
     -------
-    Calibration or ColourCalibration
-        The calibration.
-    ObservedSession
-        The first session, with the corrections of the calibration.
+    Calibration or ColourCalibration, ObservedSession
+        The calibration, and the first session with its corrections.
 
     Raises
     ------

@@ -43,10 +43,8 @@ def verify_session(
 
     Returns
     -------
-    Verification
-        The result.
-    ObservedSession
-        What the session says.
+    Verification, ObservedSession
+        The result, and what the session says.
 
     Raises
     ------

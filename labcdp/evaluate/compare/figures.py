@@ -136,6 +136,7 @@ def _maps(grid: Grid, names: Sequence[str]) -> bytes:
     """Draw the map of each thing, then the differences from the first; of further axes at their first values."""
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
+    at = at_text({axis.name: axis.values[0].item() for axis in grid.axes[:-2]}, {axis.name: axis for axis in grid.axes})
     limit = max(float(np.nanmax(np.abs(one.value[index]), initial=0.0)) for one in grid.differences) or 1.0
     maps: list[tuple[str, Any, dict[str, Any]]] = [
         (name, np.asarray(one.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
@@ -155,7 +156,7 @@ def _maps(grid: Grid, names: Sequence[str]) -> bytes:
         mesh = panel.pcolormesh(*edges, np.ma.masked_invalid(values), **how)
         set_scale(x, panel.xaxis)
         set_scale(y, panel.yaxis)
-        label(panel, axis_label(x), "" if number % columns else axis_label(y), name)
+        label(panel, axis_label(x), "" if number % columns else axis_label(y), f"{name}\n{at}".rstrip())
         figure.colorbar(mesh, ax=panel).ax.tick_params(labelsize=SMALL_SIZE)
     for empty in panels[len(maps) :]:
         empty.set_visible(False)

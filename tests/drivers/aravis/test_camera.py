@@ -18,6 +18,7 @@ from labcdp.drivers.camera import (
     IncompleteFrameError,
 )
 from labcdp.drivers.host.kernel import overload
+from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features
@@ -117,10 +118,10 @@ def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_
 def test_incomplete_frames_are_refused(aravis):
     device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
     with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera("127.0.0.1") as camera:
-        server.set_packet_loss(0.2)
+        server.set_faults(CameraTrouble(loss=0.2))
         with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; .*lower the frame rate"):
             list(camera.grab(20))
-        server.set_packet_loss(0)
+        server.set_faults(NO_TROUBLE)
         assert camera.snap().shape == (480, 640)
 
 

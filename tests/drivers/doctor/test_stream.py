@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.host.finding import Finding
 from labcdp.drivers.host.network import Interface
 from labcdp.drivers.host.stream import Receiver, StreamFacts, causes_at, stream_causes
@@ -58,7 +59,7 @@ counts = st.integers(0, 10**12)
     counts,
 )
 def test_no_facts_make_it_fail(address, payload, packet, granted, failed, missing):
-    facts = StreamFacts(address, payload, packet, granted, failed=failed, missing=missing)
+    facts = StreamFacts(address, payload, packet, granted, StreamStatistics(failed=failed, missing=missing))
     for finding in stream_causes(facts):
         assert finding.state != "good"
         assert finding.cause

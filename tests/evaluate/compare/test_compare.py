@@ -31,6 +31,10 @@ class Written:
         return self.content
 
 
+def codes(found):
+    return [one.code for one in compare_result(found).findings]
+
+
 @pytest.fixture(scope="module")
 def chains():
     camera = labcdp.Chain.load("manta-g505")
@@ -73,6 +77,11 @@ def test_chains_equal_the_sweep_of_each(chains):
     assert np.array_equal(again["difference"].values, dataset["difference"].values, equal_nan=True)
     (setting,) = found.to_dict()["tables"]["settings"]["rows"]
     assert list(setting.values()) == ["optics.f_number", "2.6", "3.7"]
+    assert "compare-question-differs" not in codes(found.comparison)
+    fainter = chains[1].with_(scene__contrast=0.3)
+    assert "compare-question-differs" in codes(
+        labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison
+    )
 
 
 def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation, characterised):

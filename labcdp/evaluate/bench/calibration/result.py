@@ -103,9 +103,7 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
     yield _of_planes("checks", "Checks of the model's assumptions", _CHECKS, planes, "tests")
     yield sources
     yield _of_planes("left_out", "Left out of the fit", _LEFT_OUT, {"": calibration, **planes}, "left_out")
-    columns = (Column("item", "condition"), Column("value", "value"))
-    rows = [{"item": item, "value": value} for item, value in conditions(calibration)]
-    yield Table.of_rows("conditions", "Conditions", columns, rows, detail=True)
+    yield Table.of_facts("conditions", "Conditions", conditions(calibration), "condition")
 
 
 def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -56,7 +56,7 @@ def result(
     found = [*findings, *_findings(dataset, analysis)]
     small = dataset["cdp"].size <= _MOST_CELLS
     tables = [
-        *([_ranges(analysis, axes)] if analysis.usable_ranges else []),
+        *([ranges_table(analysis, axes)] if analysis.usable_ranges else []),
         *([_dips(dataset, analysis, axes)] if analysis.usable_ranges else []),
         *([_cells(dataset, axes), *_matrices(dataset, axes)] if small else []),
         *([_isolines(analysis, axes)] if analysis.isolines else []),
@@ -93,7 +93,8 @@ def _along(axis: MapAxis, name: str, label: str, meaning: str, show: bool = True
     return Column(name, label, axis_unit(axis), meaning, shown=show)
 
 
-def _ranges(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
+def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
+    """Return the usable ranges of a map, each with the kind of its ends."""
     x = axes[analysis.x]
     others = [name for name in axes if name != analysis.x]
     columns = (

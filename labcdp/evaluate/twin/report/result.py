@@ -167,6 +167,4 @@ def _provenance(evaluation: TwinEvaluation) -> Table:
         ("SHA-256 of frames and readings", evaluation.observed.input_sha256),
         ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
     ]
-    columns = (Column("item", "item"), Column("value", "value"))
-    kept = [{"item": item, "value": value} for item, value in rows if value]
-    return Table.of_rows("provenance", "Provenance", columns, kept, detail=True)
+    return Table.of_facts("provenance", "Provenance", rows)

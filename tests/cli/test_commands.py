@@ -37,7 +37,8 @@ COMMANDS = (
         "simulate-bench",
         "calibrate",
     ),
-    *("evaluate", "luminance", "verify", "history", "characterise", "twin", "rois", "image", "image-map", "video"),
+    *("evaluate", "luminance", "verify", "history", "characterise", "twin", "compare"),
+    *("view", "rois", "image", "image-map", "video"),
     *("presets", "simulate", "sweep", "reproduce"),
 )
 

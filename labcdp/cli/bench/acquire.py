@@ -89,10 +89,10 @@ def acquire(
 
 
 def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
-    from ...regions import load_regions, rois_of
+    from ...regions import load_regions
     from ...web.bench.plan import with_regions
 
-    return with_regions(configuration, rois_of(load_regions(roi)))
+    return with_regions(configuration, load_regions(roi))
 
 
 def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ...output import ResultsFolder
     from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration
 
+#: Exit status of an evaluation with a patch outside its limits, or not clearly within; 1 and 2 are errors.
+_LIMITS_NOT_MET = 3
+
 SESSION_ARGUMENT = typer.Argument(help="Folder of the session.")
 WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be repeated.")
 CONTRAST_OPTION = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default="as configured")
@@ -144,6 +147,8 @@ def evaluate(
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
+    The exit status is 3 if a patch does not pass its limits_cd_m2 of the plan.
+
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
     """
     from ...evaluate.bench.report.page import write_results
@@ -173,6 +178,10 @@ def evaluate(
     if against is not None:
         say(f"Identical to {against}")
     show_page(results.folder / "report.html", open_page)
+    failed = [row for row in evaluation.patches if row.limit_verdict not in (None, "pass")]
+    if failed:
+        say(f"Limits not met: {', '.join(f'{row.region.name} ({row.limit_verdict})' for row in failed)}")
+        raise typer.Exit(_LIMITS_NOT_MET)
 
 
 def _calibration_file(session: Path, given: Path | None) -> Path:

@@ -149,6 +149,11 @@ def _contrasts(contrasts: Sequence[ContrastRow]) -> Table:
 
 def _luminance(patches: Sequence[PatchRow]) -> Table:
     guessed = any(row.calculated_cd_m2 is not None for row in patches)
+    limits = (
+        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan."),
+        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan."),
+        Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
+    )
     calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
     columns = (
         Column("patch", "patch"),
@@ -157,11 +162,13 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         *uncertain(Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.")),
         Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2),
+        *(limits if any(row.limits_cd_m2 is not None for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
         Column("exposures", "exposures", "", "Exposures that were used.", shown=False),
     )
     rows = []
     for row in patches:
+        low, high = row.limits_cd_m2 or (None, None)
         measured, calibrated = row.measured_cd_m2, row.calibrated.luminance_cd_m2
         rows.append(
             {
@@ -175,6 +182,9 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
                 "u_calibrated_cd_m2": row.calibrated.standard_uncertainty_rel * calibrated,
                 "deviation_rel": row.deviation_rel,
                 "expanded_rel": row.calibrated.half_width_95_rel,
+                "lowest_cd_m2": low,
+                "highest_cd_m2": high,
+                "limit_verdict": row.limit_verdict,
                 "n_readings": row.n_readings,
                 "exposures": exposures(row.calibrated.exposures_s),
             }

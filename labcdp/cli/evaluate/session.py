@@ -15,6 +15,7 @@ from ...core.errors import InputError, SessionError
 from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
 from ..output import FORCE_OPTION, OPEN_OPTION, default_folder, output_option, results_folder, show_page
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+from .verify import EXIT_STATUS
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from ...evaluate.bench.session import SessionEvaluation
     from ...output import ResultsFolder
     from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration
-
-#: Exit status of an evaluation with a patch outside its limits, or not clearly within; 1 and 2 are errors.
-_LIMITS_NOT_MET = 3
 
 SESSION_ARGUMENT = typer.Argument(help="Folder of the session.")
 WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be repeated.")
@@ -147,7 +145,7 @@ def evaluate(
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
-    The exit status is 3 if a patch does not pass its limits_cd_m2 of the plan.
+    The exit status is 3 if a patch fails its limits_cd_m2 of the plan, 4 if one is undecided.
 
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
     """
@@ -178,10 +176,11 @@ def evaluate(
     if against is not None:
         say(f"Identical to {against}")
     show_page(results.folder / "report.html", open_page)
-    failed = [row for row in evaluation.patches if row.limit_verdict not in (None, "pass")]
-    if failed:
-        say(f"Limits not met: {', '.join(f'{row.region.name} ({row.limit_verdict})' for row in failed)}")
-        raise typer.Exit(_LIMITS_NOT_MET)
+    verdicts = {row.region.name: row.limit_verdict for row in evaluation.patches}
+    if not set(verdicts.values()) <= {None, "pass"}:
+        missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
+        say(f"Limits not met: {', '.join(missed)}")
+        raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
 
 
 def _calibration_file(session: Path, given: Path | None) -> Path:

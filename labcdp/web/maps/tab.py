@@ -67,7 +67,7 @@ class MapTab:
         self._save = pn.widgets.Button(name="Export", margin=(19, 4))
         self._table = page.text("statistics")
         self._profile = ColumnDataSource(data=_NO_PROFILE)
-        self._plot = pn.pane.Bokeh(self._new_plot(), sizing_mode="stretch_width", margin=(4, 8), visible=False)
+        self._plot = self._new_plot()
         self._connect()
         page.after_update = self.update
         if coloured:
@@ -80,7 +80,7 @@ class MapTab:
             row(self._shown, self._kind),
             row(self._low, self._high, self._fit),
             row(self._isolines, self._line),
-            self._plot,
+            pn.pane.Bokeh(self._plot, sizing_mode="stretch_width", margin=(4, 8)),
             self._table,
             row(self._limits),
             row(self._file, self._save),
@@ -201,7 +201,7 @@ class MapTab:
             workspace.run_elsewhere(steps(), workspace.say, workspace.changed)
 
     def _new_plot(self) -> Any:
-        plot = figure(sizing_mode="stretch_width", height=150, toolbar_location=None, tools="")
+        plot = figure(sizing_mode="stretch_width", height=150, toolbar_location=None, tools="", visible=False)
         plot.xaxis.axis_label, plot.yaxis.axis_label = "pixels along the line", self._workspace.image.unit_text
         plot.varea("d", "low", "high", source=self._profile, fill_alpha=0.3, fill_color="#0072b2")
         plot.line("d", "l", source=self._profile, line_color="#0072b2")

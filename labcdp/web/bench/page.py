@@ -113,11 +113,11 @@ class BenchPage:
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
         self._show_control()
-        self._camera.update(bench.camera.live, settings_text(bench.camera.live))
         self._follow_bits()
         words = " ".join(dict.fromkeys(one for one in (bench.busy, bench.notice or bench.mismatch) if one))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
-        self._plots.update(bench)
+        if self._plots.update(bench):
+            self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 
     def _changed(self) -> None:
         if not self._waits:

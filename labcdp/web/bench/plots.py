@@ -38,11 +38,11 @@ class Plots:
         limit = bench.target.limit
         self.figures = (self._trace_figure(limit), self._curve_figure(limit), self._histogram_figure())
 
-    def update(self, bench: LiveBench) -> None:
-        """Refresh the plots, not more often than twice a second."""
+    def update(self, bench: LiveBench) -> bool:
+        """Refresh the plots, not more often than twice a second; returns whether it did."""
         now_s = monotonic()
         if now_s - self._plotted_s < _PLOT_S:
-            return
+            return False
         self._plotted_s = now_s
         points = bench.trace[:: 1 + len(bench.trace) // _MOST_POINTS]
         self._trace.data = {
@@ -56,6 +56,7 @@ class Plots:
         self._measured.location = 100 * bench.trace[-1].contrast if bench.trace else None
         self._dn.end = bench.highest_dn
         self._histogram.data = _histogram(bench.workspace.image.values, bench.highest_dn)
+        return True
 
     def _trace_figure(self, limit: float) -> Any:
         plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))

@@ -1,6 +1,6 @@
 # Two commands: make demo, make test. Each sets up what it needs, once.
 
-.PHONY: demo test test-long pytest lint bench docs setup setup-test setup-docs clean
+.PHONY: demo test test-long pytest lint bench docs validate setup setup-test setup-docs clean
 .DELETE_ON_ERROR:
 
 # What labcdp needs of Debian to run, and what its tests need beside that.
@@ -30,6 +30,11 @@ lint: setup-test
 # All but the comparison with Pyxel, which installs 1.5 GB.
 bench: setup
 	for file in benchmarks/bench_[!p]*.py; do $(PYTHON) "$$file"; done
+
+# Every truth from outside with labcdp's deviation, in build/validation; LABCDP_EMVA_DATA names the folder of the EMVA
+# 1288 reference sets. In a network of its own, where the simulated camera meets no other.
+validate: setup-test
+	$(if $(filter 0,$(shell id -u)),unshare --net sh -c 'ip link set lo up && exec "$$@"' sh) $(PYTHON) -m benchmarks.validation
 
 # The site, from docs/ and examples/; needs no network once its packages are there. Open build/docs/index.html.
 docs: setup-docs

@@ -6,15 +6,23 @@ run, so it holds on any machine.
 
 A conversion can be faster than the floor: NumPy turns DN into addresses of 8 bytes first, and block by block those stay
 in the processor's cache.
+
+Last, ``labcdp luminance`` merges twelve such frames in a process of its own: its seconds and peak memory.
 """
 
 from __future__ import annotations
 
+import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -28,12 +36,14 @@ from labcdp.calibration import (
     Provenance,
     ResponsivityFit,
     TemporalNoise,
+    save,
 )
-from labcdp.calibration.errors.common import FitError
+from labcdp.calibration.fit_error import FitError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
 from labcdp.core.vignetting import AnyVignetting, FlatField, RadialVignetting, middle_of
+from labcdp.session.frame_file import frame_to_tiff
 
 REPEATS = 21
 SHAPE = (2056, 2452)
@@ -63,7 +73,7 @@ def calibration(vignetting: AnyVignetting | None) -> Calibration:
         range_cd_m2=(0.5, 2000.0),
         range_net_dn=(5.0, 4000.0),
         exposures_s=(0.001, 0.064),
-        residuals=(PatchResidual("P1", 100.0, 0.1, 4, 100.0, 0.0, 0.0, (0.008,), (32.0, 24.0), None),),
+        residuals=(PatchResidual("P1", 100.0, 0.1, 4, 100.0, (0.008,), 0.0, 0.0, (32.0, 24.0), None),),
         held_out=(),
         left_out=(),
         ladder=(),
@@ -104,6 +114,36 @@ def interleaved_ms(*actions: Callable[[], object]) -> list[float]:
     return [median(taken) * 1e3 for taken in times]
 
 
+def merge_twelve(folder: Path) -> None:
+    """Print time and memory of `labcdp luminance` with four frames at each of three exposures of a still scene."""
+    chosen = replace(calibration(RadialVignetting(0.0, 0.0, 0.0)), response=Response("linear"))
+    save(chosen, folder / "calibration.json")
+    rng, files = np.random.default_rng(3), []
+    scene = np.exp(rng.uniform(np.log(0.6), np.log(1900), SHAPE))
+    for number, exposure_s in enumerate(np.repeat([0.001, 0.008, 0.064], 4).tolist()):
+        net_dn = 1200 * scene * exposure_s
+        noisy = 64 + 40 * exposure_s + net_dn + np.sqrt(0.25 * net_dn + 1.5**2) * rng.standard_normal(SHAPE)
+        dn = np.clip(np.rint(noisy), 0, 4095).astype(np.uint16)
+        files.append(folder / f"{number:02d}.tif")
+        one = Frame(
+            dn, exposure_s, 0.0, 12, 4095.0, 64.0, "Mono12", None, None, datetime.now(UTC), number, number, CAMERA
+        )
+        files[-1].write_bytes(frame_to_tiff(one, compress=False))
+    command = [
+        Path(sys.executable).with_name("labcdp"),
+        "luminance",
+        "calibration.json",
+        *files,
+        "--output",
+        "scene.exr",
+    ]
+    start = time.perf_counter()
+    subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    seconds, used = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s, memory_gb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6
+    print(f"labcdp luminance of twelve frames: {seconds:.1f} s, {cpu_s:.1f} s of one core, {memory_gb:.2f} GB")
+
+
 def main() -> None:
     table, taken = np.linspace(0, 1, 4096, dtype=np.float32), frame()
     plain, flat = calibration(None), calibration(flat_field())
@@ -118,6 +158,8 @@ def main() -> None:
     times_ms = interleaved_ms(*actions.values())
     for label, ms in zip(actions, times_ms, strict=True):
         print(f"{label:42s}  {ms:7.1f} ms   ratio {ms / times_ms[0]:.2f}")
+    with TemporaryDirectory() as folder:
+        merge_twelve(Path(folder))
 
 
 if __name__ == "__main__":

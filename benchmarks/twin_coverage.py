@@ -261,7 +261,7 @@ def corrections_of_flat_field(bench: RandomBench) -> dict[str | None, Correction
         frames = (
             frame_of(
                 bench,
-                bench.chain.expose(
+                bench.chain.sensor.expose(
                     of, exposure_s, temperature_c=bench.temperature_c, seed=bench.seed + 7, exposure_index=index
                 ),
                 exposure_s,

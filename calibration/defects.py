@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
 from ..core.errors import CalibrationError, InputError
-from ..core.stored_array import EqualByContent, StoredArray, content_sha256, read_only
 from .frames.statistics import FrameStatistics
 
 #: Robust standard deviations from the median beyond which a pixel of the dark image is hot. None of five million normal

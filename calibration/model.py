@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, isfinite
 
@@ -26,6 +27,7 @@ from .frames.observations import CameraState
 from .gains import GainSetting, index_of_gain
 from .meter import MeterScale
 from .noise import TemporalNoise
+from .readings import MeasuredPatch
 from .setup import LensIdentity, Provenance
 
 _log = logging.getLogger(__name__)
@@ -76,25 +78,15 @@ class ResponsivityFit:
 
 
 @dataclass(frozen=True)
-class PatchResidual:
+class PatchResidual(MeasuredPatch):
     """One row of the residual table.
 
     Parameters
     ----------
-    patch : str
-        Name of the patch.
-    reading_cd_m2, reading_random_cd_m2 : float
-        By the meter: mean of the readings, and its standard uncertainty without the scale.
-    n_readings : int
-        Number of readings.
-    luminance_cd_m2 : float
-        By the calibrated camera.
     residual_rel : float
         Relative deviation of the camera from the meter.
     standardised_residual : float
         Residual over its standard deviation by the stated errors.
-    exposures_s : tuple of float
-        Exposures that were used.
     centre_px : (float, float)
         Middle (x, y) of the patch's region in the image.
     leave_one_out_rel : float or None
@@ -102,16 +94,16 @@ class PatchResidual:
         if the other patches do not suffice for a fit.
     """
 
-    patch: str
-    reading_cd_m2: float
-    reading_random_cd_m2: float
-    n_readings: int
-    luminance_cd_m2: float
     residual_rel: float
     standardised_residual: float
-    exposures_s: tuple[float, ...]
     centre_px: tuple[float, float]
     leave_one_out_rel: float | None
+
+
+def range_of(rows: Sequence[PatchResidual]) -> tuple[float, float]:
+    """Lowest and highest luminance of patches, by meter or camera."""
+    luminances = [value for row in rows for value in (row.reading_cd_m2, row.luminance_cd_m2)]
+    return min(luminances), max(luminances)
 
 
 @dataclass(frozen=True)
@@ -212,6 +204,16 @@ class Calibration:
             raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
+    def planes(self) -> tuple[Calibration, ...]:
+        """Itself, as the one plane of a monochrome sensor."""
+        return (self,)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of that plane in the luminance."""
+        return (1.0,)
+
+    @property
     def light(self) -> Source:
         """The spectrum it is valid for as measured, else its name."""
         return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
@@ -264,23 +266,29 @@ class Calibration:
         factor = 1.0 if gain_db is None else self.setting(gain_db).factor
         return self.response.linearise(net_dn) / (self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s)
 
+    def dark_spread_cd_m2(self, frame: Frame) -> float:
+        """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""
+        setting = self.setting(frame.gain_db)
+        dn = hypot(setting.dark.pattern_dn(frame.exposure_s), setting.dark.drift_dn)
+        scale = self.responsivity.responsivity_dn_s_cd_m2 * setting.factor * frame.exposure_s
+        return dn * float(self.response.slope(0.0)) / scale
+
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it, to luminance.
 
-        An exposure outside the calibrated ones is logged as a warning; a luminance outside the calibrated range is
-        flagged in the map.
+        An exposure outside the calibrated ones is logged; a luminance outside the calibrated range is flagged.
 
         Raises
         ------
         CalibrationError
-            If the frame is of another camera, pixel format, bit depth, saturation or image size, or of a gain that was
-            not calibrated.
+            As `require`.
         """
         from .convert.conversion import to_luminance
 
         self.require(CameraState.of(frame), f"frame {frame.frame_id}")
         low, high = self.exposures_s[0], self.exposures_s[-1]
-        if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
+        # Said once for a frame, and not for each of its blocks.
+        if window[0].start in (None, 0) and not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
             _log.warning(
                 "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
                 frame.frame_id,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from math import hypot, sqrt
-from typing import Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -48,6 +48,38 @@ class PatchReading:
     n_readings: int
     read_at: datetime
     left_out: tuple[LeftOut, ...] = ()
+
+
+@dataclass(frozen=True)
+class MeasuredPatch:
+    """A patch by the meter and by the calibrated camera.
+
+    Parameters
+    ----------
+    patch : str
+        Name of the patch.
+    reading_cd_m2, reading_random_cd_m2 : float
+        By the meter: mean of the readings, and its standard uncertainty without the scale.
+    n_readings : int
+        Number of readings.
+    luminance_cd_m2 : float
+        By the calibrated camera.
+    exposures_s : tuple of float
+        Exposures that were used.
+    """
+
+    patch: str
+    reading_cd_m2: float
+    reading_random_cd_m2: float
+    n_readings: int
+    luminance_cd_m2: float
+    exposures_s: tuple[float, ...]
+
+    @classmethod
+    def of(cls, reading: PatchReading, luminance_cd_m2: float, exposures_s: tuple[float, ...], **own: Any) -> Self:
+        """Row of a reading and a luminance, with what else this kind of row has."""
+        of_meter = reading.patch, reading.luminance_cd_m2, reading.random_cd_m2, reading.n_readings
+        return cls(*of_meter, luminance_cd_m2, exposures_s, **own)
 
 
 def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[Finding]]:

@@ -7,7 +7,7 @@ from .aravis.camera import AravisCamera
 from .aravis.library import CameraInfo, discover
 from .camera import Camera, CameraError, CameraSettings
 from .meter import Meter, MeterError
-from .minolta_ls.meter import MinoltaLS100, MinoltaLS110, find_meter_ports
+from .minolta_ls.meter import DRIVERS, MinoltaLS, MinoltaLS100, MinoltaLS110, find_meter_ports
 from .replay.camera import ReplayCamera, ReplayMeter
 
 __all__ = [
@@ -49,7 +49,7 @@ def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisC
 
 def open_meter(
     port: str, model: Literal["LS-100", "LS-110"] = "LS-110", identity: MeterIdentity | None = None
-) -> MinoltaLS100 | MinoltaLS110:
+) -> MinoltaLS:
     """Open a luminance meter; close it, or use it as a context manager.
 
     Parameters
@@ -66,7 +66,6 @@ def open_meter(
     MeterError
         If the port cannot be opened or no meter answers.
     """
-    driver = MinoltaLS100 if model == "LS-100" else MinoltaLS110
-    meter = driver(port, identity).open()
+    meter = DRIVERS[model](port, identity).open()
     meter.ask_if_simulated()
     return meter

@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Literal, Protocol, Self
+from typing import Protocol, Self
 
 from ..core.errors import DeviceError
 from ..core.frame import CameraIdentity, Frame
+from .camera_settings import (
+    FRAME_ALLOWANCE_S,
+    FREE_RUN,
+    SOFTWARE_TRIGGER,
+    CameraSettings,
+    CameraSetup,
+    FeatureDescription,
+    FeatureValue,
+    Region,
+    Trigger,
+)
+
+__all__ = [
+    "FRAME_ALLOWANCE_S",
+    "FREE_RUN",
+    "MOST_REFUSED",
+    "SOFTWARE_TRIGGER",
+    "Camera",
+    "CameraBusyError",
+    "CameraError",
+    "CameraLostError",
+    "CameraNotFoundError",
+    "CameraSettingError",
+    "CameraSettings",
+    "CameraSetup",
+    "FeatureDescription",
+    "FeatureValue",
+    "FrameTimeoutError",
+    "Gap",
+    "IncompleteFrameError",
+    "Refused",
+    "Region",
+    "StreamStatistics",
+    "Trigger",
+]
 
 
 class CameraError(DeviceError):
@@ -67,162 +102,6 @@ class CameraSettingError(CameraError):
     """The camera lacks a setting or rejects its value: pixel format, exposure, or gain."""
 
 
-#: Value of a GenICam feature.
-FeatureValue = bool | int | float | str
-
-
-@dataclass(frozen=True)
-class FeatureDescription:
-    """A GenICam feature as it is now.
-
-    Parameters
-    ----------
-    name : str
-        GenICam name.
-    value : bool, int, float or str
-        Its value.
-    writable : bool
-        Whether it can be changed now.
-    unit : str
-        Unit as the camera states it; empty if it states none.
-    limits : (float, float) or None
-        Lowest and highest value of a number; None if they are not known.
-    choices : tuple of str
-        Values of an enumeration.
-    """
-
-    name: str
-    value: FeatureValue
-    writable: bool = False
-    unit: str = ""
-    limits: tuple[float, float] | None = None
-    choices: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Trigger:
-    """Trigger of an exposure.
-
-    Parameters
-    ----------
-    source : str or None
-        None for free-running; ``Software`` for a command from this computer; else the camera's name of a line,
-        for example ``Line1`` (SFNC TriggerSource).
-    activation : {'RisingEdge', 'FallingEdge', 'AnyEdge', 'LevelHigh', 'LevelLow'}
-        Active edge or level of the line (SFNC TriggerActivation); ignored for other sources.
-    """
-
-    source: str | None = None
-    activation: Literal["RisingEdge", "FallingEdge", "AnyEdge", "LevelHigh", "LevelLow"] = "RisingEdge"
-
-
-FREE_RUN = Trigger()
-SOFTWARE_TRIGGER = Trigger("Software")
-
-
-@dataclass(frozen=True)
-class Region:
-    """Part of the sensor that is read out, in pixels after binning (SFNC OffsetX, OffsetY, Width, Height).
-
-    Parameters
-    ----------
-    x, y : int
-        First column and row.
-    width, height : int
-        Size.
-    """
-
-    x: int
-    y: int
-    width: int
-    height: int
-
-
-@dataclass(frozen=True)
-class CameraSetup:
-    """Settings of a measurement besides exposure, gain and pixel format; None leaves those after opening.
-
-    Parameters
-    ----------
-    binning : (int, int) or None
-        Columns and rows to bin.
-    region : Region or None
-        Part of the sensor to read out.
-    frame_rate_hz : float or None
-        Frame rate of a free-running camera.
-    black_level : float or None
-        Register of the black level.
-    trigger : Trigger or None
-        Trigger of an exposure.
-    features : mapping of str to bool, int, float or str
-        GenICam features by name, set last.
-    """
-
-    binning: tuple[int, int] | None = None
-    region: Region | None = None
-    frame_rate_hz: float | None = None
-    black_level: float | None = None
-    trigger: Trigger | None = None
-    features: Mapping[str, FeatureValue] = field(default_factory=dict)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The settings that are given, by name."""
-        return {f.name: v for f in fields(self) if f.name != "features" and (v := getattr(self, f.name)) is not None}
-
-
-#: Tolerated delay of a frame beyond its exposure and period, for a busy computer. A camera that stops answering is
-#: noticed earlier.
-FRAME_ALLOWANCE_S = 10.0
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Settings in effect.
-
-    Parameters
-    ----------
-    exposure_s, gain_db : float
-        Exposure time in seconds and analogue gain in decibels.
-    pixel_format : str
-        GenICam PFNC name.
-    width, height : int
-        Size of a frame in pixels.
-    offset_x, offset_y : int
-        First column and row of the sensor that is read out, in pixels after binning.
-    binning : (int, int)
-        Columns and rows binned into one pixel.
-    black_level : float
-        Value of the camera's register, in its own unit, which need not be DN of the pixel format; 0 without one.
-    frame_rate_hz : float or None
-        Frame rate of a free-running camera; None if unknown.
-    trigger : Trigger
-        Trigger of an exposure.
-    """
-
-    exposure_s: float
-    gain_db: float
-    pixel_format: str
-    width: int
-    height: int
-    offset_x: int = 0
-    offset_y: int = 0
-    binning: tuple[int, int] = (1, 1)
-    black_level: float = 0.0
-    frame_rate_hz: float | None = None
-    trigger: Trigger = FREE_RUN
-
-    def longest_wait_s(self, timeout_s: float | None = None, overload: float = 1.0) -> float:
-        """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
-
-        The default leaves the frame period and `FRAME_ALLOWANCE_S`, longer by the factor of the computer's `overload`.
-        """
-        if timeout_s is not None:
-            return self.exposure_s + timeout_s
-        period_s = 1 / self.frame_rate_hz if self.frame_rate_hz and self.trigger == FREE_RUN else 0.0
-        return self.exposure_s + period_s + FRAME_ALLOWANCE_S * overload
-
-
 @dataclass(frozen=True)
 class StreamStatistics:
     """Counters of the received data since the camera was opened.
@@ -266,6 +145,9 @@ class Gap:
 
 
 Refused = Callable[[IncompleteFrameError], None]
+
+#: Number of consecutive incomplete frames after which a grab fails.
+MOST_REFUSED = 20
 
 
 class Camera(Protocol):

@@ -4,6 +4,7 @@
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
+- `compare`: chains, sweeps, sessions or calibrations side by side
 - `read_dataset`: results that were saved as NetCDF
 - `drivers.open_camera`, `drivers.open_meter`: devices
 - `calibration`, `chain`, `drivers`, `files`, `metrics`, `regions`: the packages behind them
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from . import calibration, chain, drivers, files, metrics, regions
     from .api.accessor import read_dataset as read_dataset
     from .api.chain import Chain as Chain
+    from .api.compare import Comparison as Comparison
+    from .api.compare import compare as compare
     from .api.picture import Image as Image
     from .api.picture import read_image as read_image
     from .api.session import Session as Session
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Chain": "api.chain",
+    "Comparison": "api.compare",
     "DetectionInterval": "metrics",
     "DetectionProbability": "metrics",
     "Frame": "core.frame",
@@ -52,6 +56,7 @@ _HOME = {
     "Video": "api.video",
     "cdp": "metrics",
     "cdp_neighbours": "metrics",
+    "compare": "api.compare",
     "open_video": "api.video",
     "read_dataset": "api.accessor",
     "read_image": "api.picture",
@@ -60,6 +65,7 @@ _PACKAGES = ("calibration", "chain", "drivers", "files", "metrics", "regions")
 
 __all__ = [
     "Chain",
+    "Comparison",
     "DetectionInterval",
     "DetectionProbability",
     "Frame",
@@ -75,6 +81,7 @@ __all__ = [
     "cdp",
     "cdp_neighbours",
     "chain",
+    "compare",
     "drivers",
     "files",
     "metrics",

@@ -115,6 +115,15 @@ def to_luminance(converter: ColourConverter, frame: Frame, window: Window = WHOL
     return _Combined(converter, maps).map()
 
 
+def luminance_of_planes(
+    calibration: Calibration | ColourConverter, observations: Mapping[str, Sequence[PatchObservation]]
+) -> PatchLuminance:
+    """Luminance of one patch from its observations by plane, by an empty name for a monochrome sensor."""
+    if isinstance(calibration, Calibration):
+        return patch_luminance(calibration, observations.get("", ()))
+    return colour_patch_luminance(calibration, observations)
+
+
 def colour_patch_luminance(
     converter: ColourConverter, observations: Mapping[str, Sequence[PatchObservation]]
 ) -> PatchLuminance:
@@ -132,15 +141,7 @@ def colour_patch_luminance(
     CalibrationError
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
     """
-    seen = []
-    for plane in converter.planes:
-        name = f"{plane.state.plane}"
-        if name not in observations:
-            raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")
-        try:
-            seen.append(patch_luminance(plane, observations[name]))
-        except CalibrationError as error:
-            raise CalibrationError(f"plane {name}: {error}") from error
+    seen = [_of_plane(plane, observations) for plane in converter.planes]
     by_plane = np.array([one.luminance_cd_m2 for one in seen])
     luminance = float(np.array(converter.weights) @ by_plane)
     if luminance <= 0:
@@ -153,8 +154,6 @@ def colour_patch_luminance(
     own = [own_rel(plane, one) for plane, one in pairs]
     of_field = max(slow_rel(plane.vignetting) for plane in converter.planes)
     random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, of_field)
-    low, high = converter.range_cd_m2
-    margin = RANGE_MARGIN * random_rel * luminance
     # The range of a single plane does not matter.
     findings = [
         finding.within(f"plane {plane.state.plane}")
@@ -162,6 +161,7 @@ def colour_patch_luminance(
         for finding in one.findings
         if finding.code not in ("luminance-outside-range", "signal-outside-range")
     ]
+    (low, high), margin = converter.range_cd_m2, RANGE_MARGIN * random_rel * luminance
     if luminance < low - margin or luminance > high + margin:
         findings.append(outside_range(seen[0].patch, luminance, (low, high)))
     weight_errors = (CommonError("fit", float(row @ by_plane / luminance)) for row in converter.weight_errors)
@@ -180,6 +180,16 @@ def colour_patch_luminance(
         exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
         findings=tuple(findings),
     )
+
+
+def _of_plane(plane: Calibration, observations: Mapping[str, Sequence[PatchObservation]]) -> PatchLuminance:
+    name = f"{plane.state.plane}"
+    if name not in observations:
+        raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")
+    try:
+        return patch_luminance(plane, observations[name])
+    except CalibrationError as error:
+        raise CalibrationError(f"plane {name}: {error}") from error
 
 
 def own_rel(plane: Calibration, seen: PatchLuminance) -> float:

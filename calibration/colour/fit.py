@@ -20,12 +20,12 @@ from ..defects import DefectMap
 from ..fit.intake import group_by_patch
 from ..fit.residuals import held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
-from ..model import Calibration
+from ..model import Calibration, PatchResidual, range_of
 from ..setup import Setup
 from .combination import NO_PRIOR, Array, ColourData, Combination, Prior, combine, leave_one_out
 from .conversion import colour_patch_luminance
 from .model import ColourCalibration, CombinationStep
-from .patches import ColourPatches, by_patch, centre_px, colour_patches, colour_row
+from .patches import ColourPatches, by_patch, centre_px, colour_patches
 from .planes import COLOURS, colours_of_planes, one_spectrum
 from .prior import ColourPrior, choose_prior
 
@@ -53,11 +53,10 @@ def fit_colour(
 ) -> ColourCalibration:
     """Calibrate a camera with colour filters.
 
-    Each plane is calibrated by `fit` with the patches of one spectrum, such as grey patches in the same light: for
-    other colours a plane deviates from the meter for spectral reasons. Then the weights of L = sum w_p L_p are fitted
-    to all patches, with the errors of meter and planes. Where the patches do not determine the weights, those of least
-    noise are used, or of the smallest f1' if the spectral sensitivities are known; see
-    `labcdp.calibration.colour.prior`. The combination is compared with each colour alone by leave-one-out errors.
+    Each plane is calibrated by `fit` with the patches of one spectrum, such as grey ones: for other colours a plane
+    deviates from the meter for spectral reasons. Then the weights of L = sum w_p L_p are fitted to all patches. Where
+    these do not determine them, `labcdp.calibration.colour.prior` does. The combination is compared with each colour
+    alone by leave-one-out errors.
 
     Parameters
     ----------
@@ -65,31 +64,27 @@ def fit_colour(
         By plane (R, Gr, Gb, B): all patches at all exposures, from the frames that `planes.split` returns.
     darks : mapping of str to sequence of DarkObservation
         By plane.
-    readings : mapping of str to sequence of Reading
-        The meter's readings by the name of the patch.
-    setup : Setup
-        Lens, spectrum, and hash of the input.
+    readings, setup, held_out
+        As for `fit`.
     sensitivities : mapping of str to SpectralTable or None
         Relative spectral sensitivities of R, G and B to radiant power, if known; their scales are arbitrary.
-    held_out : collection of str
-        Patches held out of the fit for validation.
     defects, dark_libraries : mapping of str or None
         By plane, as for `fit`.
 
     Raises
     ------
     CalibrationError
-        As `fit`, naming the plane; if a plane is missing, fewer than three patches have the same spectrum, or the
-        usable patches differ between planes.
+        As `fit`, naming the plane; if a plane is missing, or fewer than three patches have the same spectrum.
     InputError
-        If sensitivities are not those of R, G and B, or see none of the light.
+        If sensitivities are not those of R, G and B.
     """
     _require_planes(observations, darks)
     for plane in PLANES:
         group_by_patch(observations[plane], readings, held_out)
     grey, findings = one_spectrum(observations, darks, [name for name in readings if name not in held_out])
-    corrections = {plane: ((defects or {}).get(plane), (dark_libraries or {}).get(plane)) for plane in PLANES}
-    planes = _fit_planes(observations, darks, {name: readings[name] for name in grey}, setup, corrections)
+    planes = _fit_planes(
+        observations, darks, {name: readings[name] for name in grey}, setup, defects or {}, dark_libraries or {}
+    )
     groups = by_patch(observations)
     prior = choose_prior(planes, sensitivities, setup.light)
     scatter_rel = _scatter_rel(planes, colours_of_planes(planes) @ prior.prior.weights)
@@ -101,13 +96,8 @@ def fit_colour(
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
-    findings += [
-        *_plane_findings(planes),
-        *patches.findings,
-        *prior.findings,
-        *_findings(chosen, patches, prior),
-        *of_held_out,
-    ]
+    findings += [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
+    findings += of_held_out
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=unique(findings))
 
@@ -117,14 +107,15 @@ def _fit_planes(
     darks: Mapping[str, Sequence[DarkObservation]],
     readings: Mapping[str, Sequence[Reading]],
     setup: Setup,
-    corrections: Mapping[str, tuple[DefectMap | None, DarkLibrary | None]],
+    defects: Mapping[str, DefectMap | None],
+    dark_libraries: Mapping[str, DarkLibrary | None],
 ) -> list[Calibration]:
     planes = []
     for plane in PLANES:
         own = [o for o in observations[plane] if o.patch in readings]
-        defects, dark_library = corrections[plane]
+        library = dark_libraries.get(plane)
         try:
-            planes.append(fit(own, darks[plane], readings, setup, defects=defects, dark_library=dark_library))
+            planes.append(fit(own, darks[plane], readings, setup, defects=defects.get(plane), dark_library=library))
         except CalibrationError as error:
             raise CalibrationError(f"plane {plane}: {error}") from error
     return planes
@@ -205,13 +196,26 @@ def _assemble(
     weights = to_colour @ chosen.weights
     dof = max(len(patches.names) - len(COLOURS), 1)
     covariance = to_colour @ (chosen.covariance * max(1.0, chosen.chi_squared / dof)) @ to_colour.T
-    rows = [
-        colour_row(reading, seen, centre, float(deviation), float(deviation / uncertainty))
-        for reading, seen, centre, deviation, uncertainty in zip(
-            patches.readings, patches.seen, patches.centres_px, chosen.deviation, chosen.uncertainty, strict=True
+    rows = tuple(
+        PatchResidual.of(
+            reading,
+            reading.luminance_cd_m2 * (1 + deviation),
+            tuple(sorted({t for one in seen for t in one.exposures_s})),
+            residual_rel=deviation,
+            standardised_residual=deviation / uncertainty,
+            centre_px=centre,
+            leave_one_out_rel=without,
         )
-    ]
-    luminances = [value for row in rows for value in (row.reading_cd_m2, row.luminance_cd_m2)]
+        for reading, seen, centre, deviation, uncertainty, without in zip(
+            patches.readings,
+            patches.seen,
+            patches.centres_px,
+            chosen.deviation.tolist(),
+            chosen.uncertainty.tolist(),
+            left_out.tolist(),
+            strict=True,
+        )
+    )
     sensitivity = None
     if prior.sensitivities is not None:
         sensitivity = weighted_sum(prior.sensitivities, dict(zip(COLOURS, chosen.weights.tolist(), strict=True)))
@@ -221,8 +225,8 @@ def _assemble(
         weight_covariance=tuple(tuple(row) for row in covariance.tolist()),
         spectral_rel=chosen.spectral_rel,
         scatter_rel=_scatter_rel(planes, weights),
-        range_cd_m2=(min(luminances), max(luminances)),
-        residuals=tuple(replace(row, leave_one_out_rel=float(v)) for row, v in zip(rows, left_out, strict=True)),
+        range_cd_m2=range_of(rows),
+        residuals=rows,
         held_out=(),
         left_out=patches.left_out,
         ladder=ladder,

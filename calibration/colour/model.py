@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 
 import numpy as np
 
@@ -119,6 +120,10 @@ class ColourCalibration(ColourConverter):
             f"{plane.state.plane}": weight / plane.responsivity.responsivity_dn_s_cd_m2
             for plane, weight in zip(self.planes, self.weights, strict=True)
         }
+
+    def dark_spread_cd_m2(self, frame: Frame) -> float:
+        """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""
+        return hypot(*(w * plane.dark_spread_cd_m2(frame) for w, plane in zip(self.weights, self.planes, strict=True)))
 
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a Bayer frame; see `labcdp.calibration.colour.conversion.to_luminance`."""

@@ -16,7 +16,7 @@ from ..convert.patch import PatchLuminance, patch_luminance
 from ..findings import LeftOut
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel
-from ..model import Calibration, PatchResidual
+from ..model import Calibration
 from ..readings import PatchReading, combine_readings
 from ..signal import left_out_text, net_signal
 from .combination import ColourData
@@ -57,12 +57,12 @@ class ColourPatches:
 
 
 def by_patch(
-    observations: Mapping[str, Sequence[PatchObservation]],
+    observations: Mapping[str, Sequence[PatchObservation]], planes: Sequence[str] = PLANES
 ) -> dict[str, dict[str, list[PatchObservation]]]:
     """Sort observations by patch, then by plane."""
     groups: dict[str, dict[str, list[PatchObservation]]] = {}
-    for plane in PLANES:
-        for o in observations[plane]:
+    for plane in planes:
+        for o in observations.get(plane, ()):
             groups.setdefault(o.patch, {}).setdefault(plane, []).append(o)
     return groups
 
@@ -156,25 +156,3 @@ def centre_px(group: Mapping[str, Sequence[PatchObservation]]) -> tuple[float, f
     """Middle (x, y) of a patch in the Bayer frame; a plane has half its pixels along each side."""
     x, y = next(iter(group.values()))[0].centre_px
     return 2 * x, 2 * y
-
-
-def colour_row(
-    reading: PatchReading,
-    seen: Sequence[PatchLuminance],
-    centre: tuple[float, float],
-    deviation: float,
-    standardised: float,
-) -> PatchResidual:
-    """Row of the residual table, with the deviation as for a held-out patch."""
-    return PatchResidual(
-        patch=reading.patch,
-        reading_cd_m2=reading.luminance_cd_m2,
-        reading_random_cd_m2=reading.random_cd_m2,
-        n_readings=reading.n_readings,
-        luminance_cd_m2=reading.luminance_cd_m2 * (1 + deviation),
-        residual_rel=deviation,
-        standardised_residual=standardised,
-        exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
-        centre_px=centre,
-        leave_one_out_rel=deviation,
-    )

@@ -33,15 +33,12 @@ _DEPENDS = 128
 _Maps = NDArray[np.float32]
 
 
-def to_luminance(
-    calibration: Calibration, frame: Frame, lens: LensIdentity | None = None, window: Window = WHOLE
-) -> LuminanceMap:
+def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
     """Convert a frame: L = h(DN - d(t, T)) / (R t V(x, y)).
 
-    Functions of the DN are computed once for each of the 2^bits values, in float64, and looked up in float32 (7 digits;
-    DN have at most 5). Uncertainty and flags are computed on demand. Pixels below the dark signal have a negative
-    luminance; the relative uncertainty is the absolute one over the luminance's magnitude, and may be far above 1 near
-    zero. A frame outside the temperatures of the dark frames is logged as a warning where that changes the dark signal.
+    Functions of the DN are computed once for each of the 2^bits values, and looked up in float32. Uncertainty and flags
+    are computed on demand. Pixels below the dark signal have a negative luminance; the relative uncertainty is the
+    absolute one over the luminance's magnitude. A frame outside the temperatures of the dark frames is logged.
 
     Parameters
     ----------
@@ -49,29 +46,26 @@ def to_luminance(
         The calibration.
     frame : Frame
         Monochrome, or one colour plane.
-    lens : LensIdentity or None
-        The lens on the camera, if known; frames do not state it.
     window : Window
         Rows and columns to convert; the map starts at the first of them.
 
     Returns
     -------
     LuminanceMap
-        random_rel: noise of the pixel by photon transfer, h'(n) s(n) / h(n), with the noise of flat field and dark
-        library. common: `common_errors`, and the uncertainty of a radial vignetting.
+        random_rel: noise of the pixel, flat field and dark library. common: `common_errors` and radial vignetting.
 
     Raises
     ------
     CalibrationError
-        If camera, gain, pixel format, bit depth, saturation, image size, lens or f-number differ.
+        If camera, gain, pixel format, bit depth or image size differ.
     InputError
         If flat field, defect map or dark library are of another image size.
     """
-    require_lens(calibration.lens, lens)
     calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
     setting = calibration.setting(frame.gain_db)
-    taken = [(frame.exposure_s, frame.temperature_c)]
-    log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
+    if window[0].start in (None, 0):
+        taken = [(frame.exposure_s, frame.temperature_c)]
+        log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
     library = calibration.dark_library
     pattern, noise_dn = None, 0.0
     if library is not None:
@@ -265,9 +259,9 @@ def _positional_patterns(vignetting: RadialVignetting, shape: tuple[int, int]) -
     return patterns, np.sum(np.square(patterns), axis=0, dtype=np.float32)
 
 
-def require_lens(calibrated: LensIdentity, lens: LensIdentity | None) -> None:
-    """Refuse another lens or f-number; raises CalibrationError. None (unknown) is accepted."""
-    if lens is not None and not lens.is_as_in(calibrated):
+def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
+    """Refuse another lens or f-number; raises CalibrationError."""
+    if not lens.is_as_in(calibrated):
         raise CalibrationError(
             f"the calibration is for the lens {calibrated}, the frame was taken with {lens}: "
             "calibrate with this lens and f-number"

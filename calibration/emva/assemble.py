@@ -16,13 +16,7 @@ from ..signal_limits import MAX_CLIPPED_SHARE
 from .dark_current import fit_dark_current
 from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
 from .photon_transfer import Slope, departure_rel, points_to_fit, require_noise, system_gain
-from .result import (
-    Characterisation,
-    Origin,
-    Quantity,
-    Sensitivity,
-    SpatialNonuniformity,
-)
+from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
 from .saturation import Saturation, find_saturation
 from .series import SeriesPoint
 from .snr import dynamic_range, sensitivity_threshold_e, snr_max
@@ -150,8 +144,7 @@ def with_frame_changes(points: Sequence[SeriesPoint], darks: Sequence[DarkObserv
     flicker2 = max(float(np.average(relative2, weights=weights)), 0.0) if lit else 0.0
     return [
         replace(
-            p,
-            frames_variance_dn2=(flicker2 * p.net_dn**2 + drift_dn2) / p.light.n_frames + drift_dn2 / p.dark.n_frames,
+            p, frames_variance_dn2=(flicker2 * p.net_dn**2 + drift_dn2) / p.light.n_frames + drift_dn2 / p.dark.n_frames
         )
         for p in points
     ]

@@ -24,14 +24,7 @@ from .index import DataSetIndex, IndexBlock, load_index
 from .linearity import linearity
 from .nonuniformity import PARTS, dsnu_parts, prnu_rel
 from .photon_transfer import MIN_POINTS, responsivity
-from .result import (
-    Characterisation,
-    Origin,
-    Quantity,
-    Sensitivity,
-    SpatialImages,
-    SpatialNonuniformity,
-)
+from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialImages, SpatialNonuniformity
 from .series import Level, SeriesPoint
 
 #: Note on the missing uncertainty of the photon numbers.

@@ -59,6 +59,11 @@ class CombinedUncertainty:
     effective_degrees_of_freedom: float
     expanded_95_rel: float
 
+    @property
+    def coverage_factor(self) -> float:
+        """k, U over u."""
+        return self.expanded_95_rel / self.standard_uncertainty_rel
+
 
 def budget(
     calibration: Calibration,

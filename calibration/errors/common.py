@@ -32,10 +32,8 @@ def common_errors(
 ) -> tuple[CommonError, ...]:
     """Mutually independent errors common to the luminances of one frame, as signed patterns.
 
-    ``meter scale`` (rectangular by a data sheet, normal by a certificate), ``meter f1'`` and ``focus and aperture`` if
-    they count, ``exposure time``, and those of the fit: ``fit``, ``gain``, ``linearity`` and ``dark and temperature``,
-    one for each eigenvector of a covariance. In a contrast of two luminances the difference of their patterns remains.
-    Number and order of the errors are the same for all frames of one gain.
+    Those of meter, lens and exposure time, and of the fit one for each eigenvector of a covariance. In a contrast of
+    two luminances the difference of their patterns remains. Number and order are the same for all frames of one gain.
 
     Parameters
     ----------
@@ -53,8 +51,7 @@ def common_errors(
     Returns
     -------
     tuple of CommonError
-        `relative` has the shape of `net_dn`, or is a number. At or below zero signal the pattern is that of the same
-        absolute error, so it changes sign with the signal and is infinite at zero.
+        `relative` has the shape of `net_dn`, or is a number. It changes sign with the signal and is infinite at zero.
 
     Raises
     ------

@@ -27,6 +27,8 @@ _FREE = 10.0
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
+#: Arrays of a design that signals have, too.
+_OF_SIGNALS = ("net_dn", "scale_per_s", "noise_variance_dn2", "dark_nonuniformity_dn")
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +170,7 @@ class Design:
             patch=self.patch[kept] - (self.patch[kept] > patch),
             exposure=self.exposure[kept],
             gain=self.gain[kept],
-            net_dn=self.net_dn[kept],
-            scale_per_s=self.scale_per_s[kept],
-            noise_variance_dn2=self.noise_variance_dn2[kept],
-            dark_nonuniformity_dn=self.dark_nonuniformity_dn[kept],
+            **{name: getattr(self, name)[kept] for name in _OF_SIGNALS},
             shared=tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared),
             reading_cd_m2=self.reading_cd_m2[others],
             reading_variance=self.reading_variance[others],
@@ -219,13 +218,13 @@ def build_design(
     ordered = [readings[name] for name in groups]
     shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
     centres_px = [group[0].centre_px for group in groups.values()]
-    place = smooth_patterns(shape, centres_px)
+    place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
     # The residual of a measured vignetting may be independent between patches or a slope over the image; both are
     # allowed for.
     slow_field = slow_rel(vignetting)
     of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
-    read_at = tuple(r.read_at for r in ordered)
     zero = np.zeros(len(observations))
+    of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
     shared = [
         *_dark_errors(observations, gain, settings),
         *(SharedError("exposure time", np.where(times == t, EXPOSURE_TIME_REL, 0.0), zero) for t in exposures_s),
@@ -239,10 +238,7 @@ def build_design(
         exposure=exposure.reshape(-1),
         gain=gain,
         exposures_s=exposures_s,
-        net_dn=np.array([s.net_dn for s in signals]),
-        scale_per_s=np.array([s.scale_per_s for s in signals]),
-        noise_variance_dn2=np.array([s.noise_variance_dn2 for s in signals]),
-        dark_nonuniformity_dn=np.array([s.dark_nonuniformity_dn for s in signals]),
+        **of_signals,
         shared=tuple(shared),
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),

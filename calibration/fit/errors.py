@@ -55,16 +55,7 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
             errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
     for error, column in zip(dark, by_dark, strict=True):
         moved = _error(solution, "dark and temperature", solution.gain @ column)
-        errors.append(
-            FitError(
-                moved.source,
-                moved.net_dn,
-                moved.relative,
-                moved.gain_rel,
-                error.dark,
-                error.gain_db,
-            )
-        )
+        errors.append(FitError(moved.source, moved.net_dn, moved.relative, moved.gain_rel, error.dark, error.gain_db))
     for row, column in zip(solution.candidate.errors(_nodes(solution.candidate)), by_shape, strict=True):
         moved = _error(solution, "linearity", -solution.gain @ column)
         relative = tuple(float(v) for v in row + np.array(moved.relative))

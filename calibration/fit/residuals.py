@@ -19,9 +19,7 @@ from .selection import leave_one_out, patch_weights
 
 
 def fitted_rows(
-    solution: Solution,
-    readings: Mapping[str, PatchReading],
-    groups: Mapping[str, Sequence[PatchObservation]],
+    solution: Solution, readings: Mapping[str, PatchReading], groups: Mapping[str, Sequence[PatchObservation]]
 ) -> tuple[PatchResidual, ...]:
     """One row for each patch of the fit.
 
@@ -44,15 +42,12 @@ def fitted_rows(
         deviation = luminance - reading.luminance_cd_m2
         stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight))
         rows.append(
-            PatchResidual(
-                patch=name,
-                reading_cd_m2=reading.luminance_cd_m2,
-                reading_random_cd_m2=reading.random_cd_m2,
-                n_readings=reading.n_readings,
-                luminance_cd_m2=luminance,
+            PatchResidual.of(
+                reading,
+                luminance,
+                tuple(float(t) for t in np.unique(design.exposures_s[design.exposure[own]])),
                 residual_rel=deviation / reading.luminance_cd_m2,
                 standardised_residual=deviation / stated,
-                exposures_s=tuple(float(t) for t in np.unique(design.exposures_s[design.exposure[own]])),
                 centre_px=groups[name][0].centre_px,
                 leave_one_out_rel=float(left_out[number]) if supported else None,
             )
@@ -94,15 +89,12 @@ def held_out_rows(
         # The meter's scale error is common to camera and reading.
         stated = sqrt(reading.random_cd_m2**2 + (seen.random_rel**2 + seen.fit_rel**2) * seen.luminance_cd_m2**2)
         rows.append(
-            PatchResidual(
-                patch=name,
-                reading_cd_m2=reading.luminance_cd_m2,
-                reading_random_cd_m2=reading.random_cd_m2,
-                n_readings=reading.n_readings,
-                luminance_cd_m2=seen.luminance_cd_m2,
+            PatchResidual.of(
+                reading,
+                seen.luminance_cd_m2,
+                seen.exposures_s,
                 residual_rel=deviation / reading.luminance_cd_m2,
                 standardised_residual=deviation / stated,
-                exposures_s=seen.exposures_s,
                 centre_px=centre_px,
                 leave_one_out_rel=deviation / reading.luminance_cd_m2,
             )

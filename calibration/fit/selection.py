@@ -78,10 +78,8 @@ def patch_weights(solution: Solution, patch: int) -> Array:
 def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[Solution, tuple[ModelStep, ...]]:
     """Fit all models and select one.
 
-    A model is preferred to a simpler one if it lowers the sum of standardised squares of the leave-one-out deviations
-    by more than `MIN_IMPROVEMENT`, by more than one standard error of the difference over the patches, and if its
-    improvement is significant and exceeds that of `strongest_alternative`. The response of a bracket comes first; it
-    contradicts the patches if another model is better by these rules and its own chi^2 is improbable.
+    A model is preferred to a simpler one as `_obstacle` says. The response of a bracket comes first; it contradicts the
+    patches if another model is better by these rules and its own chi^2 is improbable.
 
     Parameters
     ----------
@@ -92,10 +90,8 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
 
     Returns
     -------
-    Solution
-        Of the chosen model.
-    tuple of ModelStep
-        One for each model that fits with an increasing response.
+    Solution, tuple of ModelStep
+        Of the chosen model; one for each model that fits with an increasing response.
 
     Raises
     ------
@@ -146,15 +142,15 @@ def _explained(solution: Solution) -> bool:
 
 
 def _given(bracket: ResponseCurve) -> Finding:
-    return info(
-        "model-bracket",
-        n_exposures=len(bracket.exposures_s),
-        residual_rel=bracket.residual_rel,
-    )
+    return info("model-bracket", n_exposures=len(bracket.exposures_s), residual_rel=bracket.residual_rel)
 
 
 def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> Finding | None:
-    """Why the better-fitting model is not selected; None if it is."""
+    """Why the better-fitting model is not selected; None if it is.
+
+    It has to lower the sum of standardised squares of the leave-one-out deviations by more than `MIN_IMPROVEMENT` and
+    one standard error of the difference over the patches, and significantly more than `strongest_alternative`.
+    """
     gained = before.score - after.score
     error = sqrt(float(np.var(gained, ddof=1)) * gained.size)
     if gained.sum() <= MIN_IMPROVEMENT * before.score.sum() or gained.sum() <= error:

@@ -107,10 +107,7 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     left = even.chi_squared - drop
     mean_squares = [
         squares / count
-        for squares, count in (
-            (left - within_patches(even, even.covariance), dof),
-            (left, even.degrees_of_freedom - n),
-        )
+        for squares, count in ((left - within_patches(even, even.covariance), dof), (left, even.degrees_of_freedom - n))
         if p_value_of_chi_squared(squares, count) < FALSE_ALARM
     ]
     each = max([1.0, *mean_squares])

@@ -68,6 +68,11 @@ def split(frame: Frame) -> dict[str, Frame]:
     }
 
 
+def plane_of(frame: Frame, plane: str | None) -> Frame:
+    """Return one plane of a Bayer frame, or with None the frame of a monochrome sensor itself."""
+    return frame if plane is None else split(frame)[plane]
+
+
 def _own(pixels: NDArray[Any]) -> NDArray[Any]:
     """Return a contiguous read-only copy, for repeated passes over the pixels."""
     copy = pixels.copy()

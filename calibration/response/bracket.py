@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,19 +13,21 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.frame import Frame
-from ...core.luminance import CommonError, Conversion, Invalid, LuminanceMap, Window, require_alike
+from ...core.luminance import WHOLE, CommonError, Conversion, Invalid, LuminanceMap, Window, require_alike
 from ..frames.observations import CameraState
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.
 _SATURATION_MARGIN = 3.0
 #: Tolerated relative difference of exposures, by errors of exposure times and linearity.
 TOLERANCE_REL = 0.002
-#: p-value of chi^2 below which the exposures of a pixel are inconsistent.
-_CHANCE = 1e-6
+#: Probability that chance makes the exposures of any pixel of an image look inconsistent.
+_CHANCE = 0.01
 #: Share of inconsistent pixels that is reported.
 _REPORTED_SHARE = 1e-4
-#: Number of pixels for the noise model of an exposure.
-_SAMPLES = 20_000
+#: Number of pixels for the noise model of an exposure, and of its knots.
+_SAMPLES, _KNOTS = 20_000, 64
+#: Pixels that are merged at a time.
+_BLOCK = 200_000
 
 _Array = NDArray[np.floating[Any]]
 
@@ -62,6 +65,14 @@ class CalibratedCamera(Conversion, Protocol):
         """Camera and settings."""
         ...
 
+    def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
+        """Convert a frame, or a window of it."""
+        ...
+
+    def dark_spread_cd_m2(self, frame: Frame) -> float:
+        """Return what dark signal non-uniformity and drift of the black level make of a pixel's luminance."""
+        ...
+
 
 def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> Bracket:
     """Luminance of a still scene from frames at several exposures.
@@ -71,13 +82,13 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
     exposure's value, as noise would give low values more weight. For the same reason an exposure is excluded where
     saturation is expected within three standard deviations of the mean luminance. Common errors are the same in all
     exposures and are weighted like these; so is the noise of flat field and dark library, treated as one error of a
-    pixel at all exposures. Exposures that differ by more than noise and `TOLERANCE_REL` (chi^2) are flagged: something
-    moved or flickered.
+    pixel at all exposures. Exposures that differ by more than noise, dark signal non-uniformity and `TOLERANCE_REL`
+    (chi^2) are flagged: something moved or flickered.
 
     Parameters
     ----------
     conversion : Calibration or ColourCalibration
-        A calibration, or another conversion.
+        Of the camera.
     frames : sequence of Frame
         At least one, of one camera and setting; several of one exposure are averaged.
 
@@ -88,31 +99,162 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
     """
     if not frames:
         raise CalibrationError("there is no frame: give the frames of a bracket, at best at 3 exposures or more")
-    ordered = sorted(frames, key=lambda frame: frame.exposure_s)
-    maps = [conversion.to_luminance(frame) for frame in ordered]
-    require_alike(maps)
-    usable = [_usable(one) for one in maps]
-    first = _combined(
-        maps, [np.where(use, np.float32(f.exposure_s), 0) for use, f in zip(usable, ordered, strict=True)]
+    merge = _Merge.of(conversion, sorted(frames, key=lambda frame: frame.exposure_s))
+    blocks = [(window, merge.block(window)) for window in merge.windows()]
+    combined = LuminanceMap(
+        np.concatenate([one.mean for _, one in blocks]),
+        np.concatenate([one.random_rel for _, one in blocks]),
+        lambda window: merge.block(window).common,
+        np.concatenate([one.invalid for _, one in blocks]),
+        common_rel=partial(np.concatenate, [one.common_rel for _, one in blocks]),
+        slow_rel=merge.slow_rel,
+        slow_cd_m2=np.concatenate([one.slow_cd_m2 for _, one in blocks]),
+        fixed_rel=merge.fixed_rel,
+        fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for _, one in blocks]),
+        step=merge.step,
     )
-    usable = [
-        use & _unsaturated(conversion, frame, one, first) for use, frame, one in zip(usable, ordered, maps, strict=True)
-    ]
-    # Where no exposure is left, the shortest unsaturated one is used.
-    nothing = ~np.any(usable, axis=0)
-    for i, one in enumerate(maps):
-        fallback = nothing & _usable(one)
-        usable[i] = usable[i] | fallback
-        nothing &= ~fallback
-    weights = _normalised([np.where(use, 1 / _variance(one, first), 0) for use, one in zip(usable, maps, strict=True)])
-    weights[0] = np.where(nothing, 1, weights[0])
-    mean = _combined(maps, weights)
-    inconsistent = _inconsistent(maps, usable, mean)
-    share = float(inconsistent.mean())
-    combined = _map(maps, weights, mean, _flags(maps, usable, nothing, inconsistent))
-    n_used: NDArray[np.uint8] = np.asarray(usable).sum(axis=0, dtype=np.uint8)
-    exposures_s = tuple(frame.exposure_s for frame in ordered)
+    share = float(np.mean((combined.invalid & Invalid.INCONSISTENT) != 0))
+    exposures_s = tuple(one.frame.exposure_s for one in merge.exposures)
+    n_used = np.concatenate([one.n_used for _, one in blocks])
     return Bracket(combined, n_used, exposures_s, share, _findings(exposures_s, combined, share))
+
+
+@dataclass(frozen=True, eq=False)
+class _Exposure:
+    """A frame, its noise, and the index of the first frame that is alike but for the pixels.
+
+    `luminance_cd_m2` and `variance` are the knots of the pixels' variance over the luminance.
+    """
+
+    frame: Frame
+    first: int
+    full: Frame
+    luminance_cd_m2: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    dark_cd_m2: float
+
+    def variance_at(self, luminance_cd_m2: _Array) -> _Array:
+        """Variance of pixels of an expected luminance."""
+        found: _Array = np.interp(luminance_cd_m2, self.luminance_cd_m2, self.variance).astype(np.float32)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """What is computed of some rows."""
+
+    mean: _Array
+    random_rel: _Array
+    common: tuple[CommonError, ...]
+    invalid: NDArray[np.uint8]
+    n_used: NDArray[np.uint8]
+    slow_cd_m2: _Array
+    fixed_cd_m2: _Array
+
+    @property
+    def common_rel(self) -> _Array:
+        total = np.zeros(self.mean.shape, np.float32)
+        for error in self.common:
+            total += np.square(error.relative)
+        return np.sqrt(total)
+
+
+@dataclass(frozen=True, eq=False)
+class _Merge:
+    """Frames to be merged block by block: at once they would take 100 times the memory of the result."""
+
+    conversion: CalibratedCamera
+    exposures: tuple[_Exposure, ...]
+    shape: tuple[int, int]
+    slow_rel: float
+    fixed_rel: float
+    step: int
+
+    @classmethod
+    def of(cls, conversion: CalibratedCamera, frames: Sequence[Frame]) -> _Merge:
+        found: list[_Exposure] = []
+        settings: list[tuple[float, float, float | None]] = []
+        corners, slow_rel, fixed_rel = [], 0.0, 0.0
+        for frame in frames:
+            setting = frame.exposure_s, frame.gain_db, frame.temperature_c
+            settings.append(setting)
+            first = settings.index(setting)
+            one = conversion.to_luminance(frame)
+            if first == len(found):
+                saturation_dn = int(min(frame.saturation_dn, conversion.state.saturation_dn))
+                full = frame.with_pixels(np.full_like(frame.dn, saturation_dn))
+                knots, dark_cd_m2 = _noise(one), conversion.dark_spread_cd_m2(frame)
+            found.append(_Exposure(frame, first, full, *knots, dark_cd_m2))
+            slow_rel, fixed_rel = max(slow_rel, one.slow_rel), max(fixed_rel, one.fixed_rel)
+            corners.append(conversion.to_luminance(frame, (slice(0, 1), slice(0, 1))))
+            shape, step = one.shape, one.step
+        require_alike(corners)
+        return cls(conversion, tuple(found), shape, slow_rel, fixed_rel, step)
+
+    def windows(self) -> Iterator[Window]:
+        rows = max(_BLOCK // self.shape[1], 1)
+        return ((slice(start, start + rows), slice(None)) for start in range(0, self.shape[0], rows))
+
+    def block(self, window: Window) -> _Block:
+        """Merge the exposures in some rows and columns."""
+        maps = [self.conversion.to_luminance(one.frame, window) for one in self.exposures]
+        luminance = np.stack([one.luminance_cd_m2 for one in maps])
+        sound = np.stack([_usable(one) for one in maps])
+        exposure_s = np.array([one.frame.exposure_s for one in self.exposures], np.float32)[:, None, None]
+        expected = _mean(luminance, sound * exposure_s)
+        usable = sound & self._each(lambda one: self._unsaturated(one, expected, window))
+        # Where no exposure is left, the shortest unsaturated one is used; where there is none, the shortest.
+        nothing = ~usable.any(axis=0)
+        shortest = sound.argmax(axis=0)[None]
+        np.put_along_axis(usable, shortest, np.take_along_axis(usable | (sound & nothing), shortest, axis=0), axis=0)
+        nothing = ~usable.any(axis=0)
+        weights = np.where(usable, 1 / self._each(lambda one: one.variance_at(expected)), np.float32(0))
+        weights[0][nothing] = 1
+        weights /= weights.sum(axis=0)
+        mean = _mean(luminance, weights)
+        flags = np.stack([one.invalid for one in maps])
+        invalid = np.bitwise_and.reduce(np.where(usable, flags, np.uint8(0xFF)), axis=0)
+        invalid = np.where(nothing, flags[0], invalid)
+        invalid[self._inconsistent(luminance, usable, mean)] |= Invalid.INCONSISTENT.value
+        n_used: NDArray[np.uint8] = usable.sum(axis=0, dtype=np.uint8)
+        magnitude = np.maximum(np.abs(mean), np.float32(1e-30))
+        variance, slow, fixed = (np.zeros(mean.shape, np.float32) for _ in range(3))
+        for one, seen, weight in zip(maps, luminance, weights, strict=True):
+            slow += np.square(weight * one.slow_cd_m2)
+            fixed += weight * one.fixed_cd_m2
+            of_frame = np.maximum(one.random_rel**2 - one.fixed_rel**2, 0) * np.square(seen)
+            own = np.maximum(of_frame - np.square(one.fixed_cd_m2), 0)
+            variance += np.where(weight > 0, np.square(weight) * own, 0)
+        random_rel = np.sqrt((variance + fixed**2) / magnitude**2 + np.float32(self.fixed_rel) ** 2)
+        shares = luminance * weights / np.where(mean < 0, -magnitude, magnitude)
+        common = _common([one.common_in(WHOLE) for one in maps], shares)
+        return _Block(mean, random_rel, common, invalid, n_used, np.sqrt(slow), fixed)
+
+    def _each(self, compute: Callable[[_Exposure], NDArray[Any]]) -> NDArray[Any]:
+        """Values of all frames, computed once for those that are alike, shape (frames, height, width)."""
+        values: list[NDArray[Any]] = []
+        for number, one in enumerate(self.exposures):
+            values.append(compute(one) if one.first == number else values[one.first])
+        return np.stack(values)
+
+    def _unsaturated(self, one: _Exposure, expected: _Array, window: Window) -> NDArray[np.bool_]:
+        """Pixels that the expected luminance does not saturate, noise considered."""
+        limit = self.conversion.to_luminance(one.full, window).luminance_cd_m2
+        unsaturated: NDArray[np.bool_] = expected + _SATURATION_MARGIN * np.sqrt(one.variance_at(expected)) < limit
+        return unsaturated
+
+    def _inconsistent(self, luminance: _Array, usable: NDArray[np.bool_], mean: _Array) -> NDArray[np.bool_]:
+        from scipy.special import chdtri
+
+        by_tolerance = np.square(np.float32(TOLERANCE_REL) * mean)
+        # The dark signal's error of a pixel is the same in all frames: their squares add to one square of it.
+        dark = np.float32(len(self.exposures))
+        variance = self._each(lambda one: one.variance_at(mean) + dark * np.float32(one.dark_cd_m2**2) + by_tolerance)
+        chi_squared = np.sum(np.square(luminance - mean) / variance, axis=0, where=usable)
+        chance = _CHANCE / (self.shape[0] * self.shape[1])
+        limits = [np.inf, np.inf, *(chdtri(k - 1, chance) for k in range(2, len(luminance) + 1))]
+        contradicts: NDArray[np.bool_] = chi_squared > np.array(limits)[usable.sum(axis=0)]
+        return contradicts
 
 
 def _usable(one: LuminanceMap) -> NDArray[np.bool_]:
@@ -120,113 +262,38 @@ def _usable(one: LuminanceMap) -> NDArray[np.bool_]:
     return usable
 
 
-def _normalised(weights: Sequence[_Array]) -> list[_Array]:
-    total = np.sum(weights, axis=0)
-    return [weight / np.where(total > 0, total, 1) for weight in weights]
-
-
-def _combined(maps: Sequence[LuminanceMap], weights: Sequence[_Array]) -> _Array:
-    shares = _normalised(weights)
-    mean: _Array = np.sum([share * one.luminance_cd_m2 for share, one in zip(shares, maps, strict=True)], axis=0)
+def _mean(luminance: _Array, weights: _Array) -> _Array:
+    total = weights.sum(axis=0)
+    mean: _Array = np.einsum("iyx,iyx->yx", luminance, weights) / np.where(total > 0, total, 1)
     return mean
 
 
-def _unsaturated(conversion: CalibratedCamera, frame: Frame, one: LuminanceMap, expected: _Array) -> NDArray[np.bool_]:
-    """Pixels that the expected luminance does not saturate, noise considered."""
-    saturation_dn = min(frame.saturation_dn, conversion.state.saturation_dn)
-    full = frame.with_pixels(np.full_like(frame.dn, int(saturation_dn)))
-    limit = conversion.to_luminance(full).luminance_cd_m2
-    unsaturated: NDArray[np.bool_] = expected + _SATURATION_MARGIN * np.sqrt(_variance(one, expected)) < limit
-    return unsaturated
-
-
-def _variance(one: LuminanceMap, expected: _Array) -> _Array:
-    """Variance of an exposure's pixels over the luminance: a + b L, as photons and dark signal make it."""
+def _noise(one: LuminanceMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Knots of the variance of an exposure's pixels over the luminance, as a sample of them has it."""
     good = np.flatnonzero(_usable(one))
-    if good.size == 0:
-        return np.full(expected.shape, 1.0)
     sample = good[:: max(good.size // _SAMPLES, 1)]
     luminance = one.luminance_cd_m2.ravel()[sample].astype(float)
     relative = np.sqrt(np.maximum(one.random_rel.ravel()[sample].astype(float) ** 2 - one.fixed_rel**2, 0))
     finite = np.isfinite(relative)  # a pixel without signal may have no relative uncertainty
     luminance, variance = luminance[finite], (relative[finite] * luminance[finite]) ** 2
-    least = max(float(variance.max(initial=0)), 1e-30) * 1e-12
-    variance = np.maximum(variance, least)
-    design = np.column_stack([np.ones_like(luminance), luminance])
-    if luminance.size < 2 or np.ptp(luminance) == 0:
-        return np.full(expected.shape, float(variance.mean()) if variance.size else 1.0)
-    a, b = np.linalg.lstsq(design / variance[:, None], np.ones_like(variance))[0]
-    fitted: _Array = np.maximum(a + b * np.maximum(expected, 0), float(variance.min()))
-    return fitted
+    if luminance.size == 0:
+        return np.zeros(1), np.ones(1)
+    order = np.argsort(luminance)
+    parts = [part for part in np.array_split(order, _KNOTS) if part.size]
+    knots, values = (np.array([of[part].mean() for part in parts]) for of in (luminance, variance))
+    return knots, np.maximum(values, max(float(values.max()), 1e-30) * 1e-12)
 
 
-def _inconsistent(maps: Sequence[LuminanceMap], usable: Sequence[NDArray[np.bool_]], mean: _Array) -> NDArray[np.bool_]:
-    from scipy.special import chdtri
-
-    chi_squared, n = np.zeros(mean.shape), np.zeros(mean.shape, dtype=np.int64)
-    for one, use in zip(maps, usable, strict=True):
-        variance = _variance(one, mean) + (TOLERANCE_REL * mean) ** 2
-        chi_squared += np.where(use, (one.luminance_cd_m2 - mean) ** 2 / variance, 0)
-        n += use
-    limits = np.array([np.inf, np.inf, *(float(chdtri(k - 1, _CHANCE)) for k in range(2, len(maps) + 1))])
-    contradicts: NDArray[np.bool_] = chi_squared > limits[n]
-    return contradicts
-
-
-def _flags(
-    maps: Sequence[LuminanceMap],
-    usable: Sequence[NDArray[np.bool_]],
-    nothing: NDArray[np.bool_],
-    inconsistent: NDArray[np.bool_],
-) -> NDArray[np.uint8]:
-    """Return the flags that all exposures in use have, or where none is, those of the shortest."""
-    flags = np.full(nothing.shape, 0xFF, dtype=np.uint8)
-    for one, use in zip(maps, usable, strict=True):
-        flags &= np.where(use, one.invalid, 0xFF).astype(np.uint8)
-    flags = np.where(nothing, maps[0].invalid, flags).astype(np.uint8)
-    flags[inconsistent] |= Invalid.INCONSISTENT.value
-    return flags
-
-
-def _map(
-    maps: Sequence[LuminanceMap], weights: Sequence[_Array], mean: _Array, invalid: NDArray[np.uint8]
-) -> LuminanceMap:
-    fixed_rel = max(one.fixed_rel for one in maps)
-    magnitude = np.maximum(np.abs(mean), 1e-30)
-    variance, slow, fixed = np.zeros(mean.shape), np.zeros(mean.shape), np.zeros(mean.shape)
-    for one, weight in zip(maps, weights, strict=True):
-        slow += np.square(weight * one.slow_cd_m2)
-        fixed += weight * one.fixed_cd_m2
-        of_frame = np.maximum(one.random_rel**2 - one.fixed_rel**2, 0) * np.square(one.luminance_cd_m2)
-        variance += np.where(weight > 0, weight**2 * np.maximum(of_frame - np.square(one.fixed_cd_m2), 0), 0)
-    random_rel = np.sqrt((variance + fixed**2) / magnitude**2 + fixed_rel**2)
-
-    def common(window: Window) -> tuple[CommonError, ...]:
-        """Weight the errors of the exposures as the exposures are."""
-        totals: list[CommonError] = []
-        for errors in zip(*(one.common_in(window) for one in maps), strict=True):
-            if all(np.ndim(e.relative) == 0 and e.relative == errors[0].relative for e in errors):
-                totals.append(errors[0])
-                continue
-            parts = (
-                w[window] * one.luminance_cd_m2[window] * e.relative
-                for e, w, one in zip(errors, weights, maps, strict=True)
-            )
-            signed = np.where(mean[window] < 0, -magnitude[window], magnitude[window])
-            totals.append(replace(errors[0], relative=sum(parts, start=np.zeros(())) / signed))
-        return tuple(totals)
-
-    return LuminanceMap(
-        mean.astype(np.float32),
-        random_rel.astype(np.float32),
-        common,
-        invalid,
-        slow_rel=max(one.slow_rel for one in maps),
-        slow_cd_m2=np.sqrt(slow),
-        fixed_rel=fixed_rel,
-        fixed_cd_m2=fixed,
-        step=maps[0].step,
-    )
+def _common(of_each: Sequence[tuple[CommonError, ...]], shares: _Array) -> tuple[CommonError, ...]:
+    """Weight the errors of the exposures as the exposures are."""
+    totals: list[CommonError] = []
+    for errors in zip(*of_each, strict=True):
+        if all(np.ndim(e.relative) == 0 and e.relative == errors[0].relative for e in errors):
+            totals.append(errors[0])
+        else:
+            parts = (share * e.relative for share, e in zip(shares, errors, strict=True))
+            totals.append(replace(errors[0], relative=sum(parts, start=np.zeros((), np.float32))))
+    return tuple(totals)
 
 
 def _findings(exposures_s: tuple[float, ...], combined: LuminanceMap, share: float) -> tuple[Finding, ...]:

@@ -128,25 +128,19 @@ class Comparison:
         """One row per patch."""
         scales, normal = self.readings.scales, np.sqrt(np.diag(self.covariance))
         of_scales = hypot(*(one.common_rel for one in scales))
-        rows = []
-        for s, deviation, u in zip(self.seen, self.deviation_rel.tolist(), normal.tolist(), strict=True):
-            r = self.readings.joined[s.patch]
-            rows.append(
-                VerifiedPatch(
-                    patch=s.patch,
-                    reading_cd_m2=r.luminance_cd_m2,
-                    reading_random_cd_m2=r.random_cd_m2,
-                    n_readings=r.n_readings,
-                    luminance_cd_m2=s.luminance_cd_m2,
-                    deviation_rel=deviation,
-                    standard_uncertainty_rel=hypot(u, of_scales),
-                    expanded_rel=expanded_rel(scales, u),
-                    independent_rel=u,
-                    tolerance_rel=tolerance_rel,
-                    exposures_s=s.exposures_s,
-                )
+        return tuple(
+            VerifiedPatch.of(
+                self.readings.joined[s.patch],
+                s.luminance_cd_m2,
+                s.exposures_s,
+                deviation_rel=deviation,
+                standard_uncertainty_rel=hypot(u, of_scales),
+                expanded_rel=expanded_rel(scales, u),
+                independent_rel=u,
+                tolerance_rel=tolerance_rel,
             )
-        return tuple(rows)
+            for s, deviation, u in zip(self.seen, self.deviation_rel.tolist(), normal.tolist(), strict=True)
+        )
 
 
 def _named(common: Sequence[CommonError]) -> dict[tuple[str, int], float]:

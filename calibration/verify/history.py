@@ -148,10 +148,8 @@ def histories(
 
 
 def _of_any(source: str, calibration: AnyCalibration) -> list[tuple[CameraState, LensIdentity, HistoryPoint]]:
-    if isinstance(calibration, Calibration):
-        return [(calibration.state, calibration.lens, _of_calibration(source, calibration, None))]
     return [
-        (plane.state, plane.lens, _of_calibration(source, plane, weight))
+        (plane.state, plane.lens, _of_calibration(source, plane, weight if plane.state.plane else None))
         for plane, weight in zip(calibration.planes, calibration.weights, strict=True)
     ]
 

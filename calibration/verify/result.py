@@ -12,6 +12,7 @@ from ..dark.signal import DarkModel
 from ..errors.uncertainty import expanded_half_width
 from ..frames.observations import CameraState
 from ..meter import MeterScale
+from ..readings import MeasuredPatch
 from ..setup import LensIdentity
 from .decision import Verdict, conformance_probability, decide
 
@@ -22,19 +23,11 @@ CLEAR_Z = 3.0
 
 
 @dataclass(frozen=True)
-class VerifiedPatch:
+class VerifiedPatch(MeasuredPatch):
     """A patch measured again by the calibrated camera and the meter.
 
     Parameters
     ----------
-    patch : str
-        Name of the patch.
-    reading_cd_m2, reading_random_cd_m2 : float
-        By the meter: mean of the readings, and its standard uncertainty without the scale.
-    n_readings : int
-        Number of readings.
-    luminance_cd_m2 : float
-        By the calibrated camera.
     deviation_rel : float
         Relative deviation of the camera from the meter.
     standard_uncertainty_rel, expanded_rel : float
@@ -44,21 +37,13 @@ class VerifiedPatch:
         The standard uncertainty without the scales of the meters.
     tolerance_rel : float
         Largest deviation that conforms.
-    exposures_s : tuple of float
-        Exposures that were used.
     """
 
-    patch: str
-    reading_cd_m2: float
-    reading_random_cd_m2: float
-    n_readings: int
-    luminance_cd_m2: float
     deviation_rel: float
     standard_uncertainty_rel: float
     expanded_rel: float
     independent_rel: float
     tolerance_rel: float
-    exposures_s: tuple[float, ...]
 
     @property
     def verdict(self) -> Verdict:

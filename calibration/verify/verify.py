@@ -11,9 +11,10 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
-from ..colour.conversion import colour_patch_luminance
+from ..colour.conversion import luminance_of_planes
 from ..colour.model import ColourCalibration
-from ..convert.patch import PatchLuminance, patch_luminance
+from ..colour.patches import by_patch
+from ..convert.patch import PatchLuminance
 from ..dark.signal import DarkModel, fit_dark
 from ..errors.expanded import expanded_rel
 from ..errors.uncertainty import effective_dof, of_one_estimate
@@ -39,9 +40,8 @@ def verify(
 ) -> Verification:
     """Compare patches measured again by the calibrated camera with the meter.
 
-    Each deviation is decided by the rule of `labcdp.calibration.verify.decision.decide`. Errors of the calibration's
-    fit are common to all patches. The scale error of the meter cancels if it is the calibration's meter in the same
-    state of adjustment; otherwise the scales of both count.
+    Each deviation is decided by `labcdp.calibration.verify.decision.decide`. The scale error of the meter cancels if it
+    is the calibration's meter in the same state of adjustment; otherwise the scales of both count.
 
     Parameters
     ----------
@@ -66,49 +66,57 @@ def verify(
         If the tolerance is not above 0 and up to 1.
     """
     tolerance = own_tolerance_rel(calibration) if tolerance_rel is None else require_tolerance(tolerance_rel)
-    planes = calibration.planes if isinstance(calibration, ColourCalibration) else (calibration,)
-    groups: dict[str, dict[str, list[PatchObservation]]] = {}
-    for plane in planes:
-        for o in observations.get(_name(plane), ()):
-            groups.setdefault(o.patch, {}).setdefault(_name(plane), []).append(o)
+    groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     if not groups:
         raise CalibrationError("there is no patch to verify the calibration with: give frames and readings of one")
-    new_dark = [_dark(plane, darks.get(_name(plane), ())) for plane in planes]
-    seen, unusable, findings = _measured(calibration, planes, groups)
+    planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
+    seen, unusable, findings = _measured(calibration, groups)
     read = join_readings(seen, readings, meter, calibration.meter_scale)
-    brightest = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
+    brightest = max(calibration.planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
     uneven = {name: _uneven_rel(groups[name][_name(brightest)], brightest) for name in seen}
     comparison = Comparison.of(list(seen.values()), read, uneven)
-    mean, u = comparison.mean()
-    verified = [VerifiedPlane(one.state.plane, dark, None) for one, dark in zip(planes, new_dark, strict=True)]
     if isinstance(calibration, ColourCalibration):
-        verified = balanced(calibration, {name: groups[name] for name in seen}, read, uneven, verified)
+        planes = balanced(calibration, {name: groups[name] for name in seen}, read, uneven, planes)
     else:
-        verified = [replace(verified[0], drift=comparison.drift(calibration))]
-    result = Verification(
+        planes = [replace(planes[0], drift=comparison.drift(calibration))]
+    result = _result(calibration, comparison, darks, planes, tolerance)
+    of_patches = [*read.findings, *(one for row in seen.values() for one in row.findings), *findings]
+    result = replace(result, tolerance_stated=tolerance_rel is not None, unusable=unusable)
+    return replace(result, findings=(*findings_of(result), *dict.fromkeys(of_patches)))
+
+
+def _result(
+    calibration: AnyCalibration,
+    comparison: Comparison,
+    darks: Mapping[str, Sequence[DarkObservation]],
+    planes: Sequence[VerifiedPlane],
+    tolerance_rel: float,
+) -> Verification:
+    """Return the result without findings."""
+    mean, u = comparison.mean()
+    read = comparison.readings
+    return Verification(
         findings=(),
         state=calibration.state,
         lens=calibration.lens,
         measured=read.measured,
         calibration_measured=calibration.provenance.measured,
         calibration_sha256=calibration.provenance.input_sha256,
-        meter=meter,
+        meter=read.scale,
         calibration_meter=calibration.meter_scale,
-        tolerance_rel=tolerance,
-        tolerance_stated=tolerance_rel is not None,
-        patches=comparison.rows(tolerance),
-        unusable=unusable,
+        tolerance_rel=tolerance_rel,
+        tolerance_stated=True,
+        patches=comparison.rows(tolerance_rel),
+        unusable=(),
         darks=tuple(
             _dark_row(d, one, calibration.range_cd_m2[0], share)
-            for one, share in zip(planes, getattr(calibration, "weights", (1.0,)), strict=True)
+            for one, share in zip(calibration.planes, calibration.weights, strict=True)
             for d in sorted(darks[_name(one)], key=lambda d: d.exposure_s)
         ),
-        planes=tuple(verified),
+        planes=tuple(planes),
         mean_rel=mean,
         mean_expanded_rel=expanded_rel(read.scales, u),
     )
-    of_patches = [*read.findings, *(one for row in seen.values() for one in row.findings), *findings]
-    return replace(result, findings=(*findings_of(result), *dict.fromkeys(of_patches)))
 
 
 def own_tolerance_rel(calibration: AnyCalibration) -> float:
@@ -131,9 +139,7 @@ def _name(plane: Calibration) -> str:
 
 
 def _measured(
-    calibration: AnyCalibration,
-    planes: Sequence[Calibration],
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    calibration: AnyCalibration, groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]]
 ) -> tuple[dict[str, PatchLuminance], tuple[str, ...], list[Finding]]:
     """Luminances of the patches that can be measured, names of the others, and findings; raises if there is none."""
     seen: dict[str, PatchLuminance] = {}
@@ -141,14 +147,12 @@ def _measured(
     findings: list[Finding] = []
     for name, group in groups.items():
         try:
-            if isinstance(calibration, ColourCalibration):
-                seen[name] = colour_patch_luminance(calibration, group)
-            else:
-                seen[name] = patch_luminance(calibration, group[_name(calibration)])
+            seen[name] = luminance_of_planes(calibration, group)
         except CalibrationError as error:
             errors[name] = error
             findings.append(warning("patch-not-verified", name, reason=str(error)))
-            findings += [one for p in planes for one in temperature_findings(group.get(_name(p), ()), p.settings)]
+            of_planes = ((plane, group.get(_name(plane), ())) for plane in calibration.planes)
+            findings += [one for plane, own in of_planes for one in temperature_findings(own, plane.settings)]
     if not seen:
         raise next(iter(errors.values()))
     return seen, tuple(errors), findings

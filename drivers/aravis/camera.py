@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
 from math import isfinite
-from typing import Self
+from typing import Self, TypedDict, Unpack
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
@@ -34,12 +34,24 @@ from .features import described_features, execute_feature, read_feature, readabl
 from .known_state import not_understood
 from .settings import configure as change_settings
 from .settings import exposure_range_s, known_formats, read_settings, temperature_c
-from .setup import require_kept
-from .snapshot import take_snapshot
+from .snapshot import require_kept, take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
 _LONGEST_WAIT_S = 86_400
+
+
+class SettingChanges(TypedDict, total=False):
+    """Settings that `AravisCamera.configure` changes; None leaves one as it is."""
+
+    exposure_s: float | None
+    gain_db: float | None
+    pixel_format: str | None
+    region: Region | None
+    binning: tuple[int, int] | None
+    black_level: float | None
+    frame_rate_hz: float | None
+    trigger: Trigger | None
 
 
 class AravisCamera(Device):
@@ -140,18 +152,7 @@ class AravisCamera(Device):
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._connection.gaps
 
-    def configure(
-        self,
-        *,
-        exposure_s: float | None = None,
-        gain_db: float | None = None,
-        pixel_format: str | None = None,
-        region: Region | None = None,
-        binning: tuple[int, int] | None = None,
-        black_level: float | None = None,
-        frame_rate_hz: float | None = None,
-        trigger: Trigger | None = None,
-    ) -> CameraSettings:
+    def configure(self, **wanted: Unpack[SettingChanges]) -> CameraSettings:
         """Change the given settings and return those in effect.
 
         Parameters
@@ -176,22 +177,12 @@ class AravisCamera(Device):
         CameraLostError
             If the camera does not answer.
         """
-        given = {
-            "exposure_s": exposure_s,
-            "gain_db": gain_db,
-            "pixel_format": pixel_format,
-            "region": region,
-            "binning": binning,
-            "black_level": black_level,
-            "frame_rate_hz": frame_rate_hz,
-            "trigger": trigger,
-        }
-        wanted = {name: value for name, value in given.items() if value is not None}
         self._refuse_while_grabbing("a change of settings")
-        for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, wanted)):
-            self._connection.changes.setting(name, wanted[name])
+        given = {name: value for name, value in wanted.items() if value is not None}
+        for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, given)):
+            self._connection.changes.setting(name, given[name])
         self._connection.remember_settings()
-        if "region" in wanted or "binning" in wanted:
+        if "region" in given or "binning" in given:
             self._learn_size()
         return self.settings
 
@@ -298,7 +289,7 @@ class AravisCamera(Device):
         n_taken = 0
         while n_taken < n:
             try:
-                with self._receiving(timeout_s, on_refused) as frame_stream:
+                with self._receiving(n - n_taken, timeout_s, on_refused) as frame_stream:
                     while n_taken < n:
                         # Drop the reference while waiting for the next frame, so that its buffer can be reused.
                         yield frame_stream.next()
@@ -313,12 +304,12 @@ class AravisCamera(Device):
                 del loss  # the traceback refers to this frame and those of the lost camera
 
     @contextlib.contextmanager
-    def _receiving(self, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
+    def _receiving(self, n: int, timeout_s: float | None, on_refused: Refused | None) -> Iterator[FrameStream]:
         """Receive frames; settings are locked meanwhile, so that frames state the correct ones."""
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, self._connection.changes.features)
+            acquisition_state = AcquisitionState(settings, self._connection.changes.features, n)
         self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)

@@ -10,6 +10,7 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
+from ipaddress import IPv4Interface
 
 #: UDP port of the protocol, fixed by the standard.
 GVCP_PORT = 3956
@@ -25,8 +26,13 @@ PATIENT_TRIES = 10
 
 _KEY = 0x42
 _ACKNOWLEDGE = 0x01
+#: Flag of a request that may be answered by broadcast.
+_ANSWER_ALL = 0x10
+_EVERYBODY = ("255.255.255.255", GVCP_PORT)
 _DISCOVERY = 0x0002
-_READ_REGISTER = 0x0080
+_FORCE_IP = 0x0004
+READ_REGISTER = 0x0080
+WRITE_REGISTER = 0x0082
 #: The acknowledgement of a command has the next number; a busy camera sends PENDING_ACK first.
 _PENDING = 0x0089
 _LARGEST_MESSAGE = 576
@@ -61,12 +67,15 @@ class Announcement:
     ----------
     vendor, model, serial, address : str
         As the camera announced them.
+    mac : bytes
+        Its hardware address.
     """
 
     vendor: str
     model: str
     serial: str
     address: str
+    mac: bytes = b""
 
 
 def ask(address: str, command: int, payload: bytes = b"", timeout_s: float = 0.25, tries: int = 3) -> Answer | None:
@@ -78,13 +87,18 @@ def ask(address: str, command: int, payload: bytes = b"", timeout_s: float = 0.2
         try:
             client.connect((address, GVCP_PORT))
             for request_id in range(1, tries + 1):
-                client.send(struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
-                answer = _wait_for(client, command, request_id, time.monotonic() + timeout_s)
+                answer = request(client, command, payload, request_id, timeout_s)
                 if answer is not None:
                     return answer
         except OSError:
             return None
     return None
+
+
+def request(client: socket.socket, command: int, payload: bytes, request_id: int, timeout_s: float) -> Answer | None:
+    """Send one request on a connected socket; the answer may be that to an earlier one. Raises OSError."""
+    client.send(struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
+    return _wait_for(client, command, request_id, time.monotonic() + timeout_s)
 
 
 def _wait_for(client: socket.socket, command: int, last_id: int, until_s: float) -> Answer | None:
@@ -126,16 +140,86 @@ def read_register(address: str, register: int, timeout_s: float = 0.25, tries: i
     Answer or None
         None if the camera does not answer.
     """
-    return ask(address, _READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
+    return ask(address, READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
 
 
 def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> Announcement | None:
     """Query one address for a camera; None if none answers. Parameters as `read_register`."""
     answer = ask(address, _DISCOVERY, b"", timeout_s, tries)
-    if answer is None or answer.status != 0 or len(answer.payload) < 0xE8:
+    return None if answer is None else _announcement(answer)
+
+
+def _announcement(answer: Answer) -> Announcement | None:
+    payload = answer.payload
+    if answer.status != 0 or len(payload) < 0xE8:
         return None
+    vendor, model, serial = (
+        payload[start : start + length].split(b"\0")[0].decode("utf-8", "replace")
+        for start, length in ((0x48, 32), (0x68, 32), (0xD8, 16))
+    )
+    return Announcement(vendor, model, serial, socket.inet_ntoa(payload[0x24:0x28]), payload[0x0A:0x10])
 
-    def text(start: int, length: int) -> str:
-        return answer.payload[start : start + length].split(b"\0")[0].decode("utf-8", "replace")
 
-    return Announcement(text(0x48, 32), text(0x68, 32), text(0xD8, 16), socket.inet_ntoa(answer.payload[0x24:0x28]))
+def announce_all(interface: str, timeout_s: float = 1.0) -> list[Announcement]:
+    """Query all cameras behind an interface, whatever their network; waits for `timeout_s`.
+
+    Parameters
+    ----------
+    interface : str
+        Name, for example ``eth0``.
+    timeout_s : float
+        How long answers are awaited.
+
+    Raises
+    ------
+    OSError
+        If the interface cannot be used.
+    """
+    found: dict[bytes, Announcement] = {}
+    until_s = time.monotonic() + timeout_s
+    with _broadcasting(interface) as client:
+        client.sendto(_broadcast(_DISCOVERY, b""), _EVERYBODY)
+        while (answer := _wait_for(client, _DISCOVERY, 1, until_s)) is not None:
+            if (seen := _announcement(answer)) is not None:
+                found[seen.mac] = seen
+    return list(found.values())
+
+
+def force_address(interface: str, mac: bytes, address: IPv4Interface, timeout_s: float = 2.0) -> bool:
+    """Give a camera another address until it is switched off (FORCEIP); returns whether it confirmed.
+
+    Parameters
+    ----------
+    interface : str
+        Name of the interface that leads to it.
+    mac : bytes
+        Hardware address of the camera.
+    address : IPv4Interface
+        Its new address and network; there is no gateway.
+    timeout_s : float
+        Longest wait for its answer.
+
+    Raises
+    ------
+    OSError
+        If the interface cannot be used.
+    """
+    # Two bytes, the hardware address, and address and mask after twelve bytes each; at the end the gateway.
+    mask = address.netmask.packed
+    payload = bytes(2) + mac + bytes(12) + address.ip.packed + bytes(12) + mask + bytes(16)
+    with _broadcasting(interface) as client:
+        client.sendto(_broadcast(_FORCE_IP, payload), _EVERYBODY)
+        answer = _wait_for(client, _FORCE_IP, 1, time.monotonic() + timeout_s)
+    return answer is not None and answer.status == 0
+
+
+def _broadcasting(interface: str) -> socket.socket:
+    client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
+    return client
+
+
+def _broadcast(command: int, payload: bytes) -> bytes:
+    """Return a request to all cameras, which may answer to all: they need not know a way to this computer."""
+    return struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE | _ANSWER_ALL, command, len(payload), 1) + payload

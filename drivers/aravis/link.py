@@ -10,10 +10,10 @@ from typing import Any
 
 from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
+from ..host.sockets import shut_down, udp_socket_numbers
 from . import gvcp
 from .known_state import bring_to_known_state
 from .library import CameraInfo, aravis, camera_errors, device_text, gerror
-from .sockets import shut_down, udp_socket_numbers
 from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.

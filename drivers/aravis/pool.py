@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from .library import aravis
 
 #: Time the caller may be busy without losing a frame, and the memory limit for it.
-_BRIDGED_S = 0.5
+_BRIDGED_S = 1.0
 _POOL_BYTES = 256 * 2**20
-_FEWEST, _MOST = 6, 32
+_FEWEST, _MOST = 6, 512
 _PAGE_BYTES = 4096
 
 
-def pool_size(payload_bytes: int, frame_rate_hz: float | None) -> int:
-    """Return the number of receive buffers for half a second of frames within 256 MiB."""
-    wanted = round((frame_rate_hz or 0.0) * _BRIDGED_S)
+def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) -> int:
+    """Return the number of receive buffers for a second of frames, or all that are wanted, within 256 MiB."""
+    wanted = min(round((frame_rate_hz or 0.0) * _BRIDGED_S), n_frames)
     return max(_FEWEST, min(wanted, _MOST, _POOL_BYTES // max(1, payload_bytes)))
 
 

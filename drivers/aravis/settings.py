@@ -19,6 +19,8 @@ from .features import available, writable, write_feature
 from .known_state import show_whole_sensor
 from .link import Link
 
+#: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own.
+_GAIN = "Gain"
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 _KINDS: dict[str, tuple[Any, str]] = {
@@ -40,7 +42,7 @@ def read_settings(camera: Any) -> CameraSettings:
     rate = available(camera, *_FRAME_RATES)
     return CameraSettings(
         exposure_s=camera.get_exposure_time() * 1e-6,
-        gain_db=camera.get_gain() if camera.is_gain_available() else 0.0,
+        gain_db=camera.get_gain() if available(camera, _GAIN) is not None else 0.0,
         pixel_format=camera.get_pixel_format_as_string(),
         width=width,
         height=height,
@@ -141,14 +143,7 @@ def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
 def change_setting(camera: Any, name: str, value: Any) -> None:
     """Change one setting; raises errors of Aravis.
 
-    Parameters
-    ----------
-    camera : Aravis.Camera
-        Open, not acquiring.
-    name : str
-        Parameter of `AravisCamera.configure`.
-    value : object
-        New value.
+    Parameters are an open camera that does not acquire, a parameter of `AravisCamera.configure` and its new value.
 
     Raises
     ------
@@ -203,16 +198,12 @@ def _change_region(camera: Any, region: Region) -> None:
         _, _, full_width, full_height = camera.get_region()
         if (region.x, region.y) != (0, 0) and not camera.is_region_offset_available():
             raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
-        _check_steps("x", region.x, (0, full_width - region.width), _step(camera.get_x_offset_increment))
-        _check_steps("y", region.y, (0, full_height - region.height), _step(camera.get_y_offset_increment))
+        _check_steps("x", region.x, (0, full_width - region.width), camera.get_x_offset_increment())
+        _check_steps("y", region.y, (0, full_height - region.height), camera.get_y_offset_increment())
     except CameraSettingError:
         camera.set_region(*whole)
         raise
     camera.set_region(region.x, region.y, region.width, region.height)
-
-
-def _step(increment: Callable[[], int]) -> int:
-    return max(1, increment())
 
 
 def _change_exposure(camera: Any, exposure_s: float) -> None:
@@ -234,9 +225,11 @@ def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
 
 
 def _change_gain(camera: Any, gain_db: float) -> None:
-    if not camera.is_gain_available():
+    if available(camera, _GAIN) is None:
         if gain_db != 0:
-            raise CameraSettingError(f"the camera has no gain: ask for 0 dB, not {gain_db:g} dB")
+            raw = available(camera, "GainRaw")
+            own = "no gain" if raw is None else f"its gain not in dB but as {raw}, a feature to set by name"
+            raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
         return
     _check_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
     camera.set_gain(gain_db)

@@ -1,11 +1,13 @@
-"""All settings of a camera, so that one which lost power continues with the same."""
+"""All settings of a camera: read back, compared with those wanted, and restored after a loss of power."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import isclose
+from typing import Any
 
-from ..camera import CameraSettingError, FeatureValue
+from ...core.frame import CameraIdentity
+from ..camera import CameraSettingError, CameraSettings, CameraSetup, FeatureValue, Region
 from .features import available, read_feature, readable_features, writable, write_feature
 from .link import Link
 
@@ -20,6 +22,8 @@ _OF_THE_STREAM = (
     "DeviceLinkThroughputLimitMode",
     "DeviceLinkThroughputLimit",
 )
+#: Relative difference from a wanted number that a camera may round to.
+_ROUNDED_REL = 0.01
 #: Rounds of writing; one feature may be locked, or have another range, until another one is restored.
 _MAX_ROUNDS = 5
 
@@ -90,11 +94,51 @@ def restore_trigger_modes(link: Link, modes: Snapshot) -> None:
                 write_feature(camera, "TriggerMode", mode)
 
 
+def require_kept(
+    who: CameraIdentity, wanted: CameraSetup, settings: CameraSettings, feature: Callable[[str], FeatureValue]
+) -> None:
+    """Refuse a camera that keeps other settings than those it was given.
+
+    Parameters
+    ----------
+    who : CameraIdentity
+        The camera.
+    wanted : CameraSetup
+        What it was given.
+    settings : CameraSettings
+        In force.
+    feature : callable
+        Reads a feature by name.
+
+    Raises
+    ------
+    CameraSettingError
+        Naming the first that differs.
+    """
+    now = _as_set(settings)
+    pairs = {name: (value, now[name]) for name, value in wanted.settings.items()}
+    pairs |= {name: (value, feature(name)) for name, value in wanted.features.items()}
+    for name, (value, kept) in pairs.items():
+        if not _same(value, kept, _ROUNDED_REL):
+            raise CameraSettingError(f"{who} keeps {name} at {kept}, not {value}: give a value that it keeps")
+
+
+def _as_set(settings: CameraSettings) -> dict[str, Any]:
+    region = Region(settings.offset_x, settings.offset_y, settings.width, settings.height)
+    return {
+        "binning": settings.binning,
+        "region": region,
+        "frame_rate_hz": settings.frame_rate_hz,
+        "black_level": settings.black_level,
+        "trigger": settings.trigger,
+    }
+
+
 def _different(wanted: Snapshot, now: Snapshot) -> list[str]:
     return [name for name, value in wanted.items() if name not in now or not _same(value, now[name])]
 
 
-def _same(one: FeatureValue, other: FeatureValue) -> bool:
-    if isinstance(one, float) and isinstance(other, float):
-        return isclose(one, other, rel_tol=1e-9, abs_tol=1e-12)
-    return one == other
+def _same(one: Any, other: Any, rounded_rel: float = 1e-9) -> bool:
+    if isinstance(one, float) and isinstance(other, int | float):
+        return isclose(one, other, rel_tol=rounded_rel, abs_tol=1e-12)
+    return bool(one == other)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
-from ..camera import CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..host.sockets import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
 from .frames import FrameCheck, arrival, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .pool import BufferPool, pool_size
 from .settings import layout_of, temperature_c
-from .sockets import enlarge_receive_buffer, has_packet_sockets
 from .transport import set_up_transport
 
 _log = logging.getLogger(__name__)
@@ -24,14 +24,8 @@ _log = logging.getLogger(__name__)
 #: Longest single wait: the latency for noticing a close from another thread, or silence.
 _SLICE_S = 0.05
 
-#: Interval of checks of a silent camera.
-_PAUSE_S = 0.15
-
-#: Silence after which a camera is checked, also during an exposure.
+#: Silence after which a camera is checked, also during an exposure, and interval of the checks.
 _ASKED_AFTER_S = 0.15
-
-#: Number of consecutive refused frames after which a grab fails.
-_MOST_REFUSED = 20
 
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
 _TEMPERATURE_EVERY_S = 2.0
@@ -59,10 +53,13 @@ class AcquisitionState:
         In force.
     chosen : frozenset of str
         GenICam features set by the user, which must not be changed.
+    n_frames : int
+        How many are wanted.
     """
 
     settings: CameraSettings
     chosen: frozenset[str] = frozenset()
+    n_frames: int = 1
 
 
 class FrameStream:
@@ -121,7 +118,7 @@ class FrameStream:
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
-        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz)
+        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._conditions.n_frames)
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
         if is_gige:
             self._link.stream_port = self._stream.get_port()
@@ -155,13 +152,7 @@ class FrameStream:
         return self._counted if stream is None else _count(stream)
 
     def next(self) -> Frame:
-        """Wait for the next complete frame.
-
-        Raises
-        ------
-        FrameTimeoutError, IncompleteFrameError, CameraLostError
-            As `AravisCamera.grab`.
-        """
+        """Wait for the next complete frame; raises as `AravisCamera.grab`."""
         while True:
             self._running()
             if self._conditions.settings.trigger.source == "Software":
@@ -180,7 +171,7 @@ class FrameStream:
         while True:
             waited_s = time.monotonic() - began_s
             buffer = self._running().timeout_pop_buffer(int(max(0.0, min(self._wait_s - waited_s, _SLICE_S)) * 1e6))
-            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _PAUSE_S:
+            if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _ASKED_AFTER_S:
                 buffer = self._ask_after()
             if buffer is not None and buffer.get_status() == aravis().BufferStatus.CLEARED:
                 # Without any packet it is not a frame: on a busy computer Aravis may return such a buffer.
@@ -233,22 +224,18 @@ class FrameStream:
         error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
         self._lender().take_back(buffer)
         self._n_refused += 1
-        if self._on_refused is None or self._n_refused >= _MOST_REFUSED:
+        if self._on_refused is None or self._n_refused >= MOST_REFUSED:
             raise error
         self._on_refused(error)
 
     def _causes(self) -> list[str]:
         """Return possible transport problems, the most likely first, each with its remedy."""
-        counted = self.statistics
         facts = StreamFacts(
             address=self._link.info.address,
             payload_bytes=self._payload_bytes,
             packet_size_bytes=self._packet_bytes,
             socket_buffer_bytes=self._granted_bytes,
-            completed=counted.completed,
-            failed=counted.failed,
-            underruns=counted.underruns,
-            missing=counted.missing,
+            counted=self.statistics,
         )
         return [str(finding) for finding in stream_causes(facts)[:_MOST_CAUSES]]
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from ..host.kernel import may_open_packet_sockets, raise_receive_limit
 from ..host.network import Interface, interface_to, interfaces
+from ..host.sockets import receive_buffer_limit
 from . import gvcp
 from .features import available, writable
 from .library import aravis, discover
-from .sockets import receive_buffer_limit
 
 _log = logging.getLogger(__name__)
 

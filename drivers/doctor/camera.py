@@ -25,9 +25,8 @@ from ..host.network import GIGABIT_MBIT_S, Interface, interface_to, network_find
 from ..host.stream import packet_size_finding
 from ..host.units import size
 
-#: Number of test frames.
+#: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
-#: Exposure of these frames, within the camera's range.
 _EXPOSURE_S = 0.01
 
 #: Device temperature above which a notice is given. A camera without heat sink at 22.5 degC reaches 50 degC inside
@@ -117,10 +116,7 @@ def check_camera(
     timeout_s : float or None
         Longest wait for a frame beyond its exposure, as of `AravisCamera.grab`.
 
-    Returns
-    -------
-    list of Finding
-        Errors of the camera are returned as findings.
+    Errors of the camera are returned as findings.
     """
     address = info.address if info.protocol == "GigEVision" else ""
     interface = interface_to(address, known)
@@ -164,18 +160,12 @@ def _read(link: Link) -> CameraFacts:
 def _streamed(info: CameraInfo, facts: CameraFacts, timeout_s: float | None) -> CameraFacts:
     """Take some frames."""
     refused: list[IncompleteFrameError] = []
-
-    def refuse(error: IncompleteFrameError) -> None:
-        refused.append(error)
-        if len(refused) == N_FRAMES:
-            raise error
-
     came, problem = 0, None
     with AravisCamera(info.serial or info.address) as camera:
         shortest_s, longest_s = camera.exposure_range_s
         camera.configure(exposure_s=min(max(_EXPOSURE_S, shortest_s), longest_s))
         try:
-            for _ in camera.grab(N_FRAMES, timeout_s, refuse):
+            for _ in camera.grab(N_FRAMES, timeout_s, refused.append):
                 came += 1
         except CameraError as error:
             problem = error
@@ -240,11 +230,7 @@ def _link(facts: CameraFacts) -> Finding | None:
 
 
 def _limit(facts: CameraFacts) -> tuple[str, float] | None:
-    for name in _BANDWIDTH_FEATURES:
-        value = facts.number(name)
-        if value:
-            return name, value
-    return None
+    return next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
 
 
 def _carried(facts: CameraFacts) -> float | None:

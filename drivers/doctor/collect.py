@@ -17,7 +17,7 @@ from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import connect
 from ..aravis.snapshot import take_snapshot
 from ..meter import MeterError
-from ..minolta_ls.meter import MinoltaLS100, MinoltaLS110
+from ..minolta_ls.meter import DRIVERS
 from .meter import MeterModel
 from .packages import aravis_facts
 
@@ -65,10 +65,9 @@ def meter_files(port: str, model: MeterModel, timeout_s: float = 6.0) -> dict[st
 
     Errors of the meter are part of the transcript.
     """
-    driver = MinoltaLS100 if model == "LS-100" else MinoltaLS110
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "meter.jsonl")
-        with suppress(MeterError), driver(port, timeout_s=timeout_s, transcript=path) as meter:
+        with suppress(MeterError), DRIVERS[model](port, timeout_s=timeout_s, transcript=path) as meter:
             for use in (meter.measure, meter.read_held):
                 with suppress(MeterError):
                     use()

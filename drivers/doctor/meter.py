@@ -6,7 +6,7 @@ from typing import Literal
 
 from ..host.finding import Finding
 from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError
-from ..minolta_ls.meter import MinoltaLS100, MinoltaLS110
+from ..minolta_ls.meter import DRIVERS, MinoltaLS
 from .serial_port import serial_port_facts, serial_port_finding
 
 MeterModel = Literal["LS-100", "LS-110"]
@@ -37,10 +37,9 @@ def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0)
     permission = serial_port_finding(serial_port_facts(port), needed=True)
     if permission.state == "fault":
         return [permission]
-    driver = MinoltaLS100 if model == "LS-100" else MinoltaLS110
     found = [permission]
     try:
-        with driver(port, timeout_s=timeout_s) as meter:
+        with DRIVERS[model](port, timeout_s=timeout_s) as meter:
             found.append(Finding("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
             found.append(_unit(meter))
     except MeterNotFoundError as error:
@@ -53,7 +52,7 @@ def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0)
     return found
 
 
-def _unit(meter: MinoltaLS100 | MinoltaLS110) -> Finding:
+def _unit(meter: MinoltaLS) -> Finding:
     try:
         shown = meter.read_held()
     except MeterReportedError as error:

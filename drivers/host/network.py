@@ -120,7 +120,8 @@ def network_finding(address: str, interface: Interface) -> Finding | None:
         "fault" if interface.strict_reverse_path else "notice",
         f"the camera's address {address} is outside the network {interface.address.network} of {interface.name}"
         f"{strict if interface.strict_reverse_path else ''}",
-        f"sudo ip addr add {_beside(wanted)} dev {interface.name}, or give the camera an address of that network",
+        f"sudo ip addr add {_beside(wanted)} dev {interface.name}, or give the camera an address of that network "
+        "(labcdp devices --set-address SERIAL=ADDRESS)",
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..camera import StreamStatistics
 from .finding import Finding
 from .kernel import firewall, keep_receive_limit, open_firewall, raise_receive_limit, receive_limit_bytes
 from .network import Interface, interface_to, interfaces, network_finding
@@ -24,9 +25,7 @@ class StreamFacts:
         Size of a stream packet as the camera has it (GevSCPSPacketSize), headers included.
     socket_buffer_bytes : int or None
         Receive buffer the kernel granted; None if unknown.
-    trigger_source : str or None
-        None for a free-running camera.
-    completed, failed, underruns, missing : int
+    counted : StreamStatistics
         The stream's counters.
     """
 
@@ -34,11 +33,7 @@ class StreamFacts:
     payload_bytes: int
     packet_size_bytes: int | None = None
     socket_buffer_bytes: int | None = None
-    trigger_source: str | None = None
-    completed: int = 0
-    failed: int = 0
-    underruns: int = 0
-    missing: int = 0
+    counted: StreamStatistics = field(default_factory=StreamStatistics)
 
 
 @dataclass(frozen=True)
@@ -80,34 +75,15 @@ def stream_causes(facts: StreamFacts) -> list[Finding]:
 
 def causes_at(facts: StreamFacts, receiver: Receiver) -> list[Finding]:
     """List possible causes as `stream_causes`, for a given state of the receiver."""
-    something_came = facts.completed + facts.failed + facts.missing > 0
-    trigger = _trigger(facts)
+    something_came = facts.counted.completed + facts.counted.failed + facts.counted.missing > 0
     buffer, packets = _receive_buffer(facts, receiver), packet_size_finding(facts.packet_size_bytes, receiver.interface)
     away = None if receiver.interface is None else network_finding(facts.address, receiver.interface)
     if not something_came:
         # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
-        found = [trigger, packets, away, buffer, _firewall(facts, receiver)]
+        found = [packets, away, buffer, _firewall(facts, receiver)]
     else:
         found = [buffer, packets, _missing(facts), away]
     return [finding for finding in [*found, _underruns(facts)] if finding is not None]
-
-
-def _trigger(facts: StreamFacts) -> Finding | None:
-    if facts.trigger_source is None:
-        return None
-    if facts.trigger_source == "Software":
-        return Finding(
-            "trigger",
-            "notice",
-            "the camera exposes only when a program sends it a software trigger",
-            "send one for each frame, or set the trigger to free-running",
-        )
-    return Finding(
-        "trigger",
-        "notice",
-        f"the camera waits for a pulse on {facts.trigger_source}",
-        "check the cable of the trigger and that pulses come, or set the trigger to free-running",
-    )
 
 
 def _receive_buffer(facts: StreamFacts, receiver: Receiver) -> Finding | None:
@@ -144,23 +120,23 @@ def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -
 
 
 def _missing(facts: StreamFacts) -> Finding | None:
-    if facts.missing == 0:
+    if facts.counted.missing == 0:
         return None
     return Finding(
         "packets",
         "notice",
-        f"{facts.missing} packets are counted as missing",
+        f"{facts.counted.missing} packets are counted as missing",
         "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay",
     )
 
 
 def _underruns(facts: StreamFacts) -> Finding | None:
-    if facts.underruns == 0:
+    if facts.counted.underruns == 0:
         return None
     return Finding(
         "underruns",
         "notice",
-        f"{facts.underruns} packets found no free buffer, since the program was too slow to take them",
+        f"{facts.counted.underruns} packets found no free buffer, since the program was too slow to take them",
         "lower the frame rate, or do less between two frames",
     )
 

@@ -12,6 +12,7 @@ from typing import Final, Literal
 from ...core.disk.quoting import quoted, shortened
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
+from ...session import MeterConfiguration
 
 WrittenUnit = Literal["cd/m2", "fL"]
 
@@ -51,6 +52,13 @@ class MeterAccuracy:
             value = getattr(self, name)
             if not (isfinite(value) and value >= 0):
                 raise InputError(f"{name} is {value}: give a number of at least 0")
+
+
+def stated_accuracy(described: MeterConfiguration) -> MeterAccuracy:
+    """Return the accuracy that a configuration states, which requires all of it where no driver knows the meter."""
+    return MeterAccuracy(
+        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
+    )
 
 
 @dataclass(frozen=True)

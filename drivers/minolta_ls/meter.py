@@ -26,6 +26,7 @@ from .recovery import MeterLink
 from .transcript import TranscriptWriter
 
 __all__ = [
+    "DRIVERS",
     "LS100",
     "LS110",
     "LSDataSheet",
@@ -257,6 +258,10 @@ class MinoltaLS110(MinoltaLS):
     """Konica Minolta LS-110, acceptance angle 1/3 degree; a `Meter`. Parameters as of `MinoltaLS`."""
 
     data_sheet = LS110
+
+
+#: Driver of each model.
+DRIVERS: Final[dict[str, type[MinoltaLS]]] = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}
 
 
 @dataclass(frozen=True, order=True)

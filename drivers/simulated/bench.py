@@ -12,8 +12,8 @@ from ...chain import ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
 from ...session import SessionConfiguration
-from ..minolta_ls.meter import MinoltaLS, MinoltaLS100, MinoltaLS110
-from ..minolta_ls.protocol import LS100, LS110, LSDataSheet
+from ..minolta_ls.meter import DRIVERS, MinoltaLS
+from ..minolta_ls.protocol import LSDataSheet
 from .devices import BenchDevices
 from .faults.commands import Scheduled
 from .faults.drift import Drifts
@@ -21,6 +21,7 @@ from .faults.misfortune import Misfortune
 from .faults.schedule_file import parse_command, parse_schedule
 from .gige.camera import SimulatedGigECamera
 from .gige.device import SimulatedDevice
+from .gige.genicam import standard_features
 from .in_process import InProcessCamera
 from .meter.in_process import InProcessPort
 from .meter.meter import SimulatedLS
@@ -101,7 +102,7 @@ class SimulatedBench:
             vendor=devices.vendor,
             model=devices.model,
             frame_rate_hz=devices.frame_rate_hz,
-            naming=devices.naming,
+            features=standard_features(devices.naming),
         )
 
     def gige_camera(self, address: str = "127.0.0.1") -> SimulatedGigECamera:
@@ -135,8 +136,7 @@ class SimulatedBench:
     def in_process_meter(self, response_time_s: float = 0.8) -> MinoltaLS:
         """Return the driver of the meter on a port in this process."""
         identity = replace(self._configuration.meter.identity, simulated=True)
-        driver = MinoltaLS100 if identity.model == "LS-100" else MinoltaLS110
-        return driver(self.in_process_port(response_time_s), identity)
+        return DRIVERS[identity.model](self.in_process_port(response_time_s), identity)
 
     def _engine(self) -> SimulatedLS:
         return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), self._sheet, self._devices.meter)
@@ -144,10 +144,9 @@ class SimulatedBench:
     @property
     def _sheet(self) -> LSDataSheet:
         model = self._configuration.meter.model
-        sheets = {"LS-100": LS100, "LS-110": LS110}
-        if model not in sheets:
+        if model not in DRIVERS:
             raise ConfigurationError(f"meter.model is {model!r}: the simulated bench has an LS-100 or an LS-110")
-        return sheets[model]
+        return DRIVERS[model].data_sheet
 
     @property
     def light_rel(self) -> float:

@@ -15,7 +15,7 @@ from ...core.errors import ConfigurationError
 from ...session.bench_tables import FeatureName, NotNegative, Number, Positive, Table, Text, Whole
 from ...session.validation import validated
 from .gige.device import SENSOR_BITS
-from .gige.genicam import BLACK_LEVEL_RANGE_DN, Naming
+from .gige.genicam import Naming, feature
 from .meter.meter import MeterErrorModel
 
 #: Texts that fit into a camera's registers of 32 and 16 bytes.
@@ -118,7 +118,7 @@ class SimulatedBenchFile(Table):
         named = self.camera.chain
         chain = Chain.load(folder / named if named.endswith(".toml") else named)
         camera = chain.with_(**{f"sensor.{key}": value for key, value in self.sensor.items()}).camera()
-        low, high = BLACK_LEVEL_RANGE_DN
+        low, high = feature("BlackLevel")["range"]
         if camera.sensor.bits != SENSOR_BITS or not low <= camera.sensor.black_level_dn <= high:
             raise ConfigurationError(
                 f"{chain.source}: the sensor has {camera.sensor.bits} bits and a black level of "

@@ -12,6 +12,7 @@ import numpy as np
 from ...core.clock import Clock, SystemClock
 from ...core.frame import CameraIdentity, Frame
 from ..camera import (
+    MOST_REFUSED,
     CameraError,
     CameraSettingError,
     CameraSettings,
@@ -27,8 +28,11 @@ from ..camera import (
 from ..device import Device
 from .faults.trouble import CameraTrouble
 from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
-from .gige.genicam import EXPOSURE_RANGE_US, GAIN_RANGE_DB
+from .gige.genicam import feature
 from .link import STEP_S, Link
+
+_EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
+_GAIN_RANGE_DB: Final = feature("Gain")["range"]
 
 #: Pixel data of a stream packet: 9000 bytes less headers.
 _PACKET_DATA_BYTES: Final = 8964
@@ -122,7 +126,7 @@ class InProcessCamera(Device):
     @property
     def exposure_range_s(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
-        return EXPOSURE_RANGE_US[0] * 1e-6, EXPOSURE_RANGE_US[1] * 1e-6
+        return _EXPOSURE_RANGE_US[0] * 1e-6, _EXPOSURE_RANGE_US[1] * 1e-6
 
     @property
     def temperature_c(self) -> float:
@@ -185,12 +189,12 @@ class InProcessCamera(Device):
         self._link.await_reconnect()
         exposure_us = round((old.exposure_s if exposure_s is None else exposure_s) * 1e6)
         gain = old.gain_db if gain_db is None else gain_db
-        if not EXPOSURE_RANGE_US[0] <= exposure_us <= EXPOSURE_RANGE_US[1]:
+        if not _EXPOSURE_RANGE_US[0] <= exposure_us <= _EXPOSURE_RANGE_US[1]:
             low, high = self.exposure_range_s
             raise CameraSettingError(f"exposure_s is {exposure_us * 1e-6:g} s: the camera takes {low:g} to {high:g} s")
-        if not GAIN_RANGE_DB[0] <= gain <= GAIN_RANGE_DB[1]:
+        if not _GAIN_RANGE_DB[0] <= gain <= _GAIN_RANGE_DB[1]:
             raise CameraSettingError(
-                f"gain_db is {gain:g} dB: the camera takes {GAIN_RANGE_DB[0]} to {GAIN_RANGE_DB[1]} dB"
+                f"gain_db is {gain:g} dB: the camera takes {_GAIN_RANGE_DB[0]} to {_GAIN_RANGE_DB[1]} dB"
             )
         if pixel_format not in (None, "Mono12"):
             raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")
@@ -216,15 +220,17 @@ class InProcessCamera(Device):
         FrameTimeoutError, IncompleteFrameError, CameraLostError
             As the camera on the wire.
         """
-        for _ in range(n):
-            frame = None
-            while frame is None:
-                try:
-                    frame = self._frame(timeout_s)
-                except IncompleteFrameError as error:
-                    if on_refused is None:
-                        raise
-                    on_refused(error)
+        n_taken = n_refused = 0
+        while n_taken < n:
+            try:
+                frame = self._frame(timeout_s)
+            except IncompleteFrameError as error:
+                n_refused += 1
+                if on_refused is None or n_refused >= MOST_REFUSED:
+                    raise
+                on_refused(error)
+                continue
+            n_taken, n_refused = n_taken + 1, 0
             yield frame
 
     def _frame(self, timeout_s: float | None) -> Frame:
@@ -232,16 +238,15 @@ class InProcessCamera(Device):
         settings = self.settings
         self._link.await_reconnect()
         wait_s = settings.longest_wait_s(timeout_s)
-        began_s = self._clock.monotonic_s()
+        until_s = self._clock.monotonic_s() + wait_s
         self._clock.sleep(max(settings.exposure_s, 1 / self._device.frame_rate_hz))
         while self._link.trouble.stalled and not self._link.cut:
-            left_s = wait_s - (self._clock.monotonic_s() - began_s)
-            if left_s <= 0:
+            if self._clock.monotonic_s() >= until_s:
                 raise FrameTimeoutError(
                     f"no frame came from {self.identity} within {wait_s:.1f} s, though it "
                     "answers: let the simulated camera recover"
                 )
-            self._clock.sleep(min(STEP_S, left_s))
+            self._clock.sleep(STEP_S)
         if self._link.cut or self._link.trouble.frozen:
             return self._frame(timeout_s)
         index = self._n_taken

@@ -100,5 +100,6 @@ class Link:
 
     def _wait_while(self, bad: Callable[[], bool], longest_s: float) -> None:
         until_s = self._clock.monotonic_s() + longest_s
-        while bad() and (left_s := until_s - self._clock.monotonic_s()) > 0:
-            self._clock.sleep(min(STEP_S, left_s))
+        # In whole steps: a rest of rounding would not advance a virtual clock.
+        while bad() and self._clock.monotonic_s() < until_s:
+            self._clock.sleep(STEP_S)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from ..core.errors import LabcdpError
 from ..session import EventRecord, Session
+from ..session.records import SIMULATED_BENCH
 
 #: Records with which every session begins.
-_OF_A_NEW_SESSION = ("session", "readme")
+_OF_A_NEW_SESSION = ("session", "readme", SIMULATED_BENCH)
 
 
 @contextmanager

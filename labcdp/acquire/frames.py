@@ -10,19 +10,17 @@ from typing import Any, cast
 
 from ..core.clock import Clock
 from ..core.frame import Frame
-from ..drivers.camera import Camera, IncompleteFrameError
+from ..drivers.camera import Camera, IncompleteFrameError, Refused
 from .control import Control
 
 _log = logging.getLogger(__name__)
 
-#: Number of consecutive incomplete frames treated as a permanent fault.
-MAX_REFUSED = 5
 #: Interval at which pause and stop are polled while waiting for the next frame of a schedule.
 _NAP_S = 0.5
 
 
-class Refusals:
-    """Records incomplete frames, and fails after `MAX_REFUSED` consecutive ones.
+def noted(note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]) -> Refused:
+    """Return a function that records incomplete frames, which are taken again.
 
     Parameters
     ----------
@@ -32,23 +30,12 @@ class Refusals:
         Content of the events in addition to the reason.
     """
 
-    def __init__(self, note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]) -> None:
-        self._note = note
-        self._content = content
-        self._in_a_row = 0
-
-    def refuse(self, error: IncompleteFrameError) -> None:
-        """Record an incomplete frame; raises the error after too many."""
-        self._in_a_row += 1
+    def refuse(error: IncompleteFrameError) -> None:
         found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
-        self._note("refused frame", self._content | found)
-        if self._in_a_row == MAX_REFUSED:
-            raise error
+        note("refused frame", content | found)
         _log.warning("%s; taking it again", error)
 
-    def whole(self) -> None:
-        """Reset the count after a complete frame."""
-        self._in_a_row = 0
+    return refuse
 
 
 class Schedule:
@@ -86,7 +73,7 @@ class Schedule:
 
 
 def take_frames(
-    camera: Camera, n: int, schedule: Schedule | None, control: Control, refusals: Refusals, discard: int = 0
+    camera: Camera, n: int, schedule: Schedule | None, control: Control, on_refused: Refused, discard: int = 0
 ) -> Generator[Frame, None, None]:
     """Yield `n` complete frames, consecutive without a schedule.
 
@@ -106,11 +93,10 @@ def take_frames(
             control.checkpoint()
         else:
             schedule.wait()
-        stream = camera.grab(discard + (left if schedule is None else 1), on_refused=refusals.refuse)
+        stream = camera.grab(discard + (left if schedule is None else 1), on_refused=on_refused)
         # Iterators of drivers are generators: closing one stops its stream.
         with closing(cast(Generator[Frame, None, None], stream)) as frames:
             for taken, frame in enumerate(frames):
-                refusals.whole()
                 if taken < discard:
                     continue
                 left -= 1

@@ -108,17 +108,7 @@ def acquire(
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
         return ()
-    setup = prepare_camera(camera, session.configuration.camera)
-    check_plan(camera, session.configuration)
-    check_room(camera, session)
-    session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
-    session.add_event("camera setup", asdict(setup))
-    not_understood = list(camera.not_understood)
-    session.add_event(
-        "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
-    )
-    if not_understood:
-        _log.info("features of the camera that are left as they are: %s", ", ".join(not_understood))
+    _begin(session, camera, meter)
     control = control or Control()
     frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
     readings = ReadingRecorder(session, meter, operator, report, control)
@@ -134,6 +124,21 @@ def acquire(
     if not left:
         session.add_event("complete", {})
     return tuple(left)
+
+
+def _begin(session: Session, camera: Camera, meter: Meter) -> None:
+    """Prepare the camera, check the plan with it, and record the devices."""
+    setup = prepare_camera(camera, session.configuration.camera)
+    check_plan(camera, session.configuration)
+    check_room(camera, session)
+    session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
+    session.add_event("camera setup", asdict(setup))
+    not_understood = list(camera.not_understood)
+    session.add_event(
+        "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
+    )
+    if not_understood:
+        _log.info("features of the camera that are left as they are: %s", ", ".join(not_understood))
 
 
 def is_complete(session: Session) -> bool:

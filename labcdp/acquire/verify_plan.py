@@ -91,14 +91,14 @@ def _luminances(configuration: SessionConfiguration, calibration: AnyCalibration
 
 def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: float) -> set[float]:
     """Longest calibrated exposure that leaves headroom, for each plane; empty if a plane has no good signal at any."""
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
+    planes = calibration.planes
     longest = [_exposure_s(plane, patch, luminance_cd_m2) for plane in planes]
     fitting = {exposure_s for exposure_s in longest if exposure_s is not None}
     return set() if None in longest else fitting
 
 
 def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) -> float | None:
-    seen_cd_m2 = luminance_cd_m2 * _fall_off(calibration, patch)
+    seen_cd_m2 = luminance_cd_m2 * _relative_illuminance(calibration, patch)
     fitting = []
     for exposure_s in calibration.exposures_s:
         net_dn, dark_dn = net_dn_at(calibration, seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
@@ -109,7 +109,7 @@ def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) 
     return max(fitting, default=None)
 
 
-def _fall_off(calibration: Calibration, patch: Patch) -> float:
+def _relative_illuminance(calibration: Calibration, patch: Patch) -> float:
     if calibration.vignetting is None:
         return 1.0
     height, width = calibration.state.image_shape

@@ -164,4 +164,4 @@ def _widest(one: UsableRange) -> tuple[float, ...]:
     if widest is None:
         return (np.nan, np.nan, np.nan, np.nan, 0, 0, 0)
     numbers = (widest.low, widest.high, widest.decades, widest.range_db)
-    return (*numbers, len(one.intervals), widest.low_open, widest.high_open)
+    return (*numbers, len(one.intervals), *(end.is_open for end in widest.ends))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -77,16 +77,27 @@ class Chain(_Chain):
         for name, value in (("contrast", contrast), ("epsilon", epsilon)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
                 raise InputError(f"{name} is {value!r}: give a number, as a fraction")
-        wanted = Sweep(
-            chain=self,
-            axes=tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items()),
-            exact=exact,
-            stage=stage,
-            contrast=None if contrast is None else float(contrast),
-            epsilon=float(epsilon),
-            seed=seed,
-        )
+        over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
+        asked = None if contrast is None else float(contrast)
+        wanted = Sweep(self, over, exact, stage, asked, float(epsilon), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
+
+    def with_emva1288(self, path: PathArgument) -> Self:
+        """Return the chain with the sensor of EMVA 1288 results; its own gives what they do not state.
+
+        Parameters
+        ----------
+        path : path
+            Results of ``labcdp characterise``, or a TOML file with the values of a data sheet in ``[emva1288]``.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be used, or the chain has no single EMVA 1288 sensor.
+        """
+        from ..evaluate.camera.sensor import with_emva1288
+
+        return with_emva1288(self, as_path(path, "the EMVA 1288 results"))[0]
 
     def __repr__(self) -> str:
         height, width = self.scene.shape

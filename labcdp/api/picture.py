@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
-from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,23 +17,18 @@ from ..core.errors import InputError
 from ..core.finding import Finding, info, unique
 from ..core.luminance import LuminanceMap
 from ..core.notebook import html_table
-from ..core.roi import Roi
 from ..evaluate.picture.light.picture import PictureConversion, calibrated_conversion, picture_conversion
 from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
 from ..files.picture.picture import Picture
 from ..files.picture.read import read_picture
 from ..metrics import Epsilon
-from ..metrics.regions.pair import PairResult, evaluate_pair
 from ..report.findings import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois, with_given
-from .variables import described
+from .image_regions import ImageRegions
+from .variables import OF_CDP, cdp_values, columns, described, noted
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-_BY_CONTRAST = ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined")
-_BY_PAIR = ("measured_contrast", "u_measured_contrast", "csnr", "u_csnr")
-_BY_SIDE = ("mean", "u_mean", "std", "snr", "u_snr", "pixels", "saturated")
 
 
 def read_image(
@@ -170,7 +164,7 @@ class Image:
         """
         height, width = self.shape
         rois = as_rois(regions, (width, height))
-        return ImageRegions(self, rois, as_pairs(rois, pairs))
+        return ImageRegions(self.path.name, self.luminance, self.attributes, rois, as_pairs(rois, pairs))
 
     def cdp_neighbours(
         self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5, *, rectangle: Rectangle | None = None
@@ -202,13 +196,12 @@ class Image:
         asked = as_contrasts(contrasts, epsilon)
         found = evaluate_neighbours(self.luminance, asked.values, epsilon, rectangle)
         measured = asked.values is None
-        rows = [_of_contrast(one) for one in found.results] or [(nan,) * len(_BY_CONTRAST)]
-        data = {
-            name: ("contrast", np.array(column))
-            for name, column in zip(_BY_CONTRAST, zip(*rows, strict=True), strict=True)
-        }
+        rows = [cdp_values(one.result, one.standard_uncertainty, one.confidence_interval) for one in found.results] or [
+            {}
+        ]
         coordinate = np.array((found.contrast,) if asked.values is None else asked.values)
-        dataset = xr.Dataset(data, {"contrast": coordinate}, self._attributes(epsilon, found.findings))
+        attributes = self.attributes(epsilon, found.findings)
+        dataset = xr.Dataset(columns(("contrast",), rows, OF_CDP), {"contrast": coordinate}, attributes)
         return described(dataset.isel(contrast=0) if asked.scalar or measured else dataset, self.unit)
 
     def to_dataset(self) -> Dataset:
@@ -221,7 +214,7 @@ class Image:
             "u_luminance": (("y", "x"), np.abs(luminance) * self.luminance.random_rel),
             "invalid": (("y", "x"), self.luminance.invalid),
         }
-        return described(xr.Dataset(data, attrs=self._attributes(None)), self.unit)
+        return described(xr.Dataset(data, attrs=self.attributes(None)), self.unit)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the luminance."""
@@ -239,7 +232,8 @@ class Image:
             ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
         )
 
-    def _attributes(self, epsilon: Epsilon | None, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+    def attributes(self, epsilon: Epsilon | None, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+        """Return the attributes of a dataset of this picture."""
         found = unique([*self.findings, *findings])
         return {
             "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
@@ -248,117 +242,6 @@ class Image:
             "unit": self.unit,
             "conversion": self.conversion.description,
             **({} if epsilon is None else {"epsilon": epsilon if isinstance(epsilon, int | float) else str(epsilon)}),
-            "notes": "\n".join(finding_text(one) for one in found if one.severity == "info"),
-            "warnings": "\n".join(finding_text(one) for one in found if one.severity != "info"),
+            **noted(found),
             "labcdp_version": version("labcdp"),
         }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ImageRegions:
-    """Regions of a picture; made by `Image.regions`.
-
-    Parameters
-    ----------
-    image : Image
-        The picture.
-    rois : tuple of Roi
-        The regions.
-    pairs : tuple of (str, str)
-        Names of the pairs that are evaluated.
-    """
-
-    image: Image
-    rois: tuple[Roi, ...]
-    pairs: tuple[tuple[str, str], ...]
-
-    def cdp(self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5) -> Dataset:
-        """Compute the contrast detection probability of each pair.
-
-        Parameters
-        ----------
-        contrasts : float or array_like of float or None
-            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair.
-        epsilon : float or DetectionInterval
-            Their relative tolerance.
-
-        Returns
-        -------
-        xarray.Dataset
-            CDP with its 95 % interval and standard uncertainty over pair and contrast; measured contrast and CSNR
-            over pair; mean and SNR over pair and side (bright, dark). Without the dimension of contrasts for a number
-            or None; with None `contrast` is a coordinate of the pairs.
-
-        Raises
-        ------
-        InputError
-            If an argument cannot be used, or regions overlap or hold no light.
-        """
-        import xarray as xr
-
-        asked = as_contrasts(contrasts, epsilon)
-        found = [self._pair(a, b, asked.values, epsilon) for a, b in self.pairs]
-        results = [pair for pair, _ in found]
-        by_contrast = np.array([rows for _, rows in found], dtype=float)
-        sides = [(pair.bright_region, pair.dark_region) for pair in results]
-        names = [[region.roi.name for region in pair] for pair in sides]
-        data: dict[str, Any] = {
-            name: (("pair", "contrast"), by_contrast[:, :, place]) for place, name in enumerate(_BY_CONTRAST)
-        }
-        of_pairs = np.array([_of_pair(pair) for pair in results])
-        data |= {name: ("pair", of_pairs[:, place]) for place, name in enumerate(_BY_PAIR)}
-        for place, name in enumerate(_BY_SIDE):
-            data[name] = (("pair", "side"), np.array([[_of_region(one)[place] for one in pair] for pair in sides]))
-        data["pixels"] = (data["pixels"][0], data["pixels"][1].astype(np.int64))
-        coordinates = {
-            "pair": [f"{bright} / {dark}" for bright, dark in names],
-            "side": ["bright", "dark"],
-            "region": (("pair", "side"), names),
-        }
-        attributes = self.image._attributes(epsilon, [one for pair in results for one in pair.findings])
-        dataset = xr.Dataset(data, coordinates, attributes)
-        if asked.values is None:
-            measured = dataset["measured_contrast"].values
-            dataset = dataset.isel(contrast=0).assign_coords(contrast=("pair", measured))
-        else:
-            dataset = dataset.assign_coords(contrast=np.array(asked.values))
-        return described(dataset.isel(contrast=0) if asked.scalar else dataset, self.image.unit)
-
-    def _pair(
-        self, a: str, b: str, contrasts: Sequence[float] | None, epsilon: Epsilon
-    ) -> tuple[PairResult, list[tuple[float, ...]]]:
-        rois = {roi.name: roi for roi in self.rois}
-        pair = evaluate_pair(self.image.luminance, rois[a], rois[b], contrasts, epsilon)
-        return pair, [_of_contrast(one) for one in pair.results] or [(nan,) * len(_BY_CONTRAST)]
-
-    def __repr__(self) -> str:
-        return f"<labcdp.ImageRegions of {self.image.path.name}: {len(self.rois)} regions, {len(self.pairs)} pairs>"
-
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
-        rows = [(roi.name, f"{roi.area:.0f}", ", ".join(f"{edge:.4g}" for edge in roi.bounds)) for roi in self.rois]
-        return html_table(("region", "area in pixels", "left, top, right, bottom"), rows, self.image.path.name)
-
-
-def _of_contrast(one: Any) -> tuple[float, ...]:
-    result = one.result
-    low, high = one.confidence_interval
-    return (result.cdp, one.standard_uncertainty, low, high, result.below, result.above, result.undefined)
-
-
-def _of_pair(pair: PairResult) -> tuple[float, ...]:
-    return (pair.contrast.value, pair.contrast.standard_error, pair.csnr.value, pair.csnr.standard_error)
-
-
-def _of_region(region: Any) -> tuple[float, ...]:
-    snr = region.snr
-    saturated = region.invalid_shares.get("saturated", 0.0)
-    return (
-        region.mean,
-        region.standard_uncertainty,
-        region.std,
-        snr.value,
-        snr.standard_error,
-        region.n_pixels,
-        saturated,
-    )

@@ -4,33 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
-from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_any, save
 from ..core.errors import InputError
-from ..core.notebook import html_table, number
+from ..core.notebook import html_table
 from ..core.result import InputFile
 from ..evaluate.bench.corrections import corrections_of
 from ..evaluate.bench.flat import UniformLight, require_same_optics
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.recorded import certificate_of
 from ..evaluate.bench.recorded_calibration import calibrate_recorded
-from ..evaluate.bench.report.result import session_input, session_result
-from ..evaluate.bench.session import SessionEvaluation, evaluate_session
-from ..report.envelope import envelope
+from ..evaluate.bench.report.result import session_input
+from ..evaluate.bench.session import evaluate_session
 from ..report.findings import warning_texts
 from ..session import ContrastConfiguration
 from ..session import Session as _Session
 from .arguments import Contrasts, PathArgument, as_contrasts, as_path
-from .variables import described
+from .session_result import SessionResult
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    pass
 
 
 class Session(_Session):
@@ -220,129 +215,6 @@ class CalibratedSession:
         residuals = self.calibration.residuals
         rows = [(row.patch, f"{100 * row.residual_rel:+.2f} %") for row in residuals]
         return html_table(("patch", "camera from meter"), rows, repr(self)[1:-1])
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SessionResult:
-    """Luminance and CDP of a session's patches; made by `Session.evaluate`.
-
-    Parameters
-    ----------
-    evaluation : SessionEvaluation
-        All results; its `map` is the target in cd/m^2.
-    inputs : tuple of InputFile
-        What it was made from.
-    """
-
-    evaluation: SessionEvaluation
-    inputs: tuple[InputFile, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the results."""
-        return warning_texts(self.evaluation.findings)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content of results.json."""
-        return envelope(session_result(self.evaluation, self.inputs))
-
-    def to_dataset(self) -> Dataset:
-        """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""
-        import xarray as xr
-
-        found = self.evaluation
-        patches = [row.region.name for row in found.patches]
-        data: dict[str, Any] = {name: ("patch", column) for name, column in _patch_columns(found).items()}
-        pairs = list(dict.fromkeys((row.bright, row.dark) for row in found.contrasts))
-        contrasts = sorted({row.cdp.contrast for row in found.contrasts})
-        table = {
-            name: np.full((len(pairs), len(contrasts)), nan)
-            for name in ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined", "epsilon")
-        }
-        by_pair = {
-            name: np.full(len(pairs), nan)
-            for name in ("measured_contrast", "u_measured_contrast", "meter_contrast", "u_meter_contrast", "exposure_s")
-        }
-        for row in found.contrasts:
-            at = pairs.index((row.bright, row.dark))
-            for name, value in _of_pair(row).items():
-                by_pair[name][at] = value
-            for name, value in _of_contrast(row).items():
-                table[name][at, contrasts.index(row.cdp.contrast)] = value
-        data |= {name: (("pair", "contrast"), values) for name, values in table.items()}
-        data |= {name: ("pair", values) for name, values in by_pair.items()}
-        coordinates = {
-            "patch": patches,
-            "pair": [f"{bright} / {dark}" for bright, dark in pairs],
-            "contrast": np.array(contrasts, dtype=float),
-            "side": ["bright", "dark"],
-            "region": (("pair", "side"), np.array(pairs, dtype=object).reshape(-1, 2)),
-        }
-        return described(xr.Dataset(data, coordinates, self._attributes()))
-
-    def _attributes(self) -> dict[str, Any]:
-        found = self.evaluation
-        return {
-            "title": "luminance and contrast detection probability of a session",
-            "session": found.observed.configuration.name,
-            "camera": str(found.calibration.state.camera),
-            "unit": "cd/m^2",
-            "simulated": ", ".join(found.simulated),
-            "input_sha256": found.observed.input_sha256,
-            "warnings": "\n".join(self.warnings),
-            "labcdp_version": version("labcdp"),
-        }
-
-    def __repr__(self) -> str:
-        found = self.evaluation
-        name = found.observed.configuration.name
-        return f"<labcdp.SessionResult {name}: {len(found.patches)} patches, {len(found.contrasts)} contrasts>"
-
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
-        rows = []
-        for row in self.evaluation.contrasts:
-            low, high = row.cdp.confidence_interval
-            values = (row.cdp.contrast, row.camera_contrast, row.cdp.cdp, low, high)
-            rows.append((f"{row.bright} / {row.dark}", *(number(value) for value in values)))
-        return html_table(("pair", "contrast", "measured", "CDP", "95 % from", "to"), rows, repr(self)[1:-1])
-
-
-def _patch_columns(found: SessionEvaluation) -> dict[str, list[float]]:
-    rows = found.patches
-    return {
-        "meter_luminance": [row.measured_cd_m2 for row in rows],
-        "meter_U": [row.measured_half_width_95_rel * row.measured_cd_m2 for row in rows],
-        "camera_luminance": [row.calibrated.luminance_cd_m2 for row in rows],
-        "camera_low": [row.calibrated.interval_95_cd_m2[0] for row in rows],
-        "camera_high": [row.calibrated.interval_95_cd_m2[1] for row in rows],
-        "deviation": [row.deviation_rel for row in rows],
-    }
-
-
-def _of_pair(row: Any) -> dict[str, float]:
-    return {
-        "measured_contrast": row.camera_contrast,
-        "u_measured_contrast": row.camera_standard_uncertainty,
-        "meter_contrast": row.measured_contrast,
-        "u_meter_contrast": row.measured_standard_uncertainty,
-        "exposure_s": row.exposure_s,
-    }
-
-
-def _of_contrast(row: Any) -> dict[str, float]:
-    result = row.cdp
-    low, high = result.confidence_interval
-    return {
-        "cdp": result.cdp,
-        "u_cdp": row.calibrated_cdp.standard_uncertainty,
-        "cdp_low": low,
-        "cdp_high": high,
-        "below": result.below,
-        "above": result.above,
-        "undefined": result.undefined,
-        "epsilon": result.epsilon,
-    }
 
 
 def _names(names: Sequence[str], what: str) -> list[str]:

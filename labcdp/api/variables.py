@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import TYPE_CHECKING
+from collections.abc import Hashable, Sequence
+from math import nan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.finding import Finding
+from ..metrics import DetectionResult
+from ..report.findings import finding_text
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -81,3 +88,36 @@ def described(dataset: Dataset, unit: str = "cd/m^2") -> Dataset:
             units = unit if units == "luminance" else units
             dataset[name].attrs = {"long_name": meaning} | ({"units": units} if units else {})
     return dataset
+
+
+#: Variables of a CDP: of `cdp_values`.
+OF_CDP = ("cdp", "u_cdp", "cdp_low", "cdp_high", "below", "above", "undefined")
+
+
+def columns(dims: tuple[str, ...], rows: Sequence[Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return variables over dimensions from mappings of names to numbers; nan where one lacks a name.
+
+    Parameters
+    ----------
+    dims : tuple of str
+        Names of the dimensions.
+    rows : sequence
+        Mappings, or sequences of such for two dimensions.
+    names : sequence of str
+        Names of the variables.
+    """
+    table = np.array(rows, dtype=object).reshape((0,) * len(dims) if not len(rows) else np.shape(rows))
+    return {name: (dims, np.array([row.get(name, nan) for row in table.flat]).reshape(table.shape)) for name in names}
+
+
+def cdp_values(result: DetectionResult, u: float, interval: tuple[float, float]) -> dict[str, float]:
+    """Return CDP with uncertainty and shares, by the names of variables."""
+    return dict(zip(OF_CDP, (result.cdp, u, *interval, result.below, result.above, result.undefined), strict=True))
+
+
+def noted(findings: Sequence[Finding]) -> dict[str, str]:
+    """Return findings as attributes of a dataset."""
+    return {
+        "notes": "\n".join(finding_text(one) for one in findings if one.severity == "info"),
+        "warnings": "\n".join(finding_text(one) for one in findings if one.severity != "info"),
+    }

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,19 +11,15 @@ import numpy as np
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError
-from ..core.finding import unique
 from ..core.notebook import html_table
-from ..core.roi import Roi
 from ..evaluate.picture.light.picture import PictureConversion
 from ..evaluate.video.evaluate import evaluate_video
-from ..evaluate.video.findings import restored
-from ..evaluate.video.settings import VideoSettings
+from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.open import open_video as open_source
 from ..files.video.selection import Position, Selection
 from ..files.video.source import VideoSource
 from ..metrics import Epsilon
-from ..report.findings import finding_text
-from ..tracking import method_among, methods_of
+from ..tracking import methods_of
 from .arguments import (
     Contrasts,
     Pairs,
@@ -40,15 +33,11 @@ from .arguments import (
     with_given,
 )
 from .picture import conversion_of
+from .tracked_regions import TrackedRegions, renamed
 from .variables import described
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-#: Called with the number of frames that are done, and how many there will be as far as that is known.
-Progress = Callable[[int, "int | None"], None]
-
-_U = "_standard_uncertainty"
 
 
 def open_video(
@@ -83,12 +72,7 @@ def open_video(
     """
     file = as_path(path, "the video")
     conversion = conversion_of(calibration, camera_spec, encoding)
-    options = with_given(
-        conversion.options,
-        exposure_s=exposure_s,
-        gain_db=gain_db,
-        bit_depth=bit_depth,
-    )
+    options = with_given(conversion.options, exposure_s=exposure_s, gain_db=gain_db, bit_depth=bit_depth)
     stated = {"encoding": encoding, "exposure_s": exposure_s, "gain_db": gain_db, "bit_depth": bit_depth}
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
     return Video(open_source(file, options), conversion, calibration, spec, stated)
@@ -171,7 +155,13 @@ class Video:
         rois = as_rois(regions, (width, height))
         methods_of(method, [roi.name for roi in rois])
         return TrackedRegions(
-            self, rois, as_pairs(rois, pairs), method, _selection(start, stop, every), drawn_on(regions)
+            self.path.name,
+            self.evaluate,
+            rois,
+            as_pairs(rois, pairs),
+            method,
+            _selection(start, stop, every),
+            drawn_on(regions),
         )
 
     def cdp_neighbours(
@@ -205,7 +195,7 @@ class Video:
         dataset = self.evaluate(
             VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every)), progress
         )
-        dataset = described(_renamed(dataset), dataset.attrs["unit"])
+        dataset = described(renamed(dataset), dataset.attrs["unit"])
         return dataset.isel(contrast=0) if asked.scalar else dataset
 
     def evaluate(self, settings: VideoSettings, progress: Progress | None = None) -> Dataset:
@@ -233,145 +223,6 @@ class Video:
         height, width = self.shape
         rows = [("frames", f"{self.frame_count}"), ("frames per second", f"{self.frame_rate}")]
         return html_table(("", ""), [*rows, ("pixels", f"{width} x {height}")], self.path.name)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TrackedRegions:
-    """Regions of a video that follow their objects; made by `Video.track`.
-
-    Parameters
-    ----------
-    video : Video
-        The video.
-    rois : tuple of Roi
-        The regions in the first frame.
-    pairs : tuple of (str, str)
-        Names of the pairs that are evaluated.
-    method : str
-        How they are followed.
-    selection : Selection
-        Which frames are evaluated.
-    image_size : (int, int) or None
-        Width and height of the image the regions were drawn on, if known.
-    """
-
-    video: Video
-    rois: tuple[Roi, ...]
-    pairs: tuple[tuple[str, str], ...]
-    method: str
-    selection: Selection
-    image_size: tuple[int, int] | None
-
-    def cdp(
-        self,
-        contrasts: Contrasts | None = None,
-        epsilon: Epsilon = 0.5,
-        *,
-        reference: float | Literal["first"] | PathArgument | None = None,
-        reference_by: Literal["number", "time"] = "number",
-        progress: Progress | None = None,
-    ) -> Dataset:
-        """Compute the contrast detection probability of each pair, frame by frame.
-
-        Parameters
-        ----------
-        contrasts : float or array_like of float or None
-            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair in its
-            first frame.
-        epsilon : float or DetectionInterval
-            Their relative tolerance.
-        reference : float, 'first', path or None
-            Contrast to compare each frame with: a measured one, that of the first frame, or the results (NetCDF) of
-            another video.
-        reference_by : {'number', 'time'}
-            How its frames are matched.
-        progress : callable or None
-            Called after each frame.
-
-        Returns
-        -------
-        xarray.Dataset
-            CDP with its 95 % interval and standard uncertainty over frame, pair and contrast; measured contrast and
-            CSNR over frame and pair; mean, SNR and tracking over frame, pair and side (bright, dark). Values are nan,
-            with the reason as `note`, where a region is lost or a frame is broken. Without the dimension of contrasts
-            for a number or None; with None `contrast` is a coordinate of the pairs.
-
-        Raises
-        ------
-        InputError
-            If an argument cannot be used, or no frame could be evaluated.
-        """
-        import xarray as xr
-
-        asked = as_contrasts(contrasts, epsilon)
-        if isinstance(reference, bool) or reference_by not in ("number", "time"):
-            raise InputError("reference is a contrast, 'first' or a path; reference_by is 'number' or 'time'")
-        if reference is not None and reference != "first" and not isinstance(reference, int | float):
-            reference = as_path(reference, "reference")
-        known: Any = float(reference) if isinstance(reference, int | float) else reference
-        found = [self._pair(pair, asked.values, epsilon, known, reference_by, progress) for pair in self.pairs]
-        most = max(one.sizes["corner"] for one in found)
-        padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
-        dataset = xr.concat(
-            padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
-        )
-        order = [name for name in ("frame", "pair", "contrast", "side", "corner") if name in dataset.dims]
-        dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found]))
-        return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
-
-    def _pair(
-        self,
-        pair: tuple[str, str],
-        contrasts: Sequence[float] | None,
-        epsilon: Epsilon,
-        reference: Any,
-        reference_by: Literal["number", "time"],
-        progress: Progress | None,
-    ) -> Dataset:
-        named = {roi.name: roi for roi in self.rois}
-        rois = (named[pair[0]], named[pair[1]])
-        settings = VideoSettings(
-            contrasts=None if contrasts is None else tuple(contrasts),
-            rois=rois,
-            method=method_among(self.method, list(named), pair),
-            epsilon=epsilon,
-            reference=reference,
-            reference_by=reference_by,
-            selection=self.selection,
-            image_size=self.image_size,
-        )
-        dataset = _renamed(self.video.evaluate(settings, progress))
-        bright, dark = dataset["region"].values
-        dataset = dataset.drop_vars("region").rename({"region": "side"})
-        dataset = dataset.expand_dims(pair=[f"{bright} / {dark}"]).assign_coords(
-            side=["bright", "dark"], region=(("pair", "side"), [[bright, dark]])
-        )
-        if contrasts is not None:
-            return dataset
-        return dataset.isel(contrast=0).assign_coords(contrast=("pair", dataset["contrast"].values))
-
-    def __repr__(self) -> str:
-        return (
-            f"<labcdp.TrackedRegions of {self.video.path.name}: {len(self.rois)} regions, {len(self.pairs)} pairs, "
-            f"{self.method}>"
-        )
-
-
-def _renamed(dataset: Dataset) -> Dataset:
-    """Return the results with u_NAME for the standard uncertainty of NAME."""
-    return dataset.rename({name: f"u_{str(name).removesuffix(_U)}" for name in dataset if str(name).endswith(_U)})
-
-
-def _attributes(attributes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Attributes of the pairs together."""
-    found = unique(finding for one in attributes for finding in restored(json.loads(one["findings"])))
-    kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
-    return {
-        **{name: attributes[0][name] for name in kept},
-        "notes": "\n".join(finding_text(one) for one in found if one.severity == "info"),
-        "warnings": "\n".join(finding_text(one) for one in found if one.severity != "info"),
-        "labcdp_version": version("labcdp"),
-    }
 
 
 def _selection(start: int | str, stop: int | str | None, every: int | str) -> Selection:

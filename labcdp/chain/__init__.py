@@ -4,12 +4,12 @@ from .camera_model import CameraModel
 from .capture import Capture, SensorModel
 from .chain import Chain, ChainRun
 from .exposure import ExposureSettings
+from .file.registry import register
 from .hdr.exposures import Hdr
 from .imaging import ImagingChain
 from .isp import ToneCurve
 from .optics import Optics
 from .presets import preset_names, preset_text
-from .registry import register
 from .scene.checkerboard import Checkerboard
 from .scene.flat import Flat, Level, PatchScene, Scene, StepChart
 from .scene.image import ImageScene

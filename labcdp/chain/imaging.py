@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from ..core.luminance import LinearConversion
-from ..core.photometry import photon_radiance_per_cd_m2
+from ..core.spectral.photometry import photon_radiance_per_cd_m2
 from .optics import Optics
 from .scene.patches import luminance_map
+from .sensor.conversion import LinearConversion
 from .sensor.emva import Sensor
 from .windscreen import Windscreen
 
@@ -24,7 +24,7 @@ class ImagingChain:
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.spectral.photometry.photon_radiance_per_cd_m2` takes it.
     windscreen : Windscreen or None
         None for an open bench.
     optics : Optics
@@ -76,28 +76,6 @@ class ImagingChain:
             np.float32, copy=False
         )
         return rate
-
-    def expose(
-        self,
-        electron_rate: ArrayLike,
-        exposure_s: float,
-        gain_db: float = 0.0,
-        *,
-        temperature_c: float,
-        seed: int,
-        exposure_index: int,
-        threads: int | None = None,
-    ) -> NDArray[np.uint16]:
-        """Take one exposure; everything as in `Sensor.expose`, an `electron_rate` of 0.0 is the lens cap."""
-        return self.sensor.expose(
-            electron_rate,
-            exposure_s,
-            gain_db,
-            temperature_c=temperature_c,
-            seed=seed,
-            exposure_index=exposure_index,
-            threads=threads,
-        )
 
     def conversion(self, gain_db: float = 0.0, *, temperature_c: float) -> LinearConversion:
         """Return the inverse from DN to luminance that follows from the stages, without any uncertainty of its own.

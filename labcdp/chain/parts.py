@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..core.disk import parse_toml
+from ..core.disk.toml_text import toml_text
 from ..core.errors import ConfigurationError, InputError
-from ..core.photometry import photon_radiance_per_cd_m2
-from ..core.toml_text import toml_text
+from ..core.spectral.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
 from .capture import SensorModel
-from .chain_file import parts_of_document
 from .consistency import require_consistent
-from .document import changed, scene_table, sensor_tables, settings_table, stage_table
 from .exposure import ExposureSettings
+from .file.document import changed, scene_table, sensor_tables, settings_table, stage_table
+from .file.parts_of_document import parts_of_document
 from .hdr.exposures import Hdr
 from .presets import chain_text
 from .scene.flat import Scene
@@ -35,7 +35,7 @@ class ChainParts:
     name, description : str
         What the chain is.
     spectrum : str
-        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.spectral.photometry.photon_radiance_per_cd_m2` takes it.
     scene : Scene
         What the camera looks at.
     before : tuple of (str, Stage)

@@ -19,6 +19,7 @@ from . import simulation
 from .bench import acquire, demo, devices, doctor, import_files, live, meter, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
 from .evaluate import characterise, compare, history, luminance, session, twin, verify
+from .groups import grouped
 from .pictures import image, image_map, rois, video, view
 from .start import info, init
 from .terminal import log_to_terminal, say
@@ -81,7 +82,7 @@ def _paragraphs(text: str | None) -> str:
 
 for _group, _members in _COMMANDS.items():
     for _name, _command in _members.items():
-        app.command(_name, help=_paragraphs(_command.__doc__), rich_help_panel=_group)(_command)
+        app.command(_name, help=_paragraphs(_command.__doc__), rich_help_panel=_group)(grouped(_command))
 
 #: Errors without a file name that come of writing the output.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

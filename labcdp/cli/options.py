@@ -39,15 +39,11 @@ CERTIFICATE_OPTION = typer.Option(
 METER_MODEL_OPTION = typer.Option(
     "LS-110", "--meter-model", help="Model of the meter; it cannot be read from the meter."
 )
-SIMULATED_OPTION = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices.")
 SIMULATED_BENCH_OPTION = typer.Option(
     None,
     "--simulated-bench",
     help="Use the simulated bench that this file describes; see labcdp init simulated-bench.",
     show_default="a Manta G-505B",
-)
-VIRTUAL_CLOCK_OPTION = typer.Option(
-    False, "--virtual-clock", help="With --simulated: use a virtual clock, without waiting."
 )
 #: Contrasts outside these limits, in percent, are refused as mistakes: luminance spans some 14 decades.
 _LEAST_PERCENT, _MOST_PERCENT = Decimal("0.000000001"), Decimal(1_000_000_000)

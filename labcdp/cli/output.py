@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from .terminal import JSON_OPTION, print_result, say
+
 if TYPE_CHECKING:
+    from ..core.result import Result
     from ..output import ResultsFolder
 
 #: Parameters of commands that name what is written.
@@ -30,6 +34,29 @@ def show_page(path: Path, wanted: bool) -> None:
 def output_option(shown: str) -> Any:
     """Return the option for the folder of results; `shown` is its default, for the help."""
     return typer.Option(None, "--output", "-o", help="New folder for the results.", show_default=shown)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Options of commands that write a folder of results with a page."""
+
+    output: Path | None = typer.Option(
+        None, "--output", "-o", help="New folder for the results.", show_default="INPUT-COMMAND"
+    )
+    force: bool = FORCE_OPTION
+    open_page: bool = OPEN_OPTION
+    as_json: bool = JSON_OPTION
+
+    def folder(self, context: typer.Context, source: str | Path, *, resume: bool = False) -> ResultsFolder:
+        """Return the folder of the results; see `results_folder`."""
+        return results_folder(context, source, self.output, self.force, resume=resume)
+
+    def show(self, result: Result, folder: ResultsFolder, page: str = "report.html", also: str = "") -> None:
+        """Print a result and where its page is, and open the page if that is wanted."""
+        print_result(result, self.as_json)
+        if not self.as_json:
+            say(f"Report: {folder.folder / page}{also}")
+        show_page(folder.folder / page, self.open_page and page.endswith(".html"))
 
 
 def results_folder(

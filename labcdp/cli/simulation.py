@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import typer
 
 from ..core.errors import InputError
 from .options import parse_changes
-from .output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
+from .output import Results
 from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
 if TYPE_CHECKING:
@@ -18,21 +19,39 @@ if TYPE_CHECKING:
     from ..core.result import InputFile, Result
 
 CHAIN_ARGUMENT = typer.Argument(help="Name of a preset (see labcdp presets), or chain file.")
-CONTRAST_OPTION = typer.Option(None, help="Contrast to detect, for example 100%; default: contrast of the scene.")
-EPSILON_OPTION = typer.Option("50%", help="Relative tolerance of the contrast.")
-EXACT_OPTION = typer.Option(
-    False,
-    "--exact",
-    help="Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and an "
-    "EMVA 1288 sensor.",
-)
-SEED_OPTION = typer.Option(0, help="Random seed of the noise.", min=0)
-SET_OPTION = typer.Option([], "--set", help="Set a parameter, for example exposure.exposure_s=0.01; may be repeated.")
+
+
+@dataclass(frozen=True)
+class ChainOptions:
+    """Options of simulations: what is changed in a chain, and what is computed."""
+
+    exact: bool = typer.Option(
+        False,
+        "--exact",
+        help="Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and "
+        "an EMVA 1288 sensor.",
+    )
+    contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%; default: that of the scene.")
+    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast.")
+    changes: list[str] = typer.Option(
+        [], "--set", help="Set a parameter, for example exposure.exposure_s=0.01; may be repeated."
+    )
+    seed: int = typer.Option(0, help="Random seed of the noise.", min=0)
+
+    def chain(self, name: str) -> Chain:
+        """Load a chain with the parameters that are set; raises InputError."""
+        from ..chain import Chain
+
+        return Chain.load(name).with_(**parse_changes(self.changes))
+
+    def asked(self) -> tuple[float | None, float]:
+        """Return contrast and tolerance as fractions; raises InputError."""
+        contrast = None if self.contrast is None else fraction_of_percent(self.contrast, "--contrast")
+        return contrast, fraction_of_percent(self.epsilon, "--epsilon")
 
 
 def presets(
-    name: str | None = typer.Argument(None, help="Preset to print; default: list all."),
-    as_json: bool = JSON_OPTION,
+    name: str | None = typer.Argument(None, help="Preset to print; default: list all."), as_json: bool = JSON_OPTION
 ) -> None:
     """List the imaging chains that ship with labcdp, or print one."""
     from ..chain import preset_text
@@ -45,60 +64,37 @@ def presets(
         say("Next: labcdp simulate NAME, or labcdp init chain my.toml --preset NAME to change one")
 
 
-def simulate(
-    context: typer.Context,
-    chain: str = CHAIN_ARGUMENT,
-    exact: bool = EXACT_OPTION,
-    output: Path | None = output_option("CHAIN-simulate"),
-    contrast: str | None = CONTRAST_OPTION,
-    epsilon: str = EPSILON_OPTION,
-    changes: list[str] = SET_OPTION,
-    seed: int = SEED_OPTION,
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
-) -> None:
+def simulate(context: typer.Context, options: ChainOptions, results: Results, chain: str = CHAIN_ARGUMENT) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
     from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
     from ..evaluate.sweep.simulation.report import write_simulation
     from ..evaluate.sweep.simulation.result import result
     from ..evaluate.sweep.simulation.run import evaluate_run
 
-    loaded = _chain(chain, changes)
-    asked, tolerance = _asked(contrast), fraction_of_percent(epsilon, "--epsilon")
-    with results_folder(context, chain, output, force) as results:
-        folder = results.folder
-        if exact:
-            found = predicted_result(loaded, asked, tolerance, _inputs(chain, loaded))
-            write_prediction(found, loaded, results)
+    loaded, asked = options.chain(chain), options.asked()
+    with results.folder(context, chain) as folder:
+        if options.exact:
+            found = predicted_result(loaded, *asked, _inputs(chain, loaded))
+            write_prediction(found, loaded, folder)
         else:
-            run = loaded.run(seed)
-            evaluation = evaluate_run(run, asked, tolerance)
+            run = loaded.run(options.seed)
+            evaluation = evaluate_run(run, *asked)
             found = result(evaluation, _inputs(chain, loaded))
-            write_simulation(found, evaluation, run, results)
-    print_result(found, as_json)
-    say(f"Report: {folder / 'report.html'}")
-    show_page(folder / "report.html", open_page)
+            write_simulation(found, evaluation, run, folder)
+    results.show(found, folder)
 
 
 def sweep(
     context: typer.Context,
+    options: ChainOptions,
+    results: Results,
     chain: str = CHAIN_ARGUMENT,
     over: list[str] = typer.Option(
         ...,
         help="Parameter and its values: NAME=a,b,c or NAME=START:STOP:COUNT[:log], for example "
         "scene.contrast=10%:100%:50; may be repeated.",
     ),
-    exact: bool = EXACT_OPTION,
     stage: str | None = typer.Option(None, help="Stage to evaluate, for example sensor or hdr; default: the last."),
-    output: Path | None = output_option("CHAIN-sweep"),
-    contrast: str | None = CONTRAST_OPTION,
-    epsilon: str = EPSILON_OPTION,
-    changes: list[str] = SET_OPTION,
-    seed: int = SEED_OPTION,
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Map the CDP over parameters of an imaging chain; resume an interrupted sweep.
 
@@ -112,29 +108,23 @@ def sweep(
     from ..evaluate.sweep.report.result import result
     from ..evaluate.sweep.run import run_sweep
 
-    loaded = _chain(chain, changes)
+    loaded = options.chain(chain)
     axes = tuple(parse_axis(text) for text in over)
-    wanted = Sweep(loaded, axes, exact, stage, _asked(contrast), fraction_of_percent(epsilon, "--epsilon"), seed)
-    with results_folder(context, chain, output, force) as results:
-        folder = results.folder
+    wanted = Sweep(loaded, axes, options.exact, stage, *options.asked(), options.seed)
+    with results.folder(context, chain) as folder:
         with progress_bars() as bars:
-            dataset = run_sweep(wanted, results, lambda done, total: bars.update("Cells", done, total))
+            dataset = run_sweep(wanted, folder, lambda done, total: bars.update("Cells", done, total))
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
         found = result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
-        write_map(found, dataset, analysis, results)
-    print_result(found, as_json)
-    say(f"Report: {folder / 'report.html'}")
-    show_page(folder / "report.html", open_page)
+        write_map(found, dataset, analysis, folder)
+    results.show(found, folder)
 
 
 def reproduce(
     context: typer.Context,
+    results: Results,
     what: str = typer.Argument(help="What to reproduce: thesis."),
     seeds: int = typer.Option(30, help="Number of random seeds.", min=5),
-    output: Path | None = output_option("thesis-reproduce"),
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Reproduce the published values of the 2018 thesis, with its physics and with corrected physics."""
     from ..evaluate.sweep.thesis.page import write_thesis
@@ -143,14 +133,11 @@ def reproduce(
 
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
-    with results_folder(context, what, output, force) as results:
-        folder = results.folder
+    with results.folder(context, what) as folder:
         with progress_bars() as bars:
             found = result(reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total)))
-        write_thesis(found, results)
-    print_result(found, as_json)
-    say(f"Report: {folder / 'report.html'}")
-    show_page(folder / "report.html", open_page)
+        write_thesis(found, folder)
+    results.show(found, folder)
 
 
 def _presets(name: str | None) -> Result:
@@ -169,14 +156,6 @@ def _presets(name: str | None) -> Result:
     )
 
 
-def _chain(name: str, changes: list[str]) -> Chain:
-    from ..chain import Chain
-
-    values = parse_changes(changes)
-    chain = Chain.load(name)
-    return chain.with_(**values) if values else chain
-
-
 def _inputs(name: str, chain: Chain) -> list[InputFile]:
     """Return the chain file, or the preset, and the picture that its scene reads."""
     from ..chain import ImageScene, preset_names, preset_text
@@ -187,7 +166,3 @@ def _inputs(name: str, chain: Chain) -> list[InputFile]:
     else:
         inputs = [InputFile.of("chain", name)]
     return inputs + ([InputFile.of("picture", chain.scene.path)] if isinstance(chain.scene, ImageScene) else [])
-
-
-def _asked(contrast: str | None) -> float | None:
-    return None if contrast is None else fraction_of_percent(contrast, "--contrast")

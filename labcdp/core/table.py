@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .errors import InputError
@@ -16,6 +17,8 @@ Z_95 = 1.959963984540054
 
 #: What a cell can hold; None and nan are shown as missing.
 Value: TypeAlias = str | int | float | bool | None
+#: How a value is taken of an item: by the path of an attribute, or a function.
+Taken: TypeAlias = str | Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ class Column:
         Whether values in seconds are shown in s, ms or µs, whichever is handy.
     unit_of : str
         Name of the column with the unit of each row, for tables of named quantities; rows in ``%`` hold fractions, too.
+    value : str or callable
+        For `Table.of_items`: attribute of an item, or a function of it, that is the value; empty for the attribute
+        `name`.
     """
 
     name: str
@@ -62,6 +68,7 @@ class Column:
     shown: bool = True
     time: bool = False
     unit_of: str = ""
+    value: Taken = ""
 
     @property
     def head(self) -> str:
@@ -73,20 +80,36 @@ class Column:
         return str(row[self.unit_of] or "") if self.unit_of else self.unit
 
 
-def uncertain(column: Column) -> tuple[Column, Column, Column]:
-    """Return a column that shows ``value ± U``, with its columns of U and u; `uncertain_values` fills them."""
+def uncertain(column: Column, u: Taken = "", expanded: Taken = "") -> tuple[Column, Column, Column]:
+    """Return a column that shows ``value ± U``, with its columns of U and u.
+
+    `uncertain_values` fills them in a table of rows, `u` and `expanded` (by default 1.96 u) in one of items.
+    """
     hidden = replace(column, digits=2, decimals=None, shown=False)
-    names = (("expanded", "U (95 %)", "Expanded uncertainty (95 %)"), ("u", "u", "Standard uncertainty"))
-    expanded, standard = (
-        replace(hidden, name=f"{name}_{column.name}", label=f"{symbol} of {column.label}", meaning=f"{what}.")
-        for name, symbol, what in names
+    names = (
+        ("expanded", "U (95 %)", "Expanded uncertainty (95 %)", expanded or (lambda item: _expanded(_taken(u, item)))),
+        ("u", "u", "Standard uncertainty", u),
     )
-    return replace(column, expanded=expanded.name), expanded, standard
+    of_u, standard = (
+        replace(
+            hidden, name=f"{name}_{column.name}", label=f"{symbol} of {column.label}", meaning=f"{what}.", value=value
+        )
+        for name, symbol, what, value in names
+    )
+    return replace(column, expanded=of_u.name), of_u, standard
+
+
+def _expanded(u: float | None) -> float | None:
+    return None if u is None else Z_95 * u
+
+
+def _taken(value: Taken, item: Any) -> Any:
+    return attrgetter(value)(item) if isinstance(value, str) else value(item)
 
 
 def uncertain_values(name: str, value: float | None, u: float | None) -> dict[str, float | None]:
     """Return value, U and u of a row, for the columns of `uncertain`."""
-    return {name: value, f"expanded_{name}": None if u is None else Z_95 * u, f"u_{name}": u}
+    return {name: value, f"expanded_{name}": _expanded(u), f"u_{name}": u}
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +163,29 @@ class Table:
         kept = list(rows)
         data = {column.name: [row.get(column.name) for row in kept] for column in columns}
         return cls(name, title, tuple(columns), data, note, detail=detail)
+
+    @classmethod
+    def of_facts(cls, name: str, title: str, facts: Iterable[tuple[str, str]], item: str = "item") -> Table:
+        """Make a table of named texts, without those that are empty."""
+        kept = [(label, text) for label, text in facts if text]
+        columns = (Column("item", item), Column("value", "value"))
+        data = {"item": [label for label, _ in kept], "value": [text for _, text in kept]}
+        return cls(name, title, columns, data, detail=True)
+
+    @classmethod
+    def of_items(
+        cls,
+        name: str,
+        title: str,
+        columns: Sequence[Column],
+        items: Iterable[Any],
+        note: str = "",
+        detail: bool = False,
+    ) -> Table:
+        """Make a table of items, one a row, whose values the columns take."""
+        kept = list(items)
+        data = {column.name: [_taken(column.value or column.name, item) for item in kept] for column in columns}
+        return cls(name, title, tuple(replace(one, value="") for one in columns), data, note, detail=detail)
 
     def __len__(self) -> int:
         return len(self.data[self.columns[0].name]) if self.columns else 0

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
 from .errors import InputError
-from .stored_array import EqualByContent, StoredArray, content_sha256, read_only
 
 #: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.
 MIDDLE_SHARE = 0.1

@@ -1,12 +1,12 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
 from .calibrated import CalibratedCdp, cdp_with_common_errors
+from .contrast import michelson_contrast, weber_contrast, weber_contrast_of_means
 from .correlation.cdp import cdp_correlated
 from .correlation.inflation import variance_inflation
 from .detection import cdp, cdp_range
 from .distribution import Distribution, Region
 from .interval import ContrastDefinition, DetectionInterval, Epsilon, contrast_range
-from .michelson import michelson_contrast
 from .neighbours.cdp import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
 from .planning import pixels_needed
 from .probability import DetectionProbability, Interval
@@ -14,7 +14,6 @@ from .quantile import contrast_quantile
 from .result import CdpResult, DetectionResult, NeighbourCdp
 from .signal_to_noise import Estimate, cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
 from .spread import ContrastDistribution, contrast_distribution, contrast_histogram
-from .weber import weber_contrast, weber_contrast_of_means
 
 __all__ = [
     "CalibratedCdp",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, isnan, nan, sqrt
-from typing import Any
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,10 @@ from ..core.errors import InputError
 from .detection import cdp_range
 from .distribution import numeric_array
 from .interval import ContrastDefinition, Epsilon
-from .result import CdpResult
+from .result import CdpResult, DetectionResult
 from .uncertainty import confidence_interval
 
+_Result = TypeVar("_Result", bound=DetectionResult)
 #: Relative errors of the pixels of two regions for one standard uncertainty of a common error.
 RegionErrors = tuple[ArrayLike, ArrayLike]
 #: Validated errors, of shape () or that of the pixels.
@@ -24,12 +25,12 @@ PairError = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
-class CalibratedCdp:
+class CalibratedCdp(Generic[_Result]):
     """CDP of calibrated luminances.
 
     Parameters
     ----------
-    result : CdpResult
+    result : CdpResult or NeighbourCdp
         CDP with its uncertainty by the finite number of pixels.
     calibration_standard_uncertainty : float
         Standard uncertainty of the CDP by the calibration.
@@ -37,9 +38,17 @@ class CalibratedCdp:
         95 % interval by both; (nan, nan) where there are too few pixels for a standard error.
     """
 
-    result: CdpResult
+    result: _Result
     calibration_standard_uncertainty: float
     confidence_interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, result: _Result, variance: float, n_pixels: float) -> Self:
+        """Add the variance by the calibration to a result of so many independent pixels."""
+        interval = (nan, nan)
+        if not isnan(result.standard_error):
+            interval = confidence_interval(result.cdp, result.standard_error**2 + variance, n_pixels)
+        return cls(result, sqrt(variance), interval)
 
     @property
     def standard_uncertainty(self) -> float:
@@ -55,7 +64,7 @@ def cdp_with_common_errors(
     errors: Sequence[RegionErrors] = (),
     *,
     definition: ContrastDefinition = "weber",
-) -> CalibratedCdp:
+) -> CalibratedCdp[CdpResult]:
     """Contrast detection probability between two regions of calibrated luminances, with calibration errors.
 
     Parameters
@@ -96,10 +105,7 @@ def cdp_with_common_errors(
             )
         ]
         variance += float(np.mean(np.square(changes)))
-    interval = (nan, nan)
-    if not isnan(base.standard_error):
-        interval = confidence_interval(base.cdp, base.standard_error**2 + variance, min(first.size, second.size))
-    return CalibratedCdp(base, sqrt(variance), interval)
+    return CalibratedCdp.of(base, variance, min(first.size, second.size))
 
 
 def _checked(error: ArrayLike, region: NDArray[Any], name: str) -> NDArray[np.float64]:

@@ -19,12 +19,7 @@ from .uncertainty import confidence_interval, unbiased_variance
 
 @overload
 def cdp(
-    bright: Region,
-    dark: Region,
-    contrast: float,
-    epsilon: Epsilon = ...,
-    *,
-    definition: ContrastDefinition = ...,
+    bright: Region, dark: Region, contrast: float, epsilon: Epsilon = ..., *, definition: ContrastDefinition = ...
 ) -> DetectionProbability[float]: ...
 @overload
 def cdp(

@@ -11,9 +11,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.computer.threads import each_in_thread
 from ..core.errors import InputError
 from .distribution import Distribution, Region, as_distribution, weighted_sum
-from .threads import each_in_thread
 
 #: A bright value this close to an end of the interval, relative to it, lies on the end. The end (factor times dark
 #: value) is known to three roundings, 3 * 2^-53, so no pair that lies on it in exact arithmetic is missed. No other

@@ -4,12 +4,4 @@ from .file import check_file, write_file
 from .file_list import LIST_FILE
 from .folder import Destination, ResultsFolder, open_results, write_files
 
-__all__ = [
-    "LIST_FILE",
-    "Destination",
-    "ResultsFolder",
-    "check_file",
-    "open_results",
-    "write_file",
-    "write_files",
-]
+__all__ = ["LIST_FILE", "Destination", "ResultsFolder", "check_file", "open_results", "write_file", "write_files"]

@@ -9,7 +9,8 @@ from pathlib import Path
 from ..core.disk import read_bytes
 from ..core.errors import InputError
 from ..output import write_file
-from .imagej import imagej_file, parse_imagej
+from .imagej import parse_imagej
+from .imagej_writing import imagej_file
 from .region_json import ImageSize, parse_regions, regions_json
 from .shapes import Shape, rois_of
 

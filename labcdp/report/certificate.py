@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from ..core.table import Table
-from .figures import ReportFigure
+from .figure import ReportFigure
 from .html import environment
 from .layout import Facts, State
 

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from ..core.result import Result
 from .envelope import envelope_json
-from .figures import ReportFigure
+from .figure import ReportFigure
 from .html import render_page
 from .layout import Page
 from .sheets import result_workbook

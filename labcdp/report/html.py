@@ -12,7 +12,7 @@ from ..core.finding import Finding, unique
 from ..core.table import Table
 from .cells import is_number, text_table
 from .digits import printable
-from .figures import ReportFigure
+from .figure import ReportFigure
 from .findings import finding_text
 from .layout import Block, Page, Script, Verbatim
 

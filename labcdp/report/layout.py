@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from ..core.finding import Finding
 from ..core.result import Result
 from ..core.table import Table
-from .figures import ReportFigure
+from .figure import ReportFigure
 
 #: Colour of an answer.
 State: TypeAlias = Literal["good", "bad", "open"]

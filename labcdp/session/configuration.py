@@ -11,9 +11,9 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from ..core.disk import parse_toml, read_toml
+from ..core.disk.toml_text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.roi import Roi
-from ..core.toml_text import toml_text
 from .bench_tables import (
     CameraConfiguration,
     Count,

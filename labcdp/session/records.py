@@ -24,6 +24,8 @@ ROLES: tuple[Role, ...] = get_args(Role)
 SUPERSEDED = "superseded"
 #: Kind of the event that says which exposures were found where the plan has none.
 EXPOSURES = "exposures"
+#: Kind of the event that says which simulated bench it is.
+SIMULATED_BENCH = "simulated bench"
 
 
 @dataclass(frozen=True)

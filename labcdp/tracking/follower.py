@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import dist, hypot, inf, isfinite
-
-import numpy as np
+from dataclasses import replace
+from math import dist, hypot, isfinite
 
 from ..core.finding import Finding, FindingValue, warning
 from ..core.roi import Roi
-from .align.alignment import Aligner, Fit
+from .align.alignment import Fit
 from .align.template import Template
 from .align.view import view_around
-from .geometry import Matrix, box_of, carried, inverse, local_scale, moved, scaling, shape_change, shift
+from .geometry import Matrix, carried, inverse, local_scale, shift
+from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks
+from .plausible import Shape
 from .scene import SceneNow
-from .search import candidates, look_at
 from .sight import Sight
 from .tracker import TrackedRoi
 
-#: Quality below which a region is lost, from which it is found again, and at which no other guess is tried.
-LOST_BELOW, FOUND_FROM, GOOD = 0.55, 0.8, 0.85
 #: Fall of the quality in one frame up to which a place near the expected one is believed.
 _STEADY = 0.08
-#: Lead in quality of a place far off over the next best one.
-_LEAD = 0.1
-#: Share of a region whose own pixels may differ before nothing is to be measured in it.
-COVERED_MOST = 0.05
 #: Share of its outline that may lose its edges at once: the edge to a neighbour stays if it vanishes.
 VANISHED_MOST = 0.62
 #: Where several places look the same: distance from the expected one, in parts of that to the next one, at which none
@@ -35,41 +28,16 @@ _SAME = "tracking-places-alike"
 #: Frames of its motion at most within which a thing that left the image comes back from where it left.
 _BACK_WITHIN = 3
 _LEFT = ("tracking-region-gone", "tracking-region-at-border")
-#: Share of the template that must lie in the image.
-_IN_IMAGE_LEAST = 0.4
-#: Largest change of size from frame to frame, and over all.
-_SIZE_STEP, _SIZE_LEAST, _SIZE_MOST = 1.25, 0.15, 8.0
-#: Largest change of its shape from frame to frame: stretched, turned (rad), tilted (perspective over half its size).
-_STRETCH_STEP, _TURN_STEP, _TILT_STEP = 1.1, 0.25, 0.05
-#: Pixels around the expected place that are looked at: in parts of the window, and at least.
-_REACH, _REACH_LEAST = 0.25, 12.0
+#: What a region that is found again may lack of its usual quality.
+_BELOW_USUAL = 0.1
 #: Share of the last step in the motion that is expected next.
 _LAST_STEP = 0.6
-#: What a region that is found again may lack of its usual quality, which is the mean over about so many frames.
-_BELOW_USUAL, _USUAL_OVER = 0.1, 10
 #: Usual quality below which a thing changes its looks, and quality from which it is found again.
 _CHANGES, _CERTAIN = 0.8, 0.92
 #: Quality that a place may lack which a region that moves along shows.
 _AS_GOOD = 0.1
-#: Places of the whole frame that are aligned.
-_PLACES = 5
 #: Most change of the light of a region that is found again elsewhere.
 _LIGHT_MOST = 1.6
-#: Lead in quality of the last confirmed look over the first one with which it is believed.
-_NEWER_LEAD = 0.1
-#: Quality of the first look below which the present one is remembered; frames without a sudden change that it takes.
-_LOOK_BELOW, _CHAIN_LEAST = 0.75, 2
-#: Share of a region's pixels that may change suddenly from frame to frame while its look is learned.
-_SUDDEN_MOST = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """A fit, by which look, and how well the first look fits."""
-
-    fit: Fit
-    aligner: Aligner
-    first: float
 
 
 class Follower:
@@ -81,31 +49,18 @@ class Follower:
 
     def __init__(self, sight: Sight, template: Template, scene: SceneNow, *, planar: bool) -> None:
         self._template, self._first = template, template.roi
-        self._aligner = Aligner(self._template, planar=planar)
-        self._recent: Aligner | None = None
         self._from_first = inverse(self._template.to_image)
-        height, width = self._template.shape
-        # Template pixels to coordinates of -1 to 1 along its longer side.
-        self._to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
         self._to_image = self._template.to_image
-        self._velocity = (0.0, 0.0)
-        self._light = (1.0, 0.0)
-        self._quality = 1.0
-        self._usual = 1.0
-        self._found: _Found | None = None
-        self._anchored, self._left = True, False
-        self._lost_for = 0
+        self._velocity, self._light, self._quality = (0.0, 0.0), (1.0, 0.0), 1.0
+        self._found: Found | None = None
+        self._left, self._lost_for = False, 0
         self._held: Matrix | None = None
         self._before: tuple[Matrix, tuple[float, float]] | None = None
         self._before_roi = template.roi
         self._result = TrackedRoi(template.roi, 1.0, False)
-        self._values = self._template.values
-        self._chain = 0
         self._rest = self._to_image, scene
-        self._patch = self._patch_box()
-        first = look_at(sight, self._to_image, self._patch)
-        self._looks = [] if first is None else [first]
-        self._repeat_px = self._alike_px(sight)
+        self._looks, self._shape = Looks(sight, template, planar=planar), Shape(template)
+        self._looks.find_repeats(sight, self._possible)
 
     @property
     def seen(self) -> bool:
@@ -129,7 +84,7 @@ class Follower:
         if self._before is None:
             return None
         to_image, velocity = self._before
-        (x, y), (u, v) = self._middle(self._to_image), self._middle(to_image)
+        (x, y), (u, v) = self._looks.middle(self._to_image), self._looks.middle(to_image)
         return (x - u, y - v), velocity
 
     def take_back(self, code: str) -> None:
@@ -144,7 +99,7 @@ class Follower:
         if scene.change == "blank":
             # What cannot be seen for a moment is not given up.
             self._result = TrackedRoi(self._result.roi, 0.0, True, (self._finding("tracking-frame-blank"),))
-            if isfinite(self._repeat_px):
+            if isfinite(self._looks.repeat_px):
                 self._lost_for += 1
             return
         if not self.seen:
@@ -160,7 +115,7 @@ class Follower:
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
             return
-        if min(self._off(found.fit, place) for place in expected) > _NEAR:
+        if min(self._looks.off(found.fit, place) for place in expected) > _NEAR:
             self._lose(self._finding(_SAME), found.fit.quality)
             return
         lost = found.aligner.vanished(found.fit)
@@ -179,13 +134,13 @@ class Follower:
             expected.insert(0, self._held)
         tried = [(place, found) for place in expected if (found := self._aligned(sight, place)) and self._again(found)]
         for place, found in tried:
-            near = dist(self._middle(found.fit.to_image), self._middle(place)) < self._reach(place)
+            near = dist(self._looks.middle(found.fit.to_image), self._looks.middle(place)) < self._looks.reach(place)
             certain = any(place is one for one in companions) or place is self._held or found.fit.quality >= GOOD
             if near and certain and self._sure(found, place, known=any(place is one for one in companions)):
                 self._again_from(sight, scene, found)
                 return
         everywhere = [found for found in self._everywhere(sight) if self._again(found)]
-        best = self._clear(everywhere)
+        best = self._looks.clear(everywhere)
         if best is None and not tried:
             self._held = None
             return
@@ -198,48 +153,50 @@ class Follower:
         else:
             self._held = found.fit.to_image
 
-    def _again_from(self, sight: Sight, scene: SceneNow, found: _Found) -> None:
+    def _again_from(self, sight: Sight, scene: SceneNow, found: Found) -> None:
         self._held = None
         self._velocity = (0.0, 0.0)
         self._to_image = found.fit.to_image
-        self._chain, self._anchored = 0, False
+        self._looks.begin_again()
         self._accept(sight, scene, found)
 
     def _held_at(self, fit: Fit) -> bool:
         """Whether it was seen near this place in the frame before."""
-        return self._held is not None and dist(self._middle(self._held), self._middle(fit.to_image)) < self._reach(
-            self._held
-        )
+        return self._held is not None and dist(
+            self._looks.middle(self._held), self._looks.middle(fit.to_image)
+        ) < self._looks.reach(self._held)
 
-    def _within(self, found: _Found) -> bool:
+    def _within(self, found: Found) -> bool:
         """Whether it can have got there meanwhile by its usual motion."""
-        moved = dist(self._middle(found.fit.to_image), self._middle(self._to_image))
+        moved = dist(self._looks.middle(found.fit.to_image), self._looks.middle(self._to_image))
         frames = min(self._lost_for, _BACK_WITHIN) if self._left else self._lost_for
-        return moved < self._reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
+        return moved < self._looks.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
 
     def _say_alike(self) -> None:
         if all(one.code != _SAME for one in self._result.reasons):
             self._result = replace(self._result, reasons=(*self._result.reasons, self._finding(_SAME)))
 
-    def _sure(self, found: _Found, expected: Matrix, *, known: bool) -> bool:
+    def _sure(self, found: Found, expected: Matrix, *, known: bool) -> bool:
         """Whether a place found after a loss can be no other one that looks the same."""
         if self._left and not known and not self._within(found):
             return False
-        off = self._off(found.fit, expected)
+        off = self._looks.off(found.fit, expected)
         if known or off == 0:
             return off < _NEAR
         speed = hypot(*self._velocity) + 1
-        scale = local_scale(expected, self._centre) * self._template.reduction
-        return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._repeat_px
+        scale = local_scale(expected, self._looks.centre) * self._template.reduction
+        return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._looks.repeat_px
 
     def _lit(self, fit: Fit) -> bool:
         """Whether its light is about the one it had."""
         return 1 / _LIGHT_MOST < fit.light[0] / self._light[0] < _LIGHT_MOST
 
-    def _again(self, found: _Found) -> bool:
+    def _again(self, found: Found) -> bool:
         """Whether a fit is good enough to take the region for found after a loss."""
         # What changes its looks is more easily taken for another thing.
-        need = min(max(self._usual - _BELOW_USUAL, FOUND_FROM), GOOD) if self._usual > _CHANGES else _CERTAIN
+        need = (
+            min(max(self._looks.usual - _BELOW_USUAL, FOUND_FROM), GOOD) if self._looks.usual > _CHANGES else _CERTAIN
+        )
         return found.fit.quality >= need and found.aligner.vanished(found.fit) <= VANISHED_MOST
 
     def _expected(self, scene: SceneNow) -> list[Matrix]:
@@ -248,16 +205,16 @@ class Follower:
         rest, then = self._rest
         if scene.motion is not None and then.motion is not None and scene.epoch == then.epoch:
             at_rest = scene.motion @ inverse(then.motion) @ rest
-            if dist(self._middle(at_rest), self._middle(places[0])) > 1:
+            if dist(self._looks.middle(at_rest), self._looks.middle(places[0])) > 1:
                 places.append(at_rest)
         return places
 
-    def _best(self, sight: Sight, expected: list[Matrix], scene: SceneNow) -> _Found | None:
+    def _best(self, sight: Sight, expected: list[Matrix], scene: SceneNow) -> Found | None:
         """Best alignment from the expected places, and if necessary from a search."""
-        best: _Found | None = None
+        best: Found | None = None
         for place in expected:
-            best = self._better(expected, best, self._aligned(sight, place))
-            if best is not None and best.fit.quality - self._off(best.fit, expected[0]) >= GOOD:
+            best = self._looks.better(expected, best, self._aligned(sight, place))
+            if best is not None and best.fit.quality - self._looks.off(best.fit, expected[0]) >= GOOD:
                 return best
         cut = scene.change == "cut"
         steady = best is not None and best.fit.quality >= max(self._quality - _STEADY, LOST_BELOW)
@@ -265,83 +222,28 @@ class Follower:
             return best
         others = [found for found in self._everywhere(sight) if self._again(found)]
         near = best if best is not None and not cut else None
-        clear = self._clear([*others, near] if near is not None else others)
+        clear = self._looks.clear([*others, near] if near is not None else others)
         if clear is not None and clear.fit.quality >= FOUND_FROM:
             return clear if clear is near or self._lit(clear.fit) else near
         if others or cut:
             return None
         return near
 
-    def _clear(self, found: list[_Found]) -> _Found | None:
-        """Choose the best of places in the whole frame; None if another one is nearly as good."""
-        ranked = sorted(found, key=lambda one: -one.fit.quality)
-        if not ranked:
-            return None
-        best = ranked[0]
-        middle, apart = self._middle(best.fit.to_image), self._reach(best.fit.to_image)
-        for other in ranked[1:]:
-            if dist(self._middle(other.fit.to_image), middle) > apart:
-                return best if best.fit.quality - other.fit.quality >= _LEAD else None
-        return best
+    def _aligned(self, sight: Sight, place: Matrix) -> Found | None:
+        return self._looks.aligned(sight, place, self._light, self._possible)
 
-    def _aligned(self, sight: Sight, place: Matrix) -> _Found | None:
-        """Fit near a place by the first look, or if that is not good by the last one."""
-        view = view_around(sight, self._template, place, self._reach(place))
-        if view is None:
-            return None
-        first = self._aligner.align(view, place, self._light)
-        if first is not None and not self._possible(first):
-            first = None
-        like_first = 0.0 if first is None or first.covered > COVERED_MOST else first.quality
-        if self._recent is not None and like_first < GOOD:
-            fit = self._recent.align(view, place, self._light)
-            like_now = 0.0 if fit is None or fit.covered > COVERED_MOST or not self._possible(fit) else fit.quality
-            if fit is not None and like_now > like_first + _NEWER_LEAD:
-                return _Found(fit, self._recent, like_first)
-        return None if first is None else _Found(first, self._aligner, like_first)
-
-    def _everywhere(self, sight: Sight) -> list[_Found]:
-        """Fits in the whole frame."""
-        scale = local_scale(self._to_image, self._centre)
-        looks = [(look, scale / local_scale(look.to_image, self._centre)) for look in self._looks]
-        found = (self._aligned(sight, place) for place in candidates(sight, looks, _PLACES))
-        return [one for one in found if one is not None]
-
-    def _better(self, expected: list[Matrix], best: _Found | None, other: _Found | None) -> _Found | None:
-        """Of two fits the better one, and of places that look the same the one nearer to the expected place."""
-        if other is None or best is None:
-            return best or other
-        gained = self._off(best.fit, expected[0]) - self._off(other.fit, expected[0])
-        return other if other.fit.quality + gained > best.fit.quality else best
-
-    def _off(self, fit: Fit, expected: Matrix) -> float:
-        """Distance of a fit from the `expected` place over that to the next place that looks the same."""
-        if not isfinite(self._repeat_px):
-            return 0.0
-        scale = local_scale(expected, self._centre) * self._template.reduction
-        return dist(self._middle(fit.to_image), self._middle(expected)) / (scale * self._repeat_px)
+    def _everywhere(self, sight: Sight) -> list[Found]:
+        return self._looks.everywhere(sight, self._to_image, self._light, self._possible)
 
     def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
-        if fit.in_image < _IN_IMAGE_LEAST:
-            return False
-        long, short, turned, tilted = shape_change(self._to_image, fit.to_image, self._to_centred)
-        size = (long * short) ** 0.5
-        frames = 1 + min(self._lost_for, 3)
-        over_all = local_scale(fit.to_image, self._centre) * self._template.reduction
-        return (
-            1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
-            and long < _STRETCH_STEP**frames * short
-            and abs(turned) < _TURN_STEP * frames
-            and tilted < _TILT_STEP * frames
-            and _SIZE_LEAST < over_all < _SIZE_MOST
-        )
+        return self._shape.allows(self._to_image, fit, 1 + min(self._lost_for, 3))
 
-    def _accept(self, sight: Sight, scene: SceneNow, found: _Found) -> None:
+    def _accept(self, sight: Sight, scene: SceneNow, found: Found) -> None:
         fit = found.fit
-        (x, y), (u, v) = self._middle(self._to_image), self._velocity
+        (x, y), (u, v) = self._looks.middle(self._to_image), self._velocity
         self._to_image = fit.to_image
-        here = self._middle(self._to_image)
+        here = self._looks.middle(self._to_image)
         self._velocity = (
             _LAST_STEP * (here[0] - x) + (1 - _LAST_STEP) * u,
             _LAST_STEP * (here[1] - y) + (1 - _LAST_STEP) * v,
@@ -354,9 +256,8 @@ class Follower:
         height, width = sight.shape
         x0, y0, x1, y1 = roi.bounds
         if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
-            self._result = TrackedRoi(
-                self._result.roi, fit.quality, True, (self._finding("tracking-region-at-border"),)
-            )
+            border = self._finding("tracking-region-at-border")
+            self._result = TrackedRoi(self._result.roi, fit.quality, True, (border,))
         elif fit.covered > COVERED_MOST:
             reason = self._finding("tracking-region-covered", covered_share=float(fit.covered))
             self._result = TrackedRoi(roi, fit.quality, True, (reason,))
@@ -365,67 +266,28 @@ class Follower:
 
     def off(self, motion: Matrix) -> float:
         """Pixels from where a `motion` since the first frame carries its middle to where it is."""
-        return dist(self._middle(motion @ self._template.to_image), self._middle(self._to_image))
+        return dist(self._looks.middle(motion @ self._template.to_image), self._looks.middle(self._to_image))
 
     def put_back(self, sight: Sight, scene: SceneNow, motion: Matrix) -> bool:
         """Put it where a `motion` since the first frame carries it, if it fits there about as well; whether it does."""
         if self._before is None or self._found is None:
             return False
         place = motion @ self._template.to_image
-        view = view_around(sight, self._template, place, self._reach(place))
+        view = view_around(sight, self._template, place, self._looks.reach(place))
         fit = None if view is None else self._found.aligner.judge(view, place, self._light)
         if fit is None or fit.quality < self._found.fit.quality - _AS_GOOD or not self._possible(fit):
             return False
         before = self._before
         self._to_image, self._velocity = before
-        self._accept(sight, scene, _Found(fit, self._found.aligner, fit.quality))
+        self._accept(sight, scene, Found(fit, self._found.aligner, fit.quality))
         self._before = before
         return True
 
     def learn(self, sight: Sight) -> None:
-        """Learn from what was found in this frame: what moves with the region, and how its look slowly changes."""
+        """Learn from what was found in this frame."""
         found, self._found = self._found, None
-        if found is None or not self.seen:
-            return
-        fit = found.fit
-        gain, offset = fit.light
-        values = (fit.values - np.float32(offset)) / np.float32(gain)
-        sudden = self._aligner.changed(self._values, values)
-        self._values = values
-        self._chain = self._chain + 1 if sudden <= _SUDDEN_MOST and fit.in_image == 1 else 0
-        if fit.covered > COVERED_MOST:
-            return
-        self._anchored = self._anchored or fit.quality >= GOOD
-        if not self._anchored:
-            return
-        if found.aligner is self._aligner:
-            self._usual += (fit.quality - self._usual) / _USUAL_OVER
-            self._aligner.learn(fit)
-        if fit.quality >= GOOD and self._chain > 0:
-            look = look_at(sight, fit.to_image, self._patch)
-            if look is not None:
-                self._looks = [*self._looks[:1], look]
-        if found.first < _LOOK_BELOW and self._chain >= _CHAIN_LEAST:
-            self._recent = self._aligner.relooked(values)
-            self._chain = 0
-
-    def _alike_px(self, sight: Sight) -> float:
-        """Distance in pixels to the nearest other place in the first frame that looks the same; infinite: none."""
-        here, nearest = self._middle(self._to_image), inf
-        left, top, right, bottom = box_of(
-            self._to_image, *(self._patch[2] - self._patch[0], self._patch[3] - self._patch[1])
-        )
-        apart_least = max(min(right - left, bottom - top) / 2, 4.0)
-        for found in self._everywhere(sight):
-            apart = dist(here, self._middle(found.fit.to_image))
-            if found.fit.quality >= FOUND_FROM and apart > apart_least:
-                nearest = min(nearest, apart)
-        return nearest
-
-    def _patch_box(self) -> tuple[float, float, float, float]:
-        """Box around the patch and its edge in template pixels."""
-        rows, columns = np.nonzero(self._template.trust == 1)
-        return float(columns.min()), float(rows.min()), float(columns.max() + 1), float(rows.max() + 1)
+        if found is not None and self.seen:
+            self._looks.learn(sight, found)
 
     def _finding(self, code: str, **values: FindingValue) -> Finding:
         return warning(code, self._first.name, **values)
@@ -436,15 +298,3 @@ class Follower:
         # Out of the image it went on one side, and comes back there.
         self._left = reason.code in _LEFT or any(one.code in _LEFT for one in self._result.reasons)
         self._result = TrackedRoi(self._result.roi if roi is None else roi, quality, True, (reason,))
-
-    @property
-    def _centre(self) -> tuple[float, float]:
-        height, width = self._template.shape
-        return width / 2, height / 2
-
-    def _middle(self, to_image: Matrix) -> tuple[float, float]:
-        return moved(to_image, *self._centre)
-
-    def _reach(self, to_image: Matrix) -> float:
-        size = max(self._template.shape) * local_scale(to_image, self._centre)
-        return max(_REACH * size, _REACH_LEAST)

@@ -9,8 +9,9 @@ from ..core.finding import Finding, FindingValue, warning
 from ..core.roi import Roi
 from .align.template import Template
 from .align.view import view_around
-from .follower import COVERED_MOST, GOOD, Follower
+from .follower import Follower
 from .geometry import Matrix, carried, inverse
+from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow
 from .sight import Sight
 from .tracker import TrackedRoi

@@ -30,6 +30,8 @@ def chains(folder: Path) -> xr.Dataset:
     assert run["sensor"].values.shape == (24, 32)
     chain.save(folder / "mine.toml")
     assert labcdp.Chain.load(str(folder / "mine.toml")) == chain
+    both: labcdp.Comparison = labcdp.compare(chain, folder / "mine.toml", scene__luminance_cd_m2=[1.0, 10.0])
+    assert both.answer == "there is no difference"
     result: xr.Dataset = chain.sweep(scene__luminance_cd_m2=np.geomspace(1, 100, 5), exact=True)
     usable: xr.Dataset = result.labcdp.usable_range(level=0.9)
     result.labcdp.save(folder / "map.nc")

@@ -41,7 +41,7 @@ def frame(chain: ImagingChain, dn: np.ndarray, exposure_s: float, gain_db: float
 
 def take(chain: ImagingChain, scene: np.ndarray | float, exposure_s: float, gain_db: float = 0.0) -> Frame:
     rate = chain.electron_rate(np.broadcast_to(np.float32(scene), chain.sensor.shape))
-    dn = chain.expose(rate, exposure_s, gain_db, temperature_c=TEMPERATURE_C, seed=4, exposure_index=0)
+    dn = chain.sensor.expose(rate, exposure_s, gain_db, temperature_c=TEMPERATURE_C, seed=4, exposure_index=0)
     return frame(chain, dn, exposure_s, gain_db)
 
 
@@ -87,15 +87,17 @@ def test_conversion_states_the_noise_of_each_pixel(chain: ImagingChain) -> None:
 def test_conversion_is_the_inverse_of_the_stages(chain: ImagingChain) -> None:
     chain = replace(chain, windscreen=Windscreen(0.9))
     dn = np.arange(240 * 320, dtype=np.uint16).reshape(240, 320) % 4095
-    rate = chain.sensor.electron_rate_from_dn(dn, 0.002, 3.0, temperature_c=TEMPERATURE_C)
-    behind = chain.optics.invert(chain.sensor.illuminance_lx(rate, "D65"), chain.sensor.pixel_pitch_m)
+    sensor = chain.sensor
+    electrons = (dn - float(sensor.black_level_dn)) / sensor.system_gain_dn_per_e(3.0)
+    rate = electrons / 0.002 - sensor.dark_current_at(TEMPERATURE_C)
+    behind = chain.optics.invert(rate / sensor.electrons_per_lx_s("D65"), sensor.pixel_pitch_m)
     luminance = behind / 0.9
     result = chain.conversion(3.0, temperature_c=TEMPERATURE_C).to_luminance(frame(chain, dn, 0.002, 3.0))
     np.testing.assert_allclose(result.luminance_cd_m2, luminance, rtol=1e-9, atol=1e-9)
 
 
 def test_lens_cap_gives_the_dark_signal_of_the_conversion(chain: ImagingChain) -> None:
-    dn = chain.expose(0.0, 0.5, temperature_c=TEMPERATURE_C, seed=0, exposure_index=0)
+    dn = chain.sensor.expose(0.0, 0.5, temperature_c=TEMPERATURE_C, seed=0, exposure_index=0)
     conversion = chain.conversion(temperature_c=TEMPERATURE_C)
     sensor = chain.sensor
     dark_e = 0.5 * sensor.dark_current_at(TEMPERATURE_C)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from labcdp.chain import Chain, Checkerboard, ImageScene, preset_names, preset_text
 from labcdp.chain.predict.chain import predict_chain
+from labcdp.core.disk.toml_text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.core.toml_text import toml_text
 from labcdp.evaluate.sweep.axis import Axis
 from labcdp.evaluate.sweep.plan import Sweep
 from labcdp.evaluate.sweep.run import run_sweep

@@ -39,7 +39,7 @@ def test_light_has_its_shot_noise_once_behind_all_stages(
     # Columns of 1 and 4 cd/m^2, 2.5 on average; so far behind the lens there is no fall-off.
     chain = ImagingChain("monochromatic 555 nm", windscreen, replace(optics, focal_length_m=2.0), sensor)
     scene = np.broadcast_to(np.where(np.arange(sensor.width) % 2, 4.0, 1.0), sensor.shape)
-    dn = chain.expose(chain.electron_rate(scene), 1.0, temperature_c=TEMPERATURE_C, seed=0, exposure_index=0)
+    dn = chain.sensor.expose(chain.electron_rate(scene), 1.0, temperature_c=TEMPERATURE_C, seed=0, exposure_index=0)
     electrons_per_cd_m2 = optics.axial_illuminance_per_cd_m2 * sensor.electrons_per_lx_s("monochromatic 555 nm")
     mean_e = transmittance * (scene + glare_cd_m2) * electrons_per_cd_m2
     # The square of a Poisson count's deviation has the mean m and the variance 2 m^2 + m.

@@ -49,7 +49,7 @@ def test_thesis_preset_becomes_correct_physics_as_its_comment_says() -> None:
     tables = text.replace('type = "thesis-2018"', "").split("[sensor]")
     sensor = preset_text("manta-g505").split("[sensor]")[1]
     lines = [line for line in sensor.splitlines() if not line.startswith(("width", "height"))]
-    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "mended")
+    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "completed")
     assert isinstance(chain.sensors[0][1], Sensor)
     assert chain.sensors[0][1].shape == (420, 301)
 
@@ -63,7 +63,7 @@ def test_manta_is_the_camera_of_the_data_sheet() -> None:
 def test_unknown_preset_is_refused_with_a_hint_or_the_names() -> None:
     with pytest.raises(ConfigurationError, match=r"^there is no preset 'thesis2018': did you mean thesis-2018\?$"):
         Chain.load("thesis2018")
-    names = "manta-g505, thesis-2018, thesis-second-sensor"
+    names = ", ".join(preset_names())
     with pytest.raises(ConfigurationError, match=rf"^there is no preset 'x': give a .toml file, or one of {names}$"):
         preset_text("x")
 

@@ -124,22 +124,6 @@ def test_seed_and_index_fix_the_noise(sensor: Sensor) -> None:
         assert np.corrcoef(first.ravel(), other.ravel())[0, 1] == pytest.approx(0, abs=5 / sqrt(N))
 
 
-def test_electron_rate_from_dn_inverts_an_exposure(sensor: Sensor) -> None:
-    device = replace(sensor, k_dn_per_e=0.4, black_level_dn=30.0, dark_current_e_s=200.0, read_noise_e=5.0)
-    options = {"temperature_c": 33.0}
-    dn = device.expose(40_000.0, 0.05, 6.0, seed=0, exposure_index=0, **options)
-    rate = device.electron_rate_from_dn(dn, 0.05, 6.0, **options)
-    k = 0.4 * 10**0.3
-    sigma = sqrt(2000 + 20 + 25 + 1 / 12 / k**2) / 0.05
-    assert rate.mean() == pytest.approx(40_000, abs=5 * sigma / sqrt(N))
-
-
-def test_illuminance_inverts_the_electron_rate(sensor: Sensor) -> None:
-    illuminance = np.array([[0.0, 1.0], [20.0, 3e4]])
-    rate = sensor.electron_rate(illuminance, "LED-B4")
-    np.testing.assert_allclose(sensor.illuminance_lx(rate, "LED-B4"), illuminance, rtol=1e-12)
-
-
 def test_saturation_is_the_converters_end_if_the_well_is_larger(sensor: Sensor) -> None:
     assert replace(sensor, bits=12).saturation_dn() == 4095
 

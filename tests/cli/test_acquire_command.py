@@ -99,7 +99,7 @@ def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs(labcdp
     assert [row["value"] for row in tables["recorded"]["rows"]] == [4, 2]
     assert tables["left"]["rows"] == []
     assert "Resuming own" in done.stderr
-    # Simulated time goes on after that of the first run.
+    # Simulated time continues after that of the first run.
     with Session.open(tmp_path / "own") as session:
         times = [record.time for record in session.records]
     assert times == sorted(times)

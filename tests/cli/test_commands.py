@@ -17,7 +17,7 @@ import typer
 from labcdp.cli.app import app
 from labcdp.cli.ending import unwinding
 from labcdp.cli.terminal import log_to_terminal
-from labcdp.core.photometry import spectral_weights
+from labcdp.core.spectral.photometry import spectral_weights
 from labcdp.session import Session
 
 from .conftest import results_of
@@ -38,7 +38,7 @@ COMMANDS = (
         "calibrate",
     ),
     *("evaluate", "luminance", "verify", "history", "characterise", "twin", "compare"),
-    *("view", "rois", "image", "image-map", "video"),
+    *("rois", "image", "image-map", "view", "video"),
     *("presets", "simulate", "sweep", "reproduce"),
 )
 

@@ -31,7 +31,7 @@ print(json.dumps([repr(found), repr(summed(values, *found))]))
 """
 FORGETS = """
 import sys; sys.path.insert(0, sys.argv[1])
-from labcdp.core.compiled import compiled
+from labcdp.core.computer.compiled import compiled
 import some_kernel
 print(compiled(some_kernel.one)(1))
 """

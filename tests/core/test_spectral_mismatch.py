@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.core.photometry import spectral_weights
 from labcdp.core.spectral.mismatch import (
     f1_prime,
     least_f1_prime,
@@ -16,6 +15,7 @@ from labcdp.core.spectral.mismatch import (
     mismatch_findings,
     weighted_sum,
 )
+from labcdp.core.spectral.photometry import spectral_weights
 from labcdp.core.spectral.table import SpectralTable, read_spectral_file
 
 NM, _, V = spectral_weights("E")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.gige.genicam import standard_features
 
 
 class Ramp:
@@ -27,6 +28,15 @@ class Ramp:
 
 
 SMALL = SimulatedDevice("SIM-1", width=64, height=48, black_level_dn=7, temperature_c=31.5, frame_rate_hz=50)
+
+
+def features(*without, **changed):
+    """The features of the simulated camera without some, and with other properties or more of them."""
+    table = {
+        category: {name: changed.pop(name, values) for name, values in of_category.items() if name not in without}
+        for category, of_category in standard_features().items()
+    }
+    return table | {"AnalogControl": table["AnalogControl"] | changed}
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """What a person gave counts before what a file says; what cannot count is named."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from labcdp.cli.pictures.picture_options import picture_options
+from labcdp.cli.pictures.picture_options import PictureLightOptions
 from labcdp.core.errors import InputError
 from labcdp.core.finding import warning
 from labcdp.evaluate.picture.light.picture import picture_conversion
@@ -27,8 +27,8 @@ def codes(source):
 
 def given(options=None, **changes):
     """Options as the commands make them of what was typed."""
-    nothing = dict.fromkeys(("exposure", "gain_db", "bit_depth", "pixel_format", "size"))
-    return picture_options(options or PictureOptions(), **nothing | changes)
+    nothing = dict.fromkeys(one.name for one in fields(PictureLightOptions))
+    return PictureLightOptions(**nothing | changes).over(options or PictureOptions())
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import labcdp.metrics
 
-PAGE = (Path(__file__).parents[2] / "docs" / "metrics.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "metrics.md").read_text()
 
 
 def test_examples_print_what_is_next_to_them():

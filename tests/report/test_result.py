@@ -17,7 +17,7 @@ from labcdp.core.result import InputFile, Result
 from labcdp.core.table import Column, Table, uncertain, uncertain_values
 from labcdp.report.cells import text_table
 from labcdp.report.envelope import envelope, envelope_json, schema
-from labcdp.report.figures import ReportFigure
+from labcdp.report.figure import ReportFigure
 from labcdp.report.findings import templates
 from labcdp.report.html import render_page
 from labcdp.report.layout import Card, Facts, Page, Section

@@ -51,7 +51,7 @@ class WrongNumberError(Exception):
 
 def _chain(_: Path, file: Path) -> Any:
     from labcdp.chain import Chain
-    from labcdp.core.toml_text import toml_text
+    from labcdp.core.disk.toml_text import toml_text
 
     chain = Chain.load(file)
     given = tomllib.loads(file.read_text())

@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ....core.clock import Clock
-from .commands import Drift
+from .commands import Command
 
 
 @dataclass(frozen=True)
 class _Begun:
     """A drift and its start time on the clock."""
 
-    drift: Drift
+    drift: Command
     at_s: float
 
     def change(self, now_s: float) -> float:
         """Return the current amount of the change."""
-        duration_s = self.drift.duration_s
-        return self.drift.change * (1.0 if duration_s == 0 else min(1.0, max(0.0, (now_s - self.at_s) / duration_s)))
+        duration_s = self.drift.duration_s or 0.0
+        return self.drift.number * (1.0 if duration_s == 0 else min(1.0, max(0.0, (now_s - self.at_s) / duration_s)))
 
 
 class Drifts:
@@ -38,7 +38,7 @@ class Drifts:
         self._temperature_c = temperature_c
         self._begun: tuple[_Begun, ...] = ()
 
-    def begin(self, drift: Drift) -> None:
+    def begin(self, drift: Command) -> None:
         """Start a drift now, in addition to existing ones."""
         self._begun = (*self._begun, _Begun(drift, self._clock.monotonic_s()))
 
@@ -60,4 +60,4 @@ class Drifts:
 
     def _changes(self, quantity: Literal["temperature", "light"]) -> list[float]:
         now_s = self._clock.monotonic_s()
-        return [begun.change(now_s) for begun in self._begun if begun.drift.quantity == quantity]
+        return [begun.change(now_s) for begun in self._begun if begun.drift.kind == quantity]

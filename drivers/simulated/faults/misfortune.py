@@ -7,17 +7,7 @@ import threading
 from ....core.clock import Clock
 from ..meter.meter import SimulatedLS
 from ..meter.replies import Fault, FaultyMeter
-from .commands import (
-    CameraFault,
-    Command,
-    Drift,
-    MeterRemote,
-    MeterReplyFault,
-    MeterUnit,
-    MeterUnplug,
-    Recover,
-    Scheduled,
-)
+from .commands import Command, Scheduled
 from .drift import Drifts
 from .schedule import Timers
 from .trouble import CameraTrouble, TroubledCamera
@@ -46,8 +36,7 @@ class Misfortune:
         self._timers = Timers(clock)
         # Faults come from the timer thread and from the thread of user input.
         self._lock = threading.RLock()
-        self._lasting: dict[str, CameraFault] = {}
-        self._pulled: MeterUnplug | None = None
+        self._lasting: dict[str, Command] = {}
         self._cameras: list[TroubledCamera] = []
         self._meters: list[FaultyMeter] = []
         self._engines: list[SimulatedLS] = []
@@ -80,40 +69,46 @@ class Misfortune:
         CameraError
             If the fault cannot be applied.
         """
+        kind = command.kind
         with self._lock:
-            match command:
-                case CameraFault():
-                    self._lasting = {**self._lasting, command.kind: command}
-                    self._set_faults()
-                    if command.duration_s is not None:
-                        self._timers.call_in(command.duration_s, lambda: self._end(command))
-                case Drift():
-                    self._drifts.begin(command)
-                    self._follow_until(self._clock.monotonic_s() + command.duration_s)
-                case Recover():
-                    self._lasting = {}
-                    self._set_faults()
-                    self._set_remote(True)
-                    self._plug_in()
-                    for meter in self._meters:
-                        meter.recover()
-                case MeterUnplug():
-                    self._unplug(command)
-                case MeterRemote():
-                    self._set_remote(command.remote)
-                case MeterUnit():
-                    for engine in self._engines:
-                        engine.unit = command.unit
-                case MeterReplyFault():
-                    fault = self._reply_fault(command)
-                    for meter in self._meters:
-                        meter.inject(fault)
+            if kind in ("temperature", "light"):
+                self._drifts.begin(command)
+                self._follow_until(self._clock.monotonic_s() + (command.duration_s or 0.0))
+            elif kind == "recover":
+                self._lasting = {}
+                self._set_faults()
+                self._set_remote(True)
+                for meter in self._meters:
+                    meter.recover()
+            elif kind in ("meter drop", "meter remote"):
+                self._set_remote(kind == "meter remote")
+            elif kind == "meter unit":
+                for engine in self._engines:
+                    engine.unit = "fL" if command.value == "fL" else "cd/m2"
+            elif kind in ("meter", "meter truncate", "meter delay", "meter garble"):
+                fault = self._reply_fault(command)
+                for meter in self._meters:
+                    meter.inject(fault)
+            else:
+                self._begin(command)
+
+    def _begin(self, fault: Command) -> None:
+        """Begin a fault that lasts, of the camera or the meter's cable."""
+        self._lasting = {**self._lasting, fault.kind: fault}
+        self._set_faults()
+        if fault.duration_s is not None:
+            self._timers.call_in(fault.duration_s, lambda: self._end(fault))
 
     def _set_faults(self) -> None:
         for camera in self._cameras:
             camera.set_faults(_trouble(self._lasting))
+        for meter in self._meters:
+            if "meter unplug" in self._lasting:
+                meter.unplug()
+            else:
+                meter.plug_in()
 
-    def _end(self, fault: CameraFault) -> None:
+    def _end(self, fault: Command) -> None:
         """End a fault, unless another of its kind has replaced it."""
         with self._lock:
             if self._lasting.get(fault.kind) is fault:
@@ -131,36 +126,21 @@ class Misfortune:
         for engine in self._engines:
             engine.remote = remote
 
-    def _unplug(self, command: MeterUnplug) -> None:
-        self._pulled = command
-        for meter in self._meters:
-            meter.unplug()
-        if command.duration_s is not None:
-            self._timers.call_in(command.duration_s, lambda: self._plug_in(command))
-
-    def _plug_in(self, pulled: MeterUnplug | None = None) -> None:
-        """Reconnect the cable, unless it was pulled again since."""
-        with self._lock:
-            if pulled is None or self._pulled is pulled:
-                for meter in self._meters:
-                    meter.plug_in()
-
-    def _reply_fault(self, command: MeterReplyFault) -> Fault:
+    def _reply_fault(self, command: Command) -> Fault:
         match command.kind:
-            case "code":
-                return Fault(reply=f"{command.code}\r\n".encode("ascii"))
-            case "truncate":
-                return Fault(n_bytes=command.n_bytes)
-            case "delay":
-                return Fault(delay_s=command.delay_s)
-            case "garble":
+            case "meter truncate":
+                return Fault(n_bytes=int(command.number))
+            case "meter delay":
+                return Fault(delay_s=command.duration_s or 0.0)
+            case "meter garble":
                 self._garbage_seed += 1
                 return Fault.garbled(self._garbage_seed)
+        return Fault(reply=f"{command.value}\r\n".encode("ascii"))
 
 
-def _trouble(lasting: dict[str, CameraFault]) -> CameraTrouble:
+def _trouble(lasting: dict[str, Command]) -> CameraTrouble:
     return CameraTrouble(
-        loss=lasting["lose"].share if "lose" in lasting else 0.0,
+        loss=lasting["lose"].number if "lose" in lasting else 0.0,
         frozen="freeze" in lasting,
         stalled="stall" in lasting,
         gone="vanish" in lasting,

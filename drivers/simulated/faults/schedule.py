@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from heapq import heappop, heappush
-from itertools import count
 
 from ....core.clock import Clock, SimulatedClock
 
@@ -18,8 +16,8 @@ Action = Callable[[], None]
 class Timers:
     """Actions at given times of a clock.
 
-    On a `SimulatedClock` an action runs inside the `sleep` that passes its time. On another clock one thread runs them
-    in turn; it starts with the first and ends with the last of them, or with `close`.
+    On a `SimulatedClock` an action runs inside the `sleep` that passes its time, on another clock in a thread of its
+    own, which ends with `close` at the latest. One that is due runs at once.
 
     Parameters
     ----------
@@ -29,49 +27,28 @@ class Timers:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._pending: list[tuple[float, int, Action]] = []
-        self._order = count()
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
+        self._waiting: list[threading.Timer] = []
         self._closed = False
 
     def call_in(self, delay_s: float, action: Action) -> None:
         """Run an action after a number of seconds, unless closed before; its exceptions are logged."""
-        at_s = self._clock.monotonic_s() + delay_s
-        if isinstance(self._clock, SimulatedClock):
-            self._clock.call_at(at_s, lambda: self._do(action))
-            return
-        with self._changed:
-            heappush(self._pending, (at_s, next(self._order), action))
-            if self._thread is None and not self._closed:
-                self._thread = threading.Thread(target=self._run, name="faults of the simulated bench", daemon=True)
-                self._thread.start()
-            self._changed.notify()
+        if delay_s <= 0:
+            self._do(action)
+        elif isinstance(self._clock, SimulatedClock):
+            self._clock.call_at(self._clock.monotonic_s() + delay_s, lambda: self._do(action))
+        elif not self._closed:
+            timer = threading.Timer(delay_s, self._do, [action])
+            timer.daemon = True
+            self._waiting = [*(one for one in self._waiting if one.is_alive()), timer]
+            timer.start()
 
     def close(self) -> None:
         """Cancel all pending actions; may be called twice."""
-        with self._changed:
-            self._closed = True
-            self._pending.clear()
-            thread = self._thread
-            self._changed.notify()
-        if thread is not None and thread is not threading.current_thread():
-            thread.join()
-
-    def _run(self) -> None:
-        while (action := self._next()) is not None:
-            self._do(action)
-
-    def _next(self) -> Action | None:
-        """Wait for the next action; None if there is none left."""
-        with self._changed:
-            while self._pending:
-                wait_s = self._pending[0][0] - self._clock.monotonic_s()
-                if wait_s <= 0:
-                    return heappop(self._pending)[2]
-                self._changed.wait(wait_s)
-            self._thread = None
-            return None
+        self._closed = True
+        for timer in self._waiting:
+            timer.cancel()
+            if timer is not threading.current_thread():
+                timer.join()
 
     def _do(self, action: Action) -> None:
         if self._closed:

@@ -9,54 +9,13 @@ from typing import Final
 
 from ....core.disk.quoting import MOST_QUOTED, quoted
 from ....core.errors import ConfigurationError
-from .commands import (
-    CameraFault,
-    CameraFaultKind,
-    Command,
-    Drift,
-    MeterRemote,
-    MeterReplyFault,
-    MeterUnit,
-    MeterUnplug,
-    Recover,
-    Scheduled,
-)
+from .commands import Command, Scheduled
 
 _SECONDS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
 _NUMBER: Final = r"[0-9]{1,9}(?:\.[0-9]{1,12})?"
-_TIME: Final = rf"({_NUMBER}) ?(ms|s|min|h)"
+_TIME: Final = rf"(?P<time>{_NUMBER}) ?(?P<time_unit>ms|s|min|h)"
 _LASTS: Final = rf"(?: for {_TIME})?"
 _WITHIN: Final = rf"(?: in {_TIME})?"
-
-
-def _seconds(value: str | None, unit: str | None) -> float | None:
-    return None if value is None or unit is None else float(value) * _SECONDS[unit]
-
-
-def _lose(match: re.Match[str]) -> Command:
-    percent = float(match[1])
-    if percent > 100:
-        raise ValueError(f"{percent:g}% is more than all packets")
-    return CameraFault("lose", _seconds(match[2], match[3]), percent / 100)
-
-
-def _lasting(kind: CameraFaultKind) -> Callable[[re.Match[str]], Command]:
-    return lambda match: CameraFault(kind, _seconds(match[1], match[2]))
-
-
-def _light(match: re.Match[str]) -> Command:
-    change = float(match[1]) / 100
-    if change < -1:
-        raise ValueError(f"{100 * change:g}% leaves no light")
-    return Drift("light", change, _seconds(match[2], match[3]) or 0.0)
-
-
-def _temperature(match: re.Match[str]) -> Command:
-    change_c = float(match[1])
-    if abs(change_c) > _LARGEST_CHANGE_C:
-        raise ValueError(f"{change_c:g} C is out of range (at most {_LARGEST_CHANGE_C} C)")
-    return Drift("temperature", change_c, _seconds(match[2], match[3]) or 0.0)
-
 
 #: The register of the temperature reaches from -40 to 125 degrees Celsius.
 _LARGEST_CHANGE_C: Final = 80
@@ -64,36 +23,48 @@ _LARGEST_CHANGE_C: Final = 80
 #: The error codes of the meter's manual.
 METER_CODES: Final = ("ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
 
-#: Patterns of commands, their parsers, and an example of each.
-_RULES: Final[tuple[tuple[str, Callable[[re.Match[str]], Command], str], ...]] = (
-    (rf"lose ({_NUMBER}) ?%{_LASTS}", _lose, "lose 5% for 20 s"),
-    (rf"freeze{_LASTS}", _lasting("freeze"), "freeze for 3 s"),
-    (rf"stall{_LASTS}", _lasting("stall"), "stall for 3 s"),
-    (rf"vanish{_LASTS}", _lasting("vanish"), "vanish for 5 s"),
-    (rf"wrong ids{_LASTS}", _lasting("wrong ids"), "wrong ids for 2 s"),
-    (rf"wrong size{_LASTS}", _lasting("wrong size"), "wrong size for 2 s"),
-    (rf"second controller{_LASTS}", _lasting("second controller"), "second controller for 4 s"),
-    (rf"temperature ([+-]{_NUMBER}) ?c{_WITHIN}", _temperature, "temperature +8 C in 10 min"),
-    (rf"light ([+-]{_NUMBER}) ?%{_WITHIN}", _light, "light -5% in 1 h"),
-    (rf"meter ({'|'.join(METER_CODES).lower()})", lambda m: MeterReplyFault("code", m[1].upper()), "meter ER10"),
-    (r"meter truncate ([0-9]{1,2})", lambda m: MeterReplyFault("truncate", n_bytes=int(m[1])), "meter truncate 7"),
-    (
-        rf"meter delay {_TIME}",
-        lambda m: MeterReplyFault("delay", delay_s=_seconds(m[1], m[2]) or 0.0),
-        "meter delay 3 s",
-    ),
-    (r"meter garble", lambda _: MeterReplyFault("garble"), "meter garble"),
-    (r"meter unit (fl|cd/m2)", lambda m: MeterUnit("fL" if m[1] == "fl" else "cd/m2"), "meter unit fL"),
-    (r"meter drop", lambda _: MeterRemote(False), "meter drop"),
-    (r"meter remote", lambda _: MeterRemote(True), "meter remote"),
-    (rf"meter unplug{_LASTS}", lambda m: MeterUnplug(_seconds(m[1], m[2])), "meter unplug for 2 s"),
-    (r"recover", lambda _: Recover(), "recover"),
+
+def _share(text: str) -> float:
+    if float(text) > 100:
+        raise ValueError(f"{float(text):g}% is more than all packets")
+    return float(text) / 100
+
+
+def _light(text: str) -> float:
+    if float(text) < -100:
+        raise ValueError(f"{float(text):g}% leaves no light")
+    return float(text) / 100
+
+
+def _change_c(text: str) -> float:
+    if abs(float(text)) > _LARGEST_CHANGE_C:
+        raise ValueError(f"{float(text):g} C is out of range (at most {_LARGEST_CHANGE_C} C)")
+    return float(text)
+
+
+#: Kind of a command, the pattern of what follows it, how its value is read, and an example.
+_RULES: Final[tuple[tuple[str, str, Callable[[str], float | str], str], ...]] = (
+    ("lose", rf" (?P<value>{_NUMBER}) ?%{_LASTS}", _share, "lose 5% for 20 s"),
+    *((kind, _LASTS, float, f"{kind} for 3 s") for kind in ("freeze", "stall")),
+    ("vanish", _LASTS, float, "vanish for 5 s"),
+    *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size")),
+    ("second controller", _LASTS, float, "second controller for 4 s"),
+    ("temperature", rf" (?P<value>[+-]{_NUMBER}) ?c{_WITHIN}", _change_c, "temperature +8 C in 10 min"),
+    ("light", rf" (?P<value>[+-]{_NUMBER}) ?%{_WITHIN}", _light, "light -5% in 1 h"),
+    ("meter", rf" (?P<value>{'|'.join(METER_CODES).lower()})", str.upper, "meter ER10"),
+    ("meter truncate", " (?P<value>[0-9]{1,2})", int, "meter truncate 7"),
+    ("meter delay", f" {_TIME}", float, "meter delay 3 s"),
+    ("meter garble", "", float, "meter garble"),
+    ("meter unit", " (?P<value>fl|cd/m2)", lambda text: "fL" if text == "fl" else text, "meter unit fL"),
+    *((kind, "", float, kind) for kind in ("meter drop", "meter remote")),
+    ("meter unplug", _LASTS, float, "meter unplug for 2 s"),
+    ("recover", "", float, "recover"),
 )
 
 #: An example of each command.
-EXAMPLES: Final = tuple(example for _, _, example in _RULES)
+EXAMPLES: Final = tuple(example for *_, example in _RULES)
 
-_AT: Final = re.compile(rf"at {_TIME} (.*)")
+_AT: Final = re.compile(rf"at {_TIME} (?P<command>.*)")
 
 
 def parse_command(text: str) -> Command:
@@ -105,10 +76,11 @@ def parse_command(text: str) -> Command:
         If it is invalid; the message gives an example of the closest command.
     """
     words = " ".join(text.lower().split())
-    for pattern, understood, example in _RULES:
-        if match := re.fullmatch(pattern, words, re.ASCII):
+    for kind, pattern, value, example in _RULES:
+        if match := re.fullmatch(kind + pattern, words, re.ASCII):
+            found = match.groupdict()
             try:
-                return understood(match)
+                return Command(kind, value(found.get("value") or "0"), _seconds(match))
             except ValueError as error:
                 raise ConfigurationError(f"{quoted(text.strip())}: {error}: write for example {example!r}") from None
     raise ConfigurationError(f"{quoted(text.strip())} is not a known fault: write for example {_nearest(words)!r}")
@@ -155,7 +127,12 @@ def _scheduled(words: str) -> Scheduled:
         raise ConfigurationError(
             f"{quoted(words)} has no time after 'at': write for example 'at 10 s lose 5% for 20 s'"
         )
-    return Scheduled(_seconds(match[1], match[2]) or 0.0, parse_command(match[3]))
+    return Scheduled(_seconds(match) or 0.0, parse_command(match["command"]))
+
+
+def _seconds(match: re.Match[str]) -> float | None:
+    found = match.groupdict()
+    return None if found.get("time") is None else float(found["time"]) * _SECONDS[found["time_unit"]]
 
 
 def _nearest(words: str) -> str:

@@ -16,16 +16,16 @@ from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, Final
 
-from ...aravis.gvcp import GVCP_PORT
+from ...aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
 from ...aravis.library import aravis
 from ...camera import CameraError
 from ...device import Device
 from ..faults.trouble import NO_TROUBLE, CameraTrouble
-from .device import FORMATS, FrameSource, SimulatedDevice
+from .device import FrameSource, SimulatedDevice
 from .frame_renderer import FrameRenderer, Wanted
-from .genicam import TEMPERATURE_STEPS_PER_C, Address, description
+from .genicam import Address, description
 from .loopback import ControlPort, check_free
-from .registers import Registers
+from .registers import TEMPERATURE_STEPS_PER_C, Registers
 from .second_controller import SecondController
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
@@ -120,10 +120,6 @@ class SimulatedGigECamera(Device):
         self._switch_off()
         self._renderer.close()
 
-    def set_packet_loss(self, ratio: float) -> None:
-        """Drop this share of the stream's packets, 0 to 1, to simulate a bad network."""
-        self.set_faults(CameraTrouble(loss=float(ratio)))
-
     def set_faults(self, trouble: CameraTrouble) -> None:
         """Replace the current trouble.
 
@@ -162,7 +158,7 @@ class SimulatedGigECamera(Device):
         control = ControlPort(self.address)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "camera.xml")
-            path.write_text(description(device.vendor, device.model, FORMATS, device.naming), encoding="utf-8")
+            path.write_text(description(device.vendor, device.model, device.features), encoding="utf-8")
             gv = arv.GvFakeCamera.new_full(self.address, device.serial, str(path))
         if not gv.is_running():
             raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
@@ -274,7 +270,7 @@ class SimulatedGigECamera(Device):
         now_s = time.monotonic()
         period_us = registers.read(Address.FRAME_PERIOD_US)
         # A stream has its own port.
-        exposing = (registers.read(Address.STREAM_PORT), exposure_us)
+        exposing = (registers.read(STREAM_CHANNEL_PORT), exposure_us)
         if exposing != self._exposing:
             self._exposing, self._exposed_at_s = exposing, now_s
             return exposure_us > period_us

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core.pixel_format import PIXEL_FORMATS, PixelFormat
-from .genicam import Naming
+from .genicam import FeatureTable, feature, standard_features
 
 #: Formats the simulated camera offers.
-FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[n] for n in ("Mono8", "Mono12", "Mono12Packed", "Mono16"))
+FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[name] for name in feature("PixelFormat")["choices"])
 
 #: Depth of the simulated sensor, and its highest DN.
 SENSOR_BITS = 12
@@ -47,8 +47,8 @@ class SimulatedDevice:
         At most 31 characters.
     frame_rate_hz : float
         Frame rate after power-on.
-    naming : {'prosilica', 'sfnc'}
-        Naming convention of the GenICam features.
+    features : FeatureTable
+        Its GenICam features.
     """
 
     serial: str
@@ -59,7 +59,7 @@ class SimulatedDevice:
     vendor: str = "Allied Vision Technologies"
     model: str = "Manta_G-505B"
     frame_rate_hz: float = 15.0
-    naming: Naming = "prosilica"
+    features: FeatureTable = field(default_factory=standard_features)
 
 
 @dataclass(frozen=True)

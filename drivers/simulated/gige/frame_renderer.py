@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .device import FORMATS, FrameSource, Readout
-from .genicam import GAIN_STEPS_PER_DB
+from .genicam import feature
+
+_GAIN_STEPS_PER_DB: Final = feature("Gain")["steps"]
 
 #: Frames rendered ahead: one to send while the next is made.
 _AHEAD: Final = 2
@@ -85,7 +87,7 @@ class FrameRenderer:
 
     def _render(self, wanted: Wanted, index: int) -> _Rendered:
         state = self._source.state
-        dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / GAIN_STEPS_PER_DB, index)
+        dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / _GAIN_STEPS_PER_DB, index)
         if self._source.state != state:
             return state, None
         layout = next(form for form in FORMATS if form.code == wanted.format_code)

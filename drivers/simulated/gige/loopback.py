@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 from ...aravis.gvcp import GVCP_PORT
-from ...aravis.sockets import own_udp_sockets
 from ...camera import CameraError
+from ...host.sockets import own_udp_sockets
 
 #: Socket options of Linux (asm-generic/socket.h) that Python's socket module has no names for.
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ....core.pixel_format import PIXEL_FORMATS
 from ...camera import CameraError
 from .device import Readout, SimulatedDevice
-from .genicam import BYTES_PER_SECOND_RANGE, GAMMA_STEPS_PER_UNIT, TEMPERATURE_STEPS_PER_C, TICK_FREQUENCY_HZ, Address
+from .genicam import Address, feature, initial_values
 
-#: Stream packet size in bytes: loopback supports jumbo frames, and fewer packets are faster.
-_PACKET_BYTES = 9000
+#: Steps of the register of the temperature.
+TEMPERATURE_STEPS_PER_C = feature("DeviceTemperature")["steps"]
 
 
 class Registers:
@@ -25,7 +24,7 @@ class Registers:
     def __init__(self, fake: Any) -> None:
         self._fake = fake
 
-    def read(self, address: Address) -> int:
+    def read(self, address: int) -> int:
         """Return a number."""
         return int(self._fake.read_register(address).value)
 
@@ -46,29 +45,15 @@ class Registers:
         self.write_text(Address.VENDOR, device.vendor, 32)
         self.write_text(Address.MODEL, device.model, 32)
         self.write_text(Address.MANUFACTURER_INFO, "labcdp simulated camera", 48)
-        numbers = {
+        numbers = initial_values(device.features) | {
             Address.SENSOR_WIDTH: device.width,
             Address.SENSOR_HEIGHT: device.height,
             Address.WIDTH: device.width,
             Address.HEIGHT: device.height,
-            Address.BINNING_HORIZONTAL: 1,
-            Address.BINNING_VERTICAL: 1,
-            Address.PIXEL_FORMAT: PIXEL_FORMATS["Mono12"].code,
             Address.FRAME_PERIOD_US: round(1e6 / device.frame_rate_hz),
             Address.BLACK_LEVEL: round(device.black_level_dn),
             Address.TEMPERATURE: round(device.temperature_c * TEMPERATURE_STEPS_PER_C),
-            Address.GAIN: 0,
-            Address.GAIN_AUTO: 0,
-            Address.EXPOSURE_MODE: 0,
-            Address.BLACK_LEVEL_AUTO: 0,
-            Address.LUT_ENABLE: 0,
-            Address.REVERSE_X: 0,
-            Address.REVERSE_Y: 0,
-            Address.GAMMA: GAMMA_STEPS_PER_UNIT,
-            Address.BYTES_PER_SECOND: BYTES_PER_SECOND_RANGE[1],
-            Address.PACKET_SIZE: _PACKET_BYTES,
             Address.TICK_FREQUENCY_HIGH: 0,
-            Address.TICK_FREQUENCY_LOW: TICK_FREQUENCY_HZ,
         }
         for address, value in numbers.items():
             self.write(address, value)

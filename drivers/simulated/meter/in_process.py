@@ -51,7 +51,7 @@ class InProcessPort(FaultyMeter):
         return self
 
     def close(self) -> None:
-        """Close it; the meter goes on."""
+        """Close it; the meter keeps running."""
 
     def reset_output_buffer(self) -> None:
         """Do nothing: a command is taken at once."""

@@ -9,7 +9,7 @@ from ...core.errors import InputError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
 from ...drivers.manual.csv import CsvMeter
-from ...drivers.manual.text import MeterAccuracy
+from ...drivers.manual.text import MeterAccuracy, stated_accuracy
 from ...drivers.minolta_ls.protocol import LS100, LS110
 from ...session import MeterConfiguration, SessionConfiguration
 
@@ -44,10 +44,7 @@ def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
     sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
     if sheet is not None:
         return MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
-    # The configuration requires all three for meters without a driver.
-    return MeterAccuracy(
-        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
-    )
+    return stated_accuracy(described)
 
 
 def _with_digits(reading: Reading, described: MeterConfiguration, finest: float) -> Reading:

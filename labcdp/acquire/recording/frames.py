@@ -17,7 +17,7 @@ from ...drivers.camera import Camera, CameraLostError, CameraSettings
 from ...session import Role, Session
 from ..black import measured_black_dn
 from ..control import Control
-from ..frames import Refusals, Schedule, take_frames
+from ..frames import Schedule, noted, take_frames
 from ..live import Live, LiveNumbers, PatchNumbers
 from ..progress import Progress, Report
 from ..steps import frames_at, remaining, same_exposure, shown_patches
@@ -66,8 +66,8 @@ class FrameRecorder:
     def look(self, exposure_s: float) -> Frame:
         """Take a frame without recording it; raises AcquisitionStoppedError."""
         self.configure(exposure_s)
-        refusals = Refusals(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
-        with closing(take_frames(self._camera, 1, None, self._control, refusals)) as frames:
+        refused = noted(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
+        with closing(take_frames(self._camera, 1, None, self._control, refused)) as frames:
             return self._session.configuration.camera.stated(next(frames))
 
     def warm_up(self) -> None:
@@ -77,10 +77,10 @@ class FrameRecorder:
             return
         shortest_s, longest_s = self._camera.exposure_range_s
         self.configure(min(max(_WARM_UP_EXPOSURE_S, shortest_s), longest_s))
-        refusals = Refusals(self._session.add_event, {"role": "warm-up"})
+        refused = noted(self._session.add_event, {"role": "warm-up"})
         began_s, seen = clock.monotonic_s(), deque[tuple[float, float]]()
         stable = False
-        with closing(take_frames(self._camera, _ENDLESS, None, self._control, refusals)) as frames:
+        with closing(take_frames(self._camera, _ENDLESS, None, self._control, refused)) as frames:
             for frame in frames:
                 past_s = clock.monotonic_s() - began_s
                 self._report(Progress("warm-up", min(int(past_s), int(plan.warm_up_s)), int(plan.warm_up_s)))
@@ -126,8 +126,8 @@ class FrameRecorder:
             with FrameWriter(self._session, self._clock) as writer:
                 for exposure_s, n in lacking.items():
                     self._apply(exposure_s, role, writer)
-                    refusals = Refusals(writer.put_event, {"role": role, "exposure_s": exposure_s})
-                    taking = take_frames(self._camera, n, self._schedule(), self._control, refusals, discard)
+                    refused = noted(writer.put_event, {"role": role, "exposure_s": exposure_s})
+                    taking = take_frames(self._camera, n, self._schedule(), self._control, refused, discard)
                     with closing(taking) as frames:
                         stated = map(self._session.configuration.camera.stated, frames)
                         for taken, frame in enumerate(stated, start=1):

@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Any, Self
 
 from ...core.clock import Clock
+from ...core.computer.threads import FinishedThread
 from ...core.errors import SessionError
 from ...core.frame import Frame
-from ...core.threads import FinishedThread
 from ...session import Role, Session
 
 #: Bounds of the queue in frames and bytes: two seconds of a 5 megapixel camera at 15 frames/s.

@@ -26,14 +26,11 @@ _Dense: TypeAlias = Sequence[tuple[slice, FloatArray]]
 
 #: Probability below which an outcome is left out.
 _NEGLIGIBLE = 1e-13
-
 #: Pixels (rates times offsets) tabulated together, enough for NumPy's calls to pay off.
 _PIXELS = 96
-
 #: Least standard deviation of a lattice, in steps, from which it can be smoothed, and number of values from which the
 #: values of an exposure are replaced by fewer nodes.
 _SMOOTH_STEPS, _MANY = 1.5, 64
-
 #: Width of the blocks that nodes stand for, in standard deviations of the rest.
 _BLOCK = 0.6
 

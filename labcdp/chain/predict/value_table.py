@@ -233,9 +233,7 @@ class _TableMaker:
         offsets_e, frequency = self._offsets
         sensor, ladder = camera.sensor, camera.ladder
         noise = Noise(
-            ladder.k_dn_per_e * sensor.read_noise_e,
-            ladder.k_dn_per_e * offset_spread_e(sensor),
-            sensor.black_level_dn,
+            ladder.k_dn_per_e * sensor.read_noise_e, ladder.k_dn_per_e * offset_spread_e(sensor), sensor.black_level_dn
         )
         exposures = ExposureRows(
             [

@@ -10,12 +10,12 @@ import numpy as np
 from ...core.errors import InputError
 from ..parameters import check_number, check_whole
 from ..point_spread import pixel_means
-from .flat import Level, Mask, check_size
+from .flat import Level, Mask, Sized
 from .patches import HIGHEST_CD_M2, FloatMap
 
 
 @dataclass(frozen=True)
-class Checkerboard:
+class Checkerboard(Sized):
     """Dark and bright squares; the upper left one is dark. With squares of one pixel, the scene of the 2018 thesis.
 
     Parameters
@@ -37,15 +37,13 @@ class Checkerboard:
         If a value is out of its range, or the scene is too small for a bright square.
     """
 
-    width: int
-    height: int
     luminance_cd_m2: float
     contrast: float
     square_px: float = 1
     oversampling: int = 1
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        super().__post_init__()
         check_whole("oversampling", self.oversampling, "samples", 1, 64)
         check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
         check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 99, above=True)
@@ -66,11 +64,6 @@ class Checkerboard:
                 f"square_px is {self.square_px}, and a scene of {self.width} x {self.height} pixels then is one "
                 "square: give smaller squares"
             )
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
 
     @property
     def bright_cd_m2(self) -> float:

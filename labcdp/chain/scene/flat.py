@@ -65,14 +65,36 @@ class Scene(Protocol):
         """Names of the regions whose contrast is evaluated, the darker one first."""
 
 
-def check_size(width: Any, height: Any) -> None:
-    """Refuse a size of a scene that is not two whole numbers of pixels; raises InputError."""
-    check_whole("width", width, "pixels", 1, LARGEST_SIDE)
-    check_whole("height", height, "pixels", 1, LARGEST_SIDE)
+@dataclass(frozen=True)
+class Sized:
+    """A scene of a size.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+
+    Raises
+    ------
+    InputError
+        If the size is not two whole numbers of pixels.
+    """
+
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        check_whole("width", self.width, "pixels", 1, LARGEST_SIDE)
+        check_whole("height", self.height, "pixels", 1, LARGEST_SIDE)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
 
 
 @dataclass(frozen=True)
-class Flat:
+class Flat(Sized):
     """A field of one luminance.
 
     Parameters
@@ -88,18 +110,11 @@ class Flat:
         If a value is out of its range.
     """
 
-    width: int
-    height: int
     luminance_cd_m2: float
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        super().__post_init__()
         check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
 
     def luminance_map(self) -> FloatMap:
         """Luminance in cd/m^2, shape (height, width)."""
@@ -119,7 +134,7 @@ class Flat:
 
 
 @dataclass(frozen=True)
-class StepChart:
+class StepChart(Sized):
     """Upright stripes of equal width, each of one luminance; neighbours are the pairs that are evaluated.
 
     Parameters
@@ -135,12 +150,10 @@ class StepChart:
         If a value is out of its range, or there are more stripes than columns.
     """
 
-    width: int
-    height: int
     luminances_cd_m2: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        super().__post_init__()
         given: Any = self.luminances_cd_m2
         given = given.tolist() if isinstance(given, np.ndarray) else given
         if isinstance(given, str) or not isinstance(given, Sequence) or not 1 <= len(given) <= self.width:
@@ -150,11 +163,6 @@ class StepChart:
         for luminance in given:
             check_number("luminances_cd_m2", luminance, "cd/m^2", 0, HIGHEST_CD_M2)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
 
     def luminance_map(self) -> FloatMap:
         """Luminance in cd/m^2, shape (height, width)."""
@@ -186,7 +194,7 @@ class StepChart:
 
 
 @dataclass(frozen=True)
-class PatchScene:
+class PatchScene(Sized):
     """A target of rectangular patches on a uniform background.
 
     Parameters
@@ -204,21 +212,14 @@ class PatchScene:
         If a value is out of its range or a patch does not lie inside the scene.
     """
 
-    width: int
-    height: int
     background_cd_m2: float
     patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        super().__post_init__()
         check_number("background_cd_m2", self.background_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
         for patch in self.patches:
             patch.check_inside(self.width, self.height)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
 
     def luminance_map(self) -> FloatMap:
         """Luminance in cd/m^2, shape (height, width)."""

@@ -17,10 +17,10 @@ from ...core.disk.arrays import parse_npy
 from ...core.disk.quoting import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
-from ..kept import kept
 from ..parameters import check_number, check_whole
 from ..point_spread import pixel_means
 from .flat import Level, Mask
+from .kept import kept
 from .patches import FloatMap, Patch, luminance_map
 
 #: Size from which an image is refused.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ...core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from ..capture import Capture, check_shape, settings_of
 from ..parameters import LARGEST_SIDE, Range, check_number, check_ranges, check_whole
 from ..signal import Context, Signal
@@ -178,10 +178,6 @@ class Sensor:
         """Mean photo-electrons per second and pixel, shape as the illuminance in lux."""
         return illuminance_lx * self.electrons_per_lx_s(spectrum)
 
-    def illuminance_lx(self, electron_rate: FloatArray, spectrum: str) -> FloatArray:
-        """Illuminance in lux from photo-electrons per second: the inverse of `electron_rate`."""
-        return electron_rate / self.electrons_per_lx_s(spectrum)
-
     def expose(
         self,
         electron_rate: ArrayLike,
@@ -268,18 +264,6 @@ class Sensor:
             k_dn_per_e=k_dn_per_e,
             dark_noise_dn=self.dark_noise_dn(gain_db),
         )
-
-    def electron_rate_from_dn(
-        self, dn: NDArray[Any], exposure_s: float, gain_db: float = 0.0, *, temperature_c: float
-    ) -> NDArray[np.float64]:
-        """Photo-electrons per second from digital numbers: the inverse of an exposure without its noise.
-
-        It takes off the black level and the mean dark signal, and is not valid for saturated pixels.
-        """
-        check_number("exposure_s", exposure_s, "s", 0, above=True)
-        electrons = (dn - float(self.black_level_dn)) / self.system_gain_dn_per_e(gain_db)
-        rate: NDArray[np.float64] = electrons / exposure_s - self.dark_current_at(temperature_c)
-        return rate
 
     def _checked_rate(self, electron_rate: ArrayLike) -> NDArray[np.float32]:
         rate = np.asarray(electron_rate, dtype=np.float32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kept import kept
+from ..scene.kept import kept
 from .blocks import Stream, block_generator, for_each_block
 
 FloatMap = NDArray[np.float32]
@@ -61,10 +61,7 @@ def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: floa
         return np.broadcast_to(np.float32(1), shape)
     order = spread_rel**-2
     current = _draw(
-        shape,
-        device_seed,
-        _DARK_CURRENT,
-        lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32),
+        shape, device_seed, _DARK_CURRENT, lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32)
     )
     current /= np.float32(order)
     return current

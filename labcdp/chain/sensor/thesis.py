@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.photometry import electron_radiance_per_cd_m2
+from ...core.spectral.photometry import electron_radiance_per_cd_m2
 from ..capture import Capture, check_shape, settings_of
 from ..parameters import LARGEST_SIDE, Range, check_ranges, check_whole
 from ..signal import Context, Signal

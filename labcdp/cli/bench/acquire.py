@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from ...core.errors import InputError, SessionError
-from ..options import METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
-from .devices_of_session import DeviceChoice, connected
+from .device_options import DeviceChoice, DeviceOptions
+from .devices_of_session import connected
 from .keys import Keys
-from .operators import Console
 
 if TYPE_CHECKING:
     from ...acquire import Left, Unattended
@@ -28,54 +27,70 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130
 
 
+@dataclass(frozen=True)
+class Again:
+    """Options for what of a session is recorded again."""
+
+    replace_damaged: bool = typer.Option(
+        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
+    )
+    retake: list[str] = typer.Option([], help="Patch, 'light frames' or 'dark frames' to take again; may be repeated.")
+
+
+@dataclass(frozen=True)
+class Person:
+    """Options for who does the manual steps."""
+
+    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps.")
+    lens: str | None = typer.Option(
+        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
+    )
+    rehearse: bool = typer.Option(
+        False, "--rehearse", help="Use the simulated bench, but ask for each manual step as with devices."
+    )
+
+    def operator(self) -> Unattended | None:
+        """Return the operator of an unattended run; raises InputError if options contradict each other."""
+        from ...acquire import Unattended
+
+        if self.lens not in (None, "uncovered", "covered"):
+            raise InputError(f"--lens is {self.lens!r}: give 'uncovered' or 'covered'")
+        if self.rehearse and self.unattended:
+            raise InputError("--rehearse cannot be combined with --unattended: leave one out")
+        if self.unattended:
+            return Unattended("covered" if self.lens == "covered" else "uncovered")
+        if self.lens is not None:
+            raise InputError("--lens requires --unattended: give both or neither")
+        return None
+
+
 def acquire(
+    devices: DeviceOptions,
+    person: Person,
+    again: Again,
     configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see labcdp init bench."),
     session: Path = typer.Argument(help="Folder of the session."),
-    camera: str | None = typer.Option(
-        None, help="Serial number, address or model; default: as configured, else the only one."
-    ),
-    meter: str | None = METER_OPTION,
     roi: Path | None = typer.Option(
         None, help="Region file whose regions are the patches of the target.", show_default="those of the configuration"
     ),
-    simulated: bool = SIMULATED_OPTION,
-    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
-    rehearse: bool = typer.Option(
-        False, "--rehearse", help="Use the simulated bench, but ask for each manual step as with devices."
-    ),
-    virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
-    faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
     replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices."),
     speed: float | None = typer.Option(
         None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
     ),
-    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps."),
-    lens: str | None = typer.Option(
-        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
-    ),
-    patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
-    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
-    replace_damaged: bool = typer.Option(
-        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
-    ),
-    retake: list[str] = typer.Option([], help="Patch, 'light frames' or 'dark frames' to take again; may be repeated."),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
     from ...session import SessionConfiguration
 
-    simulated = simulated or simulated_bench is not None or rehearse
-    choice = DeviceChoice(
-        camera, meter, simulated, virtual_clock, faults, replay, speed, patience, transcript, simulated_bench, rehearse
-    )
-    if rehearse and unattended:
-        raise InputError("--rehearse cannot be combined with --unattended: leave one out")
-    again = Again(replace_damaged, retake)
+    choice = devices.choice(replay, speed, person.rehearse)
+    operator = person.operator()
     wanted = SessionConfiguration.load(configuration)
     if roi is not None:
         wanted = _with_regions(wanted, roi)
     choice.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, choice, _unattended(unattended, lens), again)
+    left, frames, readings = record(
+        session, configuration, wanted, choice, operator, again.replace_damaged, tuple(again.retake)
+    )
     if as_json:
         print_result(_result(session, frames, readings, left, choice.simulated), as_json)
         return
@@ -109,29 +124,14 @@ def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], s
     return Result("acquire", str(session), (recorded, steps), inputs=(of_session,), simulated=simulated)
 
 
-@dataclass(frozen=True)
-class Again:
-    """What of a session is recorded again.
-
-    Parameters
-    ----------
-    damaged : bool
-        Frames whose files are missing or damaged.
-    parts : sequence of str
-        Patches, ``light frames`` or ``dark frames``.
-    """
-
-    damaged: bool = False
-    parts: Sequence[str] = ()
-
-
 def record(
     path: Path,
     source: Path,
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None = None,
-    again: Again | None = None,
+    replace_damaged: bool = False,
+    retake: Sequence[str] = (),
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -147,8 +147,10 @@ def record(
         Which devices.
     unattended_operator : Unattended or None
         Operator of an unattended acquisition.
-    again : Again or None
-        What to record again.
+    replace_damaged : bool
+        Record frames again whose files are missing or damaged.
+    retake : sequence of str
+        Parts to take again, see `labcdp.acquire.forget`.
 
     Returns
     -------
@@ -158,7 +160,7 @@ def record(
     from ...acquire import AcquisitionStoppedError
 
     try:
-        return _record(path, source, wanted, choice, unattended_operator, again or Again())
+        return _record(path, source, wanted, choice, unattended_operator, replace_damaged, retake)
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
@@ -170,12 +172,14 @@ def _record(
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None,
-    again: Again,
+    replace_damaged: bool,
+    retake: Sequence[str],
 ) -> tuple[tuple[Left, ...], int, int]:
     from ...acquire import Control, forget, is_complete
     from ...acquire import acquire as run
     from ...acquire.attempt import no_bare_session
     from ...core.clock import SimulatedClock
+    from .operators import Console
 
     clock = _clock(path, choice.virtual_clock)
     # A replay does not wait for the pace of the plan.
@@ -183,16 +187,16 @@ def _record(
     control = Control()
     left: tuple[Left, ...] = ()
     with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
-        if again.damaged:
+        if replace_damaged:
             _give_up_damaged(opened)
-        if again.parts or not is_complete(opened):
+        if retake or not is_complete(opened):
             keys = Keys(control)
             with (
                 progress_bars() as bars,
                 connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
                 keys,
             ):
-                forget(opened, again.parts)
+                forget(opened, retake)
                 left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
         return left, len(opened.frames()), len(opened.readings())
 
@@ -205,18 +209,6 @@ def _give_up_damaged(session: Session) -> None:
         return
     session.supersede([frame for frame, _ in damaged], damaged[0][1], damaged=True)
     say(f"Recording {len(damaged)} missing or damaged frames again")
-
-
-def _unattended(wanted: bool, lens: str | None) -> Unattended | None:
-    from ...acquire import Unattended
-
-    if lens not in (None, "uncovered", "covered"):
-        raise InputError(f"--lens is {lens!r}: give 'uncovered' or 'covered'")
-    if not wanted:
-        if lens is not None:
-            raise InputError("--lens requires --unattended: give both or neither")
-        return None
-    return Unattended("covered" if lens == "covered" else "uncovered")
 
 
 def _clock(path: Path, simulated: bool) -> Clock:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
-from ...core.frame import Frame
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import Result
 from ...core.table import Column, Table
@@ -17,13 +17,29 @@ from ..options import parse_seconds
 from ..output import FORCE_OPTION
 from ..terminal import JSON_OPTION, print_result, say
 
+if TYPE_CHECKING:
+    from ...core.frame import Frame
 
-def devices(as_json: bool = JSON_OPTION) -> None:
+
+def devices(
+    set_address: str | None = typer.Option(
+        None,
+        metavar="SERIAL=ADDRESS",
+        help="First give this camera an address of a network of this computer, until it is switched off.",
+    ),
+    as_json: bool = JSON_OPTION,
+) -> None:
     """List cameras and serial ports."""
+    from ...drivers.aravis.addresses import set_address as change_address
     from ...drivers.aravis.library import discover
     from ...drivers.camera import CameraError
     from ...drivers.minolta_ls.meter import find_meter_ports
 
+    if set_address is not None:
+        serial, found, address = set_address.partition("=")
+        if not (serial and found):
+            raise InputError(f"--set-address is {set_address!r}: give SERIAL=ADDRESS, for example 50-1=192.168.7.20")
+        say(f"Camera {serial} now has {change_address(serial, address)}, until it is switched off")
     findings: list[Finding] = []
     try:
         cameras = discover()

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 from ...core.errors import InputError
 from ..terminal import say
-from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+from .device_options import DeviceChoice
 
 if TYPE_CHECKING:
     from ...acquire import Operator, Unattended
     from ...core.clock import Clock
     from ...drivers.camera import Camera
-    from ...drivers.manual.text import MeterAccuracy
     from ...drivers.meter import Meter
     from ...drivers.minolta_ls.port import Port
     from ...drivers.simulated.bench import SimulatedBench
     from ...drivers.simulated.devices import SimulatedBenchFile
     from ...session import MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
+    from .operators import Console
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
@@ -51,87 +51,6 @@ class Devices:
     transport: str
 
 
-@dataclass(frozen=True)
-class DeviceChoice:
-    """Devices chosen by the options of a command.
-
-    Parameters
-    ----------
-    camera, meter : str or None
-        Serial number, address or model of the camera; serial port of the meter; None as configured.
-    simulated, virtual_clock : bool
-        Use the simulated bench, of which `bench` is the file, and which `rehearse` needs; use it with a virtual clock.
-    faults : Path or None
-        Schedule of faults for the simulated bench.
-    replay : Path or None
-        Recorded session to replay instead of using devices.
-    speed : float or None
-        Speed of the replay; None for no waiting.
-    patience_s : float
-        How long to wait for a lost device.
-    transcript : Path or None
-        File for the bytes exchanged with the meter.
-    bench : Path or None
-        File of the simulated bench.
-    rehearse : bool
-        Ask the user for each manual step of the simulated bench.
-
-    Raises
-    ------
-    InputError
-        If two of them contradict each other.
-    """
-
-    camera: str | None = None
-    meter: str | None = None
-    simulated: bool = False
-    virtual_clock: bool = False
-    faults: Path | None = None
-    replay: Path | None = None
-    speed: float | None = None
-    patience_s: float = 0.0
-    transcript: Path | None = None
-    bench: Path | None = None
-    rehearse: bool = False
-
-    def __post_init__(self) -> None:
-        needs = (
-            ("--virtual-clock", self.virtual_clock, "--simulated", self.simulated),
-            ("--faults", self.faults is not None, "--simulated", self.simulated),
-            ("--speed", self.speed is not None, "--replay", self.replay is not None),
-        )
-        for option, given, needed, there in needs:
-            if given and not there:
-                raise InputError(f"{option} requires {needed}: give both or neither")
-        excluded = (
-            ("--simulated", self.simulated, "--replay", self.replay is not None),
-            ("--camera", self.camera is not None, "--simulated", self.simulated),
-            ("--camera", self.camera is not None, "--replay", self.replay is not None),
-            ("--meter", self.meter is not None, "--simulated", self.simulated),
-            ("--meter", self.meter is not None, "--replay", self.replay is not None),
-            ("--transcript", self.transcript is not None, "--replay", self.replay is not None),
-        )
-        for option, given, other, there in excluded:
-            if given and there:
-                raise InputError(f"{option} cannot be combined with {other}: leave one out")
-
-    @property
-    def real(self) -> bool:
-        """Whether the devices are neither simulated nor recorded."""
-        return not self.simulated and self.replay is None
-
-    def check(self, meter: MeterConfiguration) -> None:
-        """Check the options against the configured meter; raises InputError."""
-        if not self.real:
-            return
-        if meter.entry != "serial":
-            for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
-                if given is not None:
-                    raise InputError(f'{option} requires a meter on a serial port, but meter.entry is "{meter.entry}"')
-        elif self.meter is None and meter.port is None:
-            raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
-
-
 @contextmanager
 def connected(
     session: Session, choice: DeviceChoice, clock: Clock, console: Console, unattended_operator: Unattended | None
@@ -159,6 +78,7 @@ def connected(
         If a file given as an option cannot be read or is not valid.
     """
     from ...drivers.manual.csv import CsvMeter
+    from .operators import CsvOperator
 
     if choice.replay is not None:
         opened = _replayed(session, choice.replay, choice.speed, clock)
@@ -179,6 +99,8 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.manual.csv import CsvMeter
     from ...drivers.manual.meter import ManualMeter
+    from ...drivers.manual.text import stated_accuracy
+    from .operators import ConsoleOperator
 
     configuration = session.configuration
     wanted = configuration.camera
@@ -188,10 +110,10 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
         described = configuration.meter
         meter: Meter
         if described.entry == "by hand":
-            meter = stack.enter_context(ManualMeter(console.ask, described.identity, _accuracy(described)))
+            meter = stack.enter_context(ManualMeter(console.ask, described.identity, stated_accuracy(described)))
         elif described.entry == "csv":
             assert described.file is not None
-            meter = stack.enter_context(CsvMeter(described.file, described.identity, _accuracy(described)))
+            meter = stack.enter_context(CsvMeter(described.file, described.identity, stated_accuracy(described)))
         else:
             port = choice.meter or described.port
             assert port is not None, "checked before the session is made"
@@ -203,6 +125,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
 def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -> Iterator[Devices]:
     from ...drivers.replay.camera import ReplayCamera, ReplayMeter
     from ...session import Session
+    from .operators import RecordingOperator
 
     recorded = Session.open(path)
     _refuse_other_replay(session, recorded)
@@ -238,6 +161,7 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Console) -> Iterator[Devices]:
     from ...core.disk import read_text
     from ...drivers.simulated.bench import SimulatedBench
+    from .operators import ConsoleOperator
 
     faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
     described = simulated_bench_file(choice.bench)
@@ -270,11 +194,12 @@ def simulated_bench_file(path: Path | None, seed: int | None = None) -> Simulate
 def _note_bench(session: Session, described: SimulatedBenchFile) -> None:
     """Record which simulated bench it is; refuse to resume a session with another one."""
     from ...session import EventRecord
+    from ...session.records import SIMULATED_BENCH
 
-    kind, content = "simulated bench", described.model_dump(mode="json")
-    begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == kind]
+    content = described.model_dump(mode="json")
+    begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
     if not begun:
-        session.add_event(kind, content)
+        session.add_event(SIMULATED_BENCH, content)
     elif begun[-1] != content:
         raise InputError(f"{session.path} was begun with another simulated bench: use that one, or a new folder")
 
@@ -320,12 +245,11 @@ def _try(camera: Camera) -> None:
 
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
-    from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
+    from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
-    driver = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}[described.model]
-    meter = driver(
+    meter = DRIVERS[described.model](
         port,
         described.identity,
         rtscts=described.rtscts,
@@ -336,12 +260,3 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Po
     )
     stack.enter_context(meter).ask_if_simulated()
     return meter
-
-
-def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
-    from ...drivers.manual.text import MeterAccuracy
-
-    # The configuration requires all three where no driver knows them.
-    return MeterAccuracy(
-        described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
-    )

@@ -110,7 +110,8 @@ def _real(
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
     from ...web.bench.measured import BenchOfPage
-    from .devices_of_session import DeviceChoice, serial_meter
+    from .device_options import DeviceChoice
+    from .devices_of_session import serial_meter
 
     wanted = None if configuration is None else configuration.camera
     selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)

@@ -29,11 +29,10 @@ def meter(
 ) -> None:
     """Take readings of a luminance meter, with their mean and scatter."""
     from ...drivers.meter import measure_series
-    from ...drivers.minolta_ls.meter import MeterMode, MinoltaLS100, MinoltaLS110
+    from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
 
-    drivers = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}
     modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
-    with drivers[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
+    with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
         opened.ask_if_simulated()
         series = measure_series(opened, n)
     print_result(_result(series), as_json)

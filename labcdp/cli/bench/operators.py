@@ -71,19 +71,10 @@ class ConsoleOperator(AskedOperator):
         return answer.strip().lower() in ("y", "yes")
 
 
-class RecordingOperator:
+class RecordingOperator(AskedOperator):
     """Operator of a replay, which needs no manual steps."""
 
-    def cover_lens(self) -> None:
-        """Do nothing."""
-
-    def uncover_lens(self) -> None:
-        """Do nothing."""
-
-    def point_meter(self, patch: str) -> None:
-        """Do nothing."""
-
-    def show_patch(self, patch: str) -> None:
+    def request(self, step: str, patch: str = "") -> None:
         """Do nothing."""
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
@@ -91,7 +82,7 @@ class RecordingOperator:
         return False
 
 
-class CsvOperator:
+class CsvOperator(AskedOperator):
     """Operator for a meter whose readings come from a file, which is not pointed.
 
     Parameters
@@ -107,18 +98,14 @@ class CsvOperator:
     def __init__(self, operator: Operator, meter: CsvMeter, session: Session) -> None:
         from ...session import ReadingRecord
 
+        super().__init__(operator)
         self._operator = operator
         self._meter = meter
         # Includes discarded readings, whose rows are used.
         self._recorded = [record.patch for record in session.records if isinstance(record, ReadingRecord)]
 
-    def cover_lens(self) -> None:
-        """Delegate to the operator."""
-        self._operator.cover_lens()
-
-    def uncover_lens(self) -> None:
-        """Delegate to the operator."""
-        self._operator.uncover_lens()
+    def request(self, step: str, patch: str = "") -> None:
+        """Leave it to the operator."""
 
     def point_meter(self, patch: str) -> None:
         """Go to the patch in the file, after the readings recorded earlier."""
@@ -129,7 +116,7 @@ class CsvOperator:
 
     def show_patch(self, patch: str) -> None:
         """Delegate to the operator, and go to the patch in the file."""
-        self._operator.show_patch(patch)
+        super().show_patch(patch)
         self.point_meter(patch)
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:

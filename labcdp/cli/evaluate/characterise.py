@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from ...core.errors import InputError
-from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, print_result, progress_bars, say
+from ..output import Results
+from ..terminal import progress_bars
 
 if TYPE_CHECKING:
     from ...calibration.emva import Characterisation
@@ -18,11 +18,8 @@ if TYPE_CHECKING:
 
 def characterise(
     context: typer.Context,
+    results: Results,
     path: Path = typer.Argument(help="Folder of a recorded session, or text file or folder of an EMVA 1288 data set."),
-    output: Path | None = output_option("PATH-characterise"),
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Measure a camera's gain, noise, dark current, non-uniformity and linearity after EMVA 1288.
 
@@ -36,13 +33,11 @@ def characterise(
     if not path.exists():
         raise InputError(f"{path} does not exist: give a session, or the index of a data set")
     source = path if path.is_dir() else path.resolve().parent
-    with results_folder(context, source, output, force) as results:
+    with results.folder(context, source) as folder:
         characterised, inputs, title = _characterised(path)
         found = result(characterised, title, inputs)
-        write_characterisation(characterised, found, results)
-    print_result(found, as_json)
-    say(f"Report: {results.folder / 'report.html'}")
-    show_page(results.folder / "report.html", open_page)
+        write_characterisation(characterised, found, folder)
+    results.show(found, folder)
 
 
 def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:

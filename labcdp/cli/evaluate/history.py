@@ -25,8 +25,7 @@ _BROKEN = "broken"
 def history(
     context: typer.Context,
     paths: list[Path] = typer.Argument(
-        metavar="FOLDER_OR_FILE...",
-        help="Calibration and verification files, or folders to search for them.",
+        metavar="FOLDER_OR_FILE...", help="Calibration and verification files, or folders to search for them."
     ),
     output: Path | None = typer.Option(
         None, "--output", "-o", help="File to write: .html (plot and tables), .png or .xlsx; default: print only."

@@ -44,26 +44,55 @@ class _Selected:
     inputs: tuple[InputFile, ...]
 
 
+@dataclass(frozen=True)
+class ChosenFrames:
+    """Options for which frames are converted."""
+
+    frame: list[int] = typer.Option(
+        [], "--frame", help="Number of a frame of the session; may be repeated. Default: all light frames."
+    )
+    exposure: list[str] = typer.Option(
+        [], "--exposure", help="Only this exposure, for example 8ms; may be repeated. Default: all."
+    )
+    patch: str | None = typer.Option(None, help="Patch to convert, if the session shows one patch at a time.")
+
+    def wanted(self, exposure_s: float) -> bool:
+        """Whether frames of an exposure are converted; cameras apply an exposure in steps of their own."""
+        asked = [parse_seconds(text, "--exposure") for text in self.exposure]
+        return not asked or any(isclose(exposure_s, one, rel_tol=0.01) for one in asked)
+
+
+@dataclass(frozen=True)
+class WrittenFiles:
+    """Options for the files that are written."""
+
+    output: Path = typer.Option(
+        ..., "--output", "-o", help="File to write: .tif or .exr (float images), or .npz (everything, for labcdp)."
+    )
+    preview: Path | None = typer.Option(None, help="PNG file for a false-colour picture with a scale.")
+    force: bool = FORCE_OPTION
+
+    def require_writable(self, context: typer.Context) -> None:
+        """Check the files before any work; raises InputError."""
+        from ...files.luminance_file import SUFFIXES
+
+        for path, name, suffixes in ((self.output, "--output", SUFFIXES), (self.preview, "--preview", (".png",))):
+            if path is not None:
+                if path.suffix.lower() not in suffixes:
+                    raise InputError(f"{name} is {path}: give a name that ends in {', '.join(suffixes)}")
+                output_file(context, path, self.force, name)
+
+
 def luminance(
     context: typer.Context,
+    chosen: ChosenFrames,
+    written: WrittenFiles,
     calibration: Path = typer.Argument(help="Calibration file written by labcdp calibrate."),
     files: list[Path] = typer.Argument(
         metavar="SESSION | FILE...",
         help="Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, "
         "or other pictures that state their exposure.",
     ),
-    output: Path = typer.Option(
-        ..., "--output", "-o", help="File to write: .tif or .exr (float images), or .npz (everything, for labcdp)."
-    ),
-    frame: list[int] = typer.Option(
-        [], "--frame", help="Number of a frame of the session; may be repeated. Default: all light frames."
-    ),
-    exposure: list[str] = typer.Option(
-        [], "--exposure", help="Only this exposure, for example 8ms; may be repeated. Default: all."
-    ),
-    patch: str | None = typer.Option(None, help="Patch to convert, if the session shows one patch at a time."),
-    preview: Path | None = typer.Option(None, help="PNG file for a false-colour picture with a scale."),
-    force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Convert frames to luminance in cd/m² with its uncertainty.
@@ -73,18 +102,12 @@ def luminance(
     """
     from ...calibration.record.store import file_sha256, load_any
     from ...calibration.response.bracket import bracket_luminance
-    from ...files.luminance_file import SUFFIXES, metadata, save_luminance
+    from ...files.luminance_file import metadata, save_luminance
     from ...output import write_file
 
-    if output.suffix.lower() not in SUFFIXES:
-        raise InputError(f"--output is {output}: give a name that ends in {', '.join(SUFFIXES)}")
-    output_file(context, output, force)
-    if preview is not None:
-        if preview.suffix.lower() != ".png":
-            raise InputError(f"--preview is {preview}: give a name that ends in .png")
-        output_file(context, preview, force, "--preview")
+    written.require_writable(context)
     loaded = load_any(calibration)
-    selected = _selected(files, frame, exposure, patch, calibration, loaded)
+    selected = _selected(files, chosen, calibration, loaded)
     result = bracket_luminance(loaded, selected.frames)
     about = {
         "calibration": {
@@ -99,16 +122,17 @@ def luminance(
         "gain_db": selected.frames[0].gain_db,
         "time": min(one.timestamp for one in selected.frames).isoformat(),
     }
-    picture = b"" if preview is None else _preview(result, loaded.state.camera.simulated, loaded.range_cd_m2)
-    save_luminance(result.map, output, about, force=force)
-    written = [output]
-    if preview is not None:
-        write_file(preview, picture, force=force)
-        written.append(preview)
-    made = _result(result, selected, loaded, metadata(result.map, about), calibration, output)
-    print_result(made, as_json)
+    paths = [written.output]
+    if written.preview is None:
+        save_luminance(result.map, written.output, about, force=written.force)
+    else:
+        picture = _preview(result, loaded.state.camera.simulated, loaded.range_cd_m2)
+        save_luminance(result.map, written.output, about, force=written.force)
+        write_file(written.preview, picture, force=written.force)
+        paths.append(written.preview)
+    print_result(_result(result, selected, loaded, metadata(result.map, about), calibration, written.output), as_json)
     if not as_json:
-        say(f"Written: {', '.join(str(path) for path in written)}")
+        say(f"Written: {', '.join(str(path) for path in paths)}")
 
 
 def _result(
@@ -135,77 +159,65 @@ def _result(
 
 
 def _temperature_findings(loaded: AnyCalibration, frames: Sequence[Frame]) -> list[Finding]:
-    from ...calibration import Calibration
-
-    planes = (loaded,) if isinstance(loaded, Calibration) else loaded.planes
-    darks = [plane.setting(frames[0].gain_db).dark for plane in planes]
+    darks = [plane.setting(frames[0].gain_db).dark for plane in loaded.planes]
     taken = [(one.exposure_s, one.temperature_c) for one in frames]
     return [finding for dark in darks for finding in dark.temperature_findings(taken)]
 
 
-def _selected(
-    files: Sequence[Path],
-    numbers: Sequence[int],
-    exposures: Sequence[str],
-    patch: str | None,
-    calibration: Path,
-    loaded: AnyCalibration,
-) -> _Selected:
+def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, loaded: AnyCalibration) -> _Selected:
     folders = [path for path in files if path.is_dir()]
     if folders and len(files) > 1:
         raise InputError(f"{folders[0]} is a folder: give it alone, or give files of frames")
     if folders:
-        return _of_session(folders[0], numbers, exposures, patch, loaded)
-    if numbers or patch is not None:
+        return _of_session(folders[0], chosen, loaded)
+    if chosen.frame or chosen.patch is not None:
         raise InputError("--frame and --patch choose among the frames of a session: give its folder, or leave them out")
     from ...evaluate.picture.light.picture import calibrated_conversion
 
     conversion = calibrated_conversion(loaded, calibration.name)
     read = [(str(path), *_of_file(path, conversion)) for path in files]
-    kept = [one for one in read if _wanted(one[1].exposure_s, exposures)]
+    kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
         there = _exposures([frame for _, frame, _ in read])
-        raise InputError(f"no file has the exposure {' or '.join(exposures)}: the files have {there}")
+        raise InputError(f"no file has the exposure {' or '.join(chosen.exposure)}: the files have {there}")
     names = [name for name, _, _ in kept]
     findings = unique(finding for _, _, found in kept for finding in found)
     inputs = tuple(InputFile.of("picture", name) for name in names)
     return _Selected([frame for _, frame, _ in kept], names, findings, inputs)
 
 
-def _of_session(
-    path: Path, numbers: Sequence[int], exposures: Sequence[str], patch: str | None, loaded: AnyCalibration
-) -> _Selected:
+def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Selected:
     from ...evaluate.bench.report.result import session_input
     from ...evaluate.bench.session import mismatch
     from ...session import Session
 
     session = Session.open(path)
     records = session.frames("light")
-    if numbers:
-        records = [record for record in session.frames() if record.number in numbers]
-        missing = sorted(set(numbers) - {record.number for record in records})
+    if chosen.frame:
+        records = [record for record in session.frames() if record.number in chosen.frame]
+        missing = sorted(set(chosen.frame) - {record.number for record in records})
         if missing:
             raise InputError(f"the session has no frame {missing[0]}: its frames are {_numbers(session)}")
-    if patch is not None:
-        records = [record for record in records if record.patch == patch]
+    if chosen.patch is not None:
+        records = [record for record in records if record.patch == chosen.patch]
         if not records:
-            raise InputError(f"the session has no frame of patch {patch!r} alone: leave --patch out")
-    chosen = [record for record in records if _wanted(record.exposure_s, exposures)]
-    if not chosen:
+            raise InputError(f"the session has no frame of patch {chosen.patch!r} alone: leave --patch out")
+    kept = [record for record in records if chosen.wanted(record.exposure_s)]
+    if not kept:
         raise InputError(
-            f"the session has no such frame at {' or '.join(exposures)}: it has {_exposures(records)}"
+            f"the session has no such frame at {' or '.join(chosen.exposure)}: it has {_exposures(records)}"
             if records
             else f"{path} has no light frames: resume the acquisition"
         )
-    shown = sorted({str(record.patch) for record in chosen})
+    shown = sorted({str(record.patch) for record in kept})
     if len(shown) > 1:
         raise InputError(
             f"the frames show different patches ({', '.join(shown)}): choose one with --patch, for example --patch "
             f"{shown[0]!r}"
         )
     return _Selected(
-        [session.load(record) for record in chosen],
-        [record.file.name for record in chosen],
+        [session.load(record) for record in kept],
+        [record.file.name for record in kept],
         tuple(mismatch(session.configuration, loaded)),
         (session_input(session),),
     )
@@ -223,13 +235,6 @@ def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[Fi
             "--exposure"
         )
     return frame, conversion.findings(picture)
-
-
-def _wanted(exposure_s: float, exposures: Sequence[str]) -> bool:
-    # Cameras apply an exposure in steps of their own.
-    return not exposures or any(
-        isclose(exposure_s, parse_seconds(text, "--exposure"), rel_tol=0.01) for text in exposures
-    )
 
 
 def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:
@@ -265,7 +270,7 @@ def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
 
 
 def _preview(result: Bracket, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
-    from ...report.maps import luminance_picture
+    from ...report.figures.maps import luminance_picture
 
     title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
     return luminance_picture(result.map, title, simulated, range_cd_m2)

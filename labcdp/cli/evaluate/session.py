@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shlex import quote
@@ -13,49 +14,124 @@ import typer
 
 from ...core.errors import InputError, SessionError
 from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
-from ..output import FORCE_OPTION, OPEN_OPTION, default_folder, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+from ..output import Results, default_folder, show_page
+from ..terminal import fraction_of_percent, print_result, progress_bars, say
 from .verify import EXIT_STATUS
 
 if TYPE_CHECKING:
     from ...core.result import Result
     from ...evaluate.bench.corrections import PlaneCorrections
+    from ...evaluate.bench.flat import UniformLight
     from ...evaluate.bench.observe import ObservedSession
     from ...evaluate.bench.session import SessionEvaluation
     from ...output import ResultsFolder
     from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration
 
-SESSION_ARGUMENT = typer.Argument(help="Folder of the session.")
 WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be repeated.")
-CONTRAST_OPTION = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default="as configured")
-EPSILON_OPTION = typer.Option(None, help="Relative tolerance of the contrast, for example 50%; default: as configured.")
-PAIR_OPTION = typer.Option(
-    [], "--pair", metavar=PAIR_METAVAR, help="Names of two patches. May be repeated.", show_default="as configured"
-)
 
 
-def calibrate(
-    context: typer.Context,
-    session: Path = SESSION_ARGUMENT,
-    more: list[Path] = typer.Argument(
-        None, help="Further sessions of the same camera and lens, at other gains or temperatures."
-    ),
-    output: Path | None = output_option("SESSION-calibrate"),
-    without: list[str] = WITHOUT_OPTION,
-    hold_out: list[str] = typer.Option([], help="Patch used to test the fit, not to make it; may be repeated."),
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of the calibration."""
+
+    without: list[str] = WITHOUT_OPTION
+    hold_out: list[str] = typer.Option([], help="Patch used to test the fit, not to make it; may be repeated.")
     flat_field: Path | None = typer.Option(
         None, help="Session recorded with uniform light that fills the image; default: cos⁴ vignetting."
-    ),
-    nonuniformity: str = typer.Option("1%", help="Standard uncertainty of the uniformity of that light."),
+    )
+    nonuniformity: str = typer.Option("1%", help="Standard uncertainty of the uniformity of that light.")
     response: Literal["debevec"] | None = typer.Option(
         None,
         help="Estimate the camera's response (tone curve, gamma) from the session's exposures as a bracket, after "
         "Debevec and Malik; the readings scale it. Default: linear, or nonlinear if the readings require it.",
+    )
+    certificate: Path | None = CERTIFICATE_OPTION
+
+    def configuration(self) -> dict[str, Any]:
+        """Return the options as values JSON can hold."""
+        return {name: str(value) if isinstance(value, Path) else value for name, value in vars(self).items()}
+
+    def uniform_light(self, session: Session, report: Callable[[int, int], None]) -> UniformLight | None:
+        """Read the session recorded with uniform light, None if there is none; raises InputError."""
+        from ...evaluate.bench.flat import UniformLight, require_same_optics
+        from ...session import Session
+
+        if self.flat_field is None:
+            return None
+        flat = Session.open(self.flat_field)
+        require_same_optics(session, flat)
+        return UniformLight.read(flat, fraction_of_percent(self.nonuniformity, "--nonuniformity"), report)
+
+
+@dataclass(frozen=True)
+class ContrastOptions:
+    """Options for the contrasts of the patches; those not given are as configured."""
+
+    without: list[str] = WITHOUT_OPTION
+    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default="as configured")
+    epsilon: str | None = typer.Option(
+        None, help="Relative tolerance of the contrast, for example 50%; default: as configured."
+    )
+    pair: list[str] = typer.Option(
+        [], "--pair", metavar=PAIR_METAVAR, help="Names of two patches. May be repeated.", show_default="as configured"
+    )
+
+    def contrasts(self, configuration: SessionConfiguration) -> list[ContrastConfiguration]:
+        """Return pairs and contrasts as given, or else as configured; raises InputError."""
+        from ...session import ContrastConfiguration
+
+        chosen: list[dict[str, Any]] = [one.model_dump() for one in configuration.contrasts]
+        if self.pair:
+            if not self.contrast:
+                raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
+            names = [patch.name for patch in configuration.target.patches]
+            chosen = [dict(zip(("bright", "dark"), parse_pair(text, names), strict=True)) for text in self.pair]
+        if self.epsilon is not None:
+            chosen = [one | {"epsilon": parse_tolerance(self.epsilon)} for one in chosen]
+        if self.contrast:
+            values = parse_contrasts(self.contrast)
+            different = list({json.dumps(one | {"contrast": None}): one for one in chosen}.values())
+            chosen = [one | {"contrast": value} for one in different for value in values]
+        return [ContrastConfiguration(**one) for one in chosen]
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """Options for the calibration that a session is evaluated with."""
+
+    calibration: Path | None = typer.Option(
+        None, help="Calibration file.", show_default="SESSION-calibrate/calibration.json"
+    )
+    recalibrate: bool = typer.Option(
+        False, "--recalibrate", help="Calibrate with the session itself instead of loading a calibration."
+    )
+    against: Path | None = typer.Option(
+        None, help="With --recalibrate: results.json to compare with; any difference is an error."
+    )
+
+    def file(self, session: Path) -> Path | None:
+        """Return the calibration file, None for a calibration with the session itself; raises InputError."""
+        if self.recalibrate and self.calibration is not None:
+            raise InputError("--recalibrate and --calibration exclude each other: leave one out")
+        if self.against is not None and not self.recalibrate:
+            raise InputError("--against requires --recalibrate: give both or neither")
+        path = self.calibration or default_folder(session, "calibrate") / "calibration.json"
+        if not self.recalibrate and self.calibration is None and not path.exists():
+            raise InputError(
+                f"{path} does not exist: run 'labcdp calibrate {quote(str(session))}' in this folder first, or give "
+                "--calibration or --recalibrate"
+            )
+        return None if self.recalibrate else path
+
+
+def calibrate(
+    context: typer.Context,
+    fit: FitOptions,
+    results: Results,
+    session: Path = typer.Argument(help="Folder of the session."),
+    more: list[Path] = typer.Argument(
+        None, help="Further sessions of the same camera and lens, at other gains or temperatures."
     ),
-    certificate: Path | None = CERTIFICATE_OPTION,
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Fit the camera's conversion from DN to cd/m², save it, and report its uncertainty.
 
@@ -66,82 +142,53 @@ def calibrate(
     from ...evaluate.bench.calibration.page import write_calibration_report
     from ...evaluate.bench.calibration.result import calibration_result
     from ...evaluate.bench.certificate import calibration_certificate
-    from ...evaluate.bench.flat import UniformLight, require_same_optics
     from ...evaluate.bench.recorded_calibration import calibrate_recorded
     from ...evaluate.bench.report.result import session_input
     from ...report.envelope import envelope_json
     from ...session import MeterCertificate, Session
 
     opened = Session.open(session)
-    of_meter = None if certificate is None else MeterCertificate.load(certificate)
-    with results_folder(context, session, output, force) as results:
+    of_meter = None if fit.certificate is None else MeterCertificate.load(fit.certificate)
+    with results.folder(context, session) as folder:
         with progress_bars() as bars:
 
             def report(what: str) -> Callable[[int, int], None]:
                 return partial(bars.update, what)
 
-            uniform = None
-            if flat_field is not None:
-                flat = Session.open(flat_field)
-                require_same_optics(opened, flat)
-                rel = fraction_of_percent(nonuniformity, "--nonuniformity")
-                uniform = UniformLight.read(flat, rel, report("flat field"))
-            sessions = [opened, *(Session.open(path) for path in more or ())]
+            uniform = fit.uniform_light(opened, report("flat field"))
             calibration, observed = calibrate_recorded(
-                sessions,
+                [opened, *(Session.open(path) for path in more or ())],
                 uniform,
-                without=without,
-                held_out=hold_out,
-                bracket=response is not None,
+                without=fit.without,
+                held_out=fit.hold_out,
+                bracket=fit.response is not None,
                 certificate=of_meter,
                 report=report,
             )
-        path = results.folder / "calibration.json"
-        save(calibration, results.path(path.name))
+        path = folder.folder / "calibration.json"
+        save(calibration, folder.path(path.name))
         inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more or ())]
-        options = {
-            "output": str(results.folder),
-            "without": without,
-            "hold_out": hold_out,
-            "flat_field": None if flat_field is None else str(flat_field),
-            "nonuniformity": nonuniformity,
-            "response": response,
-            "certificate": None if certificate is None else str(certificate),
-        }
+        options = {"output": str(folder.folder), **fit.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, options)
-        written = write_calibration_report(calibration, result, results)
+        written = write_calibration_report(calibration, result, folder)
         certified = calibration_certificate(opened, observed, calibration)
-        written += results.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
-    print_result(result, as_json)
-    if not as_json:
+        written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
+    print_result(result, results.as_json)
+    if not results.as_json:
         say(f"Saved: {', '.join(str(p) for p in (path, *written))}")
-        chosen = "" if output is None else f" --calibration {quote(str(path))}"
+        chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
         say(f"Next: labcdp evaluate {quote(str(session))}{chosen}")
-    show_page(results.folder / "calibration.html", open_page)
+    show_page(folder.folder / "calibration.html", results.open_page)
 
 
 def evaluate(
     context: typer.Context,
+    by: CalibrationOptions,
+    options: ContrastOptions,
+    results: Results,
     session: Path | None = typer.Argument(
         None, help="Folder of the session; default with --recalibrate: the session that ships with labcdp."
     ),
-    calibration: Path | None = typer.Option(
-        None, help="Calibration file.", show_default="SESSION-calibrate/calibration.json"
-    ),
-    recalibrate: bool = typer.Option(
-        False, "--recalibrate", help="Calibrate with the session itself instead of loading a calibration."
-    ),
-    against: Path | None = typer.Option(
-        None, help="With --recalibrate: results.json to compare with; any difference is an error."
-    ),
-    output: Path | None = output_option("SESSION-evaluate"),
-    without: list[str] = WITHOUT_OPTION,
-    contrast: list[str] = CONTRAST_OPTION,
-    epsilon: str | None = EPSILON_OPTION,
-    pair: list[str] = PAIR_OPTION,
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
@@ -152,45 +199,30 @@ def evaluate(
     from ...evaluate.bench.report.page import write_results
     from ...session import Session, example_session
 
-    if recalibrate and calibration is not None:
-        raise InputError("--recalibrate and --calibration exclude each other: leave one out")
-    if against is not None and not recalibrate:
-        raise InputError("--against requires --recalibrate: give both or neither")
-    if session is None and not recalibrate:
+    if session is None and not by.recalibrate:
         raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
-    opened = Session.open(source)
-    path = None if recalibrate else _calibration_file(source, calibration)
-    recorded = None if against is None else _recorded_results(against)
-    contrasts = _contrasts(opened.configuration, contrast, epsilon, pair)
-    with results_folder(context, source, output, force) as results:
-        evaluation, result = _evaluated(source, path, without, contrasts)
+    path, opened = by.file(source), Session.open(source)
+    recorded = None if by.against is None else _recorded_results(by.against)
+    contrasts = options.contrasts(opened.configuration)
+    with results.folder(context, source) as folder:
+        evaluation, result = _evaluated(source, path, options.without, contrasts)
         if recorded is not None:
-            _require_same(result, recorded, str(against))
+            _require_same(result, recorded, str(by.against))
         if path is None:
-            _save_calibration(evaluation, results)
-        written = write_results(evaluation, result, results)
-    print_result(result, as_json)
-    if not as_json:
+            _save_calibration(evaluation, folder)
+        written = write_results(evaluation, result, folder)
+    print_result(result, results.as_json)
+    if not results.as_json:
         say(f"Written: {', '.join(str(p) for p in written)}")
-    if against is not None:
-        say(f"Identical to {against}")
-    show_page(results.folder / "report.html", open_page)
+    if by.against is not None:
+        say(f"Identical to {by.against}")
+    show_page(folder.folder / "report.html", results.open_page)
     verdicts = {row.region.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
         say(f"Limits not met: {', '.join(missed)}")
         raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
-
-
-def _calibration_file(session: Path, given: Path | None) -> Path:
-    path = given or default_folder(session, "calibrate") / "calibration.json"
-    if given is None and not path.exists():
-        raise InputError(
-            f"{path} does not exist: run 'labcdp calibrate {quote(str(session))}' in this folder first, or give "
-            "--calibration or --recalibrate"
-        )
-    return path
 
 
 def _evaluated(
@@ -235,27 +267,6 @@ def _observe(
     with progress_bars() as bars:
         report = partial(bars.update, "reading")
         return session, observe_session(session, without, report, corrections, certificate)
-
-
-def _contrasts(
-    configuration: SessionConfiguration, contrast: list[str], epsilon: str | None, pairs: list[str]
-) -> list[ContrastConfiguration]:
-    """Return pairs and contrasts as given, or else as configured."""
-    from ...session import ContrastConfiguration
-
-    chosen: list[dict[str, Any]] = [one.model_dump() for one in configuration.contrasts]
-    if pairs:
-        if not contrast:
-            raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
-        names = [patch.name for patch in configuration.target.patches]
-        chosen = [dict(zip(("bright", "dark"), parse_pair(text, names), strict=True)) for text in pairs]
-    if epsilon is not None:
-        chosen = [one | {"epsilon": parse_tolerance(epsilon)} for one in chosen]
-    if contrast:
-        values = parse_contrasts(contrast)
-        different = list({json.dumps(one | {"contrast": None}): one for one in chosen}.values())
-        chosen = [one | {"contrast": value} for one in different for value in values]
-    return [ContrastConfiguration(**one) for one in chosen]
 
 
 def _recorded_results(against: Path) -> dict[str, Any]:

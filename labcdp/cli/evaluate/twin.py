@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
+from ..output import Results
+from ..terminal import fraction_of_percent, progress_bars, say
 
 if TYPE_CHECKING:
     from ...evaluate.twin.evaluate import TwinEvaluation
@@ -19,19 +19,16 @@ if TYPE_CHECKING:
 
 def twin(
     context: typer.Context,
+    results: Results,
     session: Path = typer.Argument(help="Folder of the session."),
     calibration: Path | None = typer.Option(
         None, help="Calibration file of this camera; default: calibrate with this session."
     ),
-    output: Path | None = output_option("SESSION-twin"),
     without: list[str] = typer.Option([], "--without", help="Patch to leave out; may be repeated."),
     contrast: str | None = typer.Option(
         None, help="Contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter."
     ),
     epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
 
@@ -51,15 +48,13 @@ def twin(
     inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
     opened = Session.open(session)
     require_monochrome(opened)
-    with results_folder(context, session, output, force) as results:
+    with results.folder(context, session) as folder:
         evaluation = _evaluated(opened, calibration, without, target, tolerance)
         options = {"contrast": target, "epsilon": tolerance, "without": without}
         result = twin_result(evaluation, [session_input(opened), *inputs], options)
-        write_twin(evaluation, result, results)
-    print_result(result, as_json)
-    say(f"Report: {results.folder / 'report.html'}")
-    say(f"Next: labcdp simulate {quote(str(results.folder / 'chain.toml'))}")
-    show_page(results.folder / "report.html", open_page)
+        write_twin(evaluation, result, folder)
+    results.show(result, folder)
+    say(f"Next: labcdp simulate {quote(str(folder.folder / 'chain.toml'))}")
 
 
 def _evaluated(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shlex import quote
@@ -11,8 +12,8 @@ import typer
 
 from ...core.errors import InputError
 from ..bench.acquire import record
-from ..bench.devices_of_session import DeviceChoice
-from ..options import CERTIFICATE_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, SIMULATED_OPTION, VIRTUAL_CLOCK_OPTION
+from ..bench.device_options import DeviceChoice, DeviceOptions
+from ..options import CERTIFICATE_OPTION
 from ..output import FORCE_OPTION, output_option, results_folder
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
 
@@ -26,34 +27,34 @@ if TYPE_CHECKING:
 EXIT_STATUS = {"conform": 0, "not conform": 3, "undecided": 4}
 
 
-def verify(
-    context: typer.Context,
-    calibration: Path = typer.Argument(help="Calibration file written by labcdp calibrate."),
-    paths: list[Path] = typer.Argument(
-        metavar="[CONFIGURATION] SESSION",
-        help="TOML file of the bench and a new session folder, to measure now; or the folder of a recorded session.",
-    ),
+@dataclass(frozen=True)
+class Judgement:
+    """Options for what is measured and when it conforms."""
+
     patch: list[str] = typer.Option(
         [],
         "--patch",
         help="Patch to measure; may be repeated. Default: darkest, middle and brightest (grey ones, with colour "
         "filters); all of a recorded session.",
-    ),
-    output: Path | None = output_option("SESSION-verify"),
-    camera: str | None = typer.Option(None, help="Serial number, address or model; default: as configured."),
-    meter: str | None = METER_OPTION,
-    simulated: bool = SIMULATED_OPTION,
-    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
-    virtual_clock: bool = VIRTUAL_CLOCK_OPTION,
-    faults: Path | None = typer.Option(None, help="With --simulated: file with a schedule of faults."),
-    patience: float = typer.Option(600.0, help="Seconds to wait for a lost camera or meter.", min=0),
-    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
+    )
     tolerance: str | None = typer.Option(
         None,
         help="Largest deviation of the camera from the meter that conforms, for example 3%.",
         show_default="U (95 %)",
+    )
+    certificate: Path | None = CERTIFICATE_OPTION
+
+
+def verify(
+    context: typer.Context,
+    judgement: Judgement,
+    devices: DeviceOptions,
+    calibration: Path = typer.Argument(help="Calibration file written by labcdp calibrate."),
+    paths: list[Path] = typer.Argument(
+        metavar="[CONFIGURATION] SESSION",
+        help="TOML file of the bench and a new session folder, to measure now; or the folder of a recorded session.",
     ),
-    certificate: Path | None = CERTIFICATE_OPTION,
+    output: Path | None = output_option("SESSION-verify"),
     force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
@@ -73,24 +74,21 @@ def verify(
     from ...report.envelope import envelope_json
     from ...session import MeterCertificate, Session
 
-    simulated = simulated or simulated_bench is not None
-    choice = DeviceChoice(
-        camera, meter, simulated, virtual_clock, faults, None, None, patience, transcript, simulated_bench
-    )
     configuration, session = _paths(paths)
+    tolerance, certificate, patches = judgement.tolerance, judgement.certificate, judgement.patch
     tolerance_rel = None if tolerance is None else require_tolerance(fraction_of_percent(tolerance, "--tolerance"))
     of_meter = None if certificate is None else MeterCertificate.load(certificate)
     loaded = load_any(calibration)
-    if configuration is None and (not choice.real or camera is not None or meter is not None or transcript is not None):
+    if configuration is None and devices.given:
         raise InputError(
             "options of devices cannot be used with a recorded session: leave them out, or give a configuration too"
         )
     with results_folder(context, session, output, force) as results:
         path = results.folder / "verification.json"
         if configuration is not None:
-            _acquire(configuration, session, loaded, patch, choice)
-            patch = []
-        verification, observed = _verified(session, loaded, patch, tolerance_rel, of_meter)
+            _acquire(configuration, session, loaded, patches, devices.choice())
+        wanted = patches if configuration is None else []
+        verification, observed = _verified(session, loaded, wanted, tolerance_rel, of_meter)
         save_verification(verification, results.path(path.name))
         inputs = (session_input(Session.open(session)), InputFile.of("calibration", calibration))
         result = verification_result(verification, session.resolve().name, inputs)

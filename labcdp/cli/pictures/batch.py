@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import typer
 
+from ...core.computer.processes import Processes, usable_cores
 from ...core.errors import LabcdpError
-from ...core.processes import Processes, usable_cores
 from ..terminal import say
 
 _LOGGER = logging.getLogger(__name__)

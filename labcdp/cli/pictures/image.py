@@ -5,33 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.disk import real_path
 from ...core.errors import InputError
-from ..options import (
-    CAMERA_SPEC_OPTION,
-    CONTRAST_HELP,
-    MEASURED,
-    PAIR_METAVAR,
-    contrasts_or_measured,
-    parse_pair,
-    parse_tolerance,
-)
-from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, print_result, progress_bars, say
+from ..options import contrasts_or_measured, parse_pair, parse_tolerance
+from ..output import Results
+from ..terminal import print_result, progress_bars, say
 from .batch import Failure, end_batch, worked_through
-from .picture_options import (
-    BITS_OPTION,
-    EXPOSURE_OPTION,
-    FORMAT_OPTION,
-    GAIN_OPTION,
-    SIZE_OPTION,
-    input_files,
-    picture_options,
-)
+from .picture_options import PairOptions, PictureLightOptions
 
 if TYPE_CHECKING:
     from ...core.result import InputFile
@@ -39,34 +23,18 @@ if TYPE_CHECKING:
     from ...evaluate.picture.light.picture import PictureConversion
     from ...evaluate.picture.request import ImageRequest
     from ...evaluate.picture.tables import ReportedPicture
-    from ...files.formats.colour import Encoding
     from ...files.picture.read import PictureOptions
     from ...output import ResultsFolder
-
-_ENCODINGS = ("linear", "srgb")
 
 
 def image(
     context: typer.Context,
+    pairs: PairOptions,
+    light: PictureLightOptions,
+    results: Results,
     files: list[Path] = typer.Argument(
         metavar="FILE...",
         help="Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.",
-    ),
-    roi: Path | None = typer.Option(
-        None, "--roi", help="Region file: .json of labcdp rois, or .roi or .zip of ImageJ."
-    ),
-    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default=MEASURED),
-    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
-    pair: list[str] = typer.Option(
-        [],
-        "--pair",
-        metavar=PAIR_METAVAR,
-        help="Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions.",
-    ),
-    neighbours: bool = typer.Option(
-        False,
-        "--neighbours",
-        help="Compute the nearest-neighbour CDP: each pixel and its neighbours, for patterns 1 pixel wide.",
     ),
     rectangle: str | None = typer.Option(
         None,
@@ -74,28 +42,12 @@ def image(
         metavar="X0,Y0,X1,Y1",
         help="Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.",
     ),
-    calibration: Path | None = typer.Option(None, "--calibration", help="Calibration file, for values in cd/m²."),
-    camera_spec: Path | None = CAMERA_SPEC_OPTION,
-    encoding: str | None = typer.Option(
-        None,
-        "--encoding",
-        help="Encoding of the pixel values, linear or srgb; default: usual encoding of the file type.",
-    ),
-    exposure: str | None = EXPOSURE_OPTION,
-    gain_db: float | None = GAIN_OPTION,
-    bit_depth: int | None = BITS_OPTION,
-    pixel_format: str | None = FORMAT_OPTION,
-    size: str | None = SIZE_OPTION,
     pages: bool = typer.Option(
         True, "--pages/--no-pages", help="Write a page with figures for each picture, or the tables alone."
     ),
     surface: bool = typer.Option(
         False, "--surface", help="Also write a page with the luminance as an interactive surface, 6 MB per picture."
     ),
-    output: Path | None = output_option("PICTURE-image, or pictures-image"),
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Compute contrast detection probability (CDP), contrast, SNR and CSNR of regions in pictures.
 
@@ -105,55 +57,53 @@ def image(
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
     """
     from ...evaluate.picture.files import summary_files
-    from ...evaluate.picture.light.picture import picture_conversion
     from ...evaluate.picture.result import image_result
 
-    if encoding is not None and encoding not in _ENCODINGS:
-        raise InputError(f"--encoding is {encoding!r}: give {' or '.join(_ENCODINGS)}")
-    request = _request(roi, contrast, epsilon, pair, neighbours, rectangle)
-    conversion = picture_conversion(calibration, camera_spec, cast("Encoding | None", encoding))
-    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
+    request = _request(pairs, rectangle)
+    conversion = light.conversion()
+    options = light.over(conversion.options)
     paths = _paths(files)
-    configuration: dict[str, object] = {
-        "contrasts": None if request.contrasts is None else list(request.contrasts),
-        "epsilon": request.epsilon,
-        "conversion": conversion.description,
-        "roi": None if roi is None else str(roi),
-        "pairs": [list(one) for one in request.chosen_pairs],
-        "neighbours": request.neighbours,
-        "rectangle": request.rectangle,
-        "calibration": None if calibration is None else str(calibration),
-        "camera": None if camera_spec is None else str(camera_spec),
-        "encoding": encoding,
-        "exposure_s": options.exposure_s,
-        "gain_db": options.gain_db,
-        "bit_depth": options.bit_depth,
-        "pixel_format": options.pixel_format,
-        "size": options.size,
-    }
-    inputs = input_files({"regions": roi, "calibration": calibration, "camera specification": camera_spec})
+    configuration = _configuration(request, conversion, pairs, light, options)
+    inputs = light.inputs({"regions": pairs.roi})
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
-    work = _Work(request, conversion, options, roi, pages, surface, configuration, inputs)
-    with results_folder(context, files[0] if len(files) == 1 else "pictures", output, force) as results:
-        folder = results.folder
-        pictures = _evaluated(paths, work, results)
+    work = _Work(request, conversion, options, pairs.roi, pages, surface, configuration, inputs)
+    with results.folder(context, files[0] if len(files) == 1 else "pictures") as folder:
+        pictures = _evaluated(paths, work, folder)
         result = image_result(pictures, request, configuration, inputs)
         good = any(picture.evaluation is not None for picture in pictures)
         if good:
-            results.add(summary_files(pictures, result, conversion.description))
-    if as_json:
-        print_result(result, as_json)
-    elif good:
+            folder.add(summary_files(pictures, result, conversion.description))
+    if good:
         # Failures are reported last.
-        print_result(
-            replace(result, findings=tuple(one for one in result.findings if one.severity != "error")), as_json
-        )
+        shown = tuple(one for one in result.findings if results.as_json or one.severity != "error")
         page = "report.html" if pages or len(paths) > 1 else "results.xlsx"
-        say(f"Report: {folder / page}; also results.xlsx and results.json")
+        results.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
+    elif results.as_json:
+        print_result(result, as_json=True)
     failures = [Failure(one.file, one.failure) for one in pictures if one.evaluation is None]
-    show_page(folder / "report.html", open_page and good and (pages or len(paths) > 1))
     end_batch(failures, len(pictures), "pictures")
+
+
+def _configuration(
+    request: ImageRequest,
+    conversion: PictureConversion,
+    pairs: PairOptions,
+    light: PictureLightOptions,
+    options: PictureOptions,
+) -> dict[str, object]:
+    files = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
+    return {
+        "contrasts": None if request.contrasts is None else list(request.contrasts),
+        "epsilon": request.epsilon,
+        "conversion": conversion.description,
+        "pairs": [list(one) for one in request.chosen_pairs],
+        "neighbours": request.neighbours,
+        "rectangle": request.rectangle,
+        "encoding": light.encoding,
+        **{name: None if path is None else str(path) for name, path in files.items()},
+        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
+    }
 
 
 @dataclass(frozen=True)
@@ -215,28 +165,22 @@ def _evaluated(paths: Sequence[Path], work: _Work, results: ResultsFolder) -> li
     return [pictures[index] for index in sorted(pictures)]
 
 
-def _request(
-    roi: Path | None,
-    contrasts: Sequence[str],
-    epsilon: str,
-    pairs: Sequence[str],
-    neighbours: bool,
-    rectangle: str | None,
-) -> ImageRequest:
+def _request(pairs: PairOptions, rectangle: str | None) -> ImageRequest:
     from ...evaluate.picture.request import ImageRequest
     from ...regions import load_regions, rois_of
 
-    if roi is None and not (neighbours or rectangle):
+    neighbours = pairs.neighbours or rectangle is not None
+    if pairs.roi is None and not neighbours:
         raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
-    if roi is None and pairs:
+    if pairs.roi is None and pairs.pair:
         raise InputError("--pair names regions: give their file with --roi")
-    rois = () if roi is None else rois_of(load_regions(roi))
+    rois = () if pairs.roi is None else rois_of(load_regions(pairs.roi))
     return ImageRequest(
-        contrasts=contrasts_or_measured(contrasts),
-        epsilon=parse_tolerance(epsilon),
+        contrasts=contrasts_or_measured(pairs.contrast),
+        epsilon=parse_tolerance(pairs.epsilon),
         rois=rois,
-        pairs=tuple(parse_pair(text, [one.name for one in rois]) for text in pairs) or None,
-        neighbours=neighbours or rectangle is not None,
+        pairs=tuple(parse_pair(text, [one.name for one in rois]) for text in pairs.pair) or None,
+        neighbours=neighbours,
         rectangle=None if rectangle is None else _rectangle(rectangle),
     )
 

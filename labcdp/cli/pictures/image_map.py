@@ -3,68 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import typer
 
-from ..options import CAMERA_SPEC_OPTION
-from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say
-from .picture_options import (
-    BITS_OPTION,
-    EXPOSURE_OPTION,
-    FORMAT_OPTION,
-    GAIN_OPTION,
-    SIZE_OPTION,
-    input_files,
-    picture_options,
-)
+from ..output import Results
+from ..terminal import fraction_of_percent
+from .picture_options import PictureLightOptions
 
 if TYPE_CHECKING:
     from ...core.result import InputFile
+    from ...evaluate.picture.edges.map import ContrastMapSettings
     from ...evaluate.picture.edges.result import MapSource
     from ...evaluate.picture.light.picture import PictureConversion
     from ...files.picture.picture import Picture
 
 
-def image_map(
-    context: typer.Context,
-    file: Path = typer.Argument(
-        metavar="FILE", help="Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map of labcdp."
-    ),
-    calibration: Path | None = typer.Option(
-        None,
-        help="Calibration file, for values in cd/m². Without it and --camera-spec, relative luminance is used.",
-    ),
-    camera_spec: Path | None = CAMERA_SPEC_OPTION,
-    encoding: Literal["linear", "srgb"] | None = typer.Option(
-        None, help="Encoding of the pixel values; default: usual encoding of the file type."
-    ),
-    exposure: str | None = EXPOSURE_OPTION,
-    gain_db: float | None = GAIN_OPTION,
-    bit_depth: int | None = BITS_OPTION,
-    pixel_format: str | None = FORMAT_OPTION,
-    size: str | None = SIZE_OPTION,
+@dataclass(frozen=True)
+class EdgeOptions:
+    """Options of the map: its regions, and which contrasts are to be detected at their edges."""
+
     region_size: int = typer.Option(
         40, help="Side of the regions in pixels, at least 10: about half the size of the smallest relevant object."
-    ),
-    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
+    )
+    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast.")
     minimum_contrast: str = typer.Option(
         "10%", help="Smallest contrast of an edge; edges of less contrast are ignored."
-    ),
+    )
     contrast: str | None = typer.Option(
         None,
         help="Contrast that the objects of the scene have, to be detected at all edges; default: that of each edge.",
+    )
+    detected: float = typer.Option(0.9, help="Smallest CDP of a detected edge, above 0 and up to 1.")
+
+    def settings(self) -> ContrastMapSettings:
+        """Return what is given as numbers; raises InputError."""
+        from ...evaluate.picture.edges.map import ContrastMapSettings
+
+        return ContrastMapSettings(
+            self.region_size,
+            fraction_of_percent(self.epsilon, "--epsilon"),
+            fraction_of_percent(self.minimum_contrast, "--minimum-contrast"),
+            self.detected,
+            None if self.contrast is None else fraction_of_percent(self.contrast, "--contrast"),
+        )
+
+
+def image_map(
+    context: typer.Context,
+    light: PictureLightOptions,
+    edges: EdgeOptions,
+    results: Results,
+    file: Path = typer.Argument(
+        metavar="FILE", help="Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map of labcdp."
     ),
     reference: Path | None = typer.Option(
         None, help="Image of the scene without veil or blur; its edges and their contrasts are to be detected."
     ),
-    detected: float = typer.Option(0.9, help="Smallest CDP of a detected edge, above 0 and up to 1."),
-    output: Path | None = output_option("FILE-image-map"),
-    force: bool = FORCE_OPTION,
-    open_page: bool = OPEN_OPTION,
-    as_json: bool = JSON_OPTION,
 ) -> None:
     """Map the CDP of all edges in an image, to show where the camera loses objects.
 
@@ -77,33 +74,21 @@ def image_map(
     Example: labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
     """
     from ...evaluate.picture.edges.files import write_contrast_map
-    from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+    from ...evaluate.picture.edges.map import contrast_map
     from ...evaluate.picture.edges.result import map_result
-    from ...evaluate.picture.light.picture import picture_conversion
     from ...files.picture.read import read_picture
 
-    settings = ContrastMapSettings(
-        region_size,
-        fraction_of_percent(epsilon, "--epsilon"),
-        fraction_of_percent(minimum_contrast, "--minimum-contrast"),
-        detected,
-        None if contrast is None else fraction_of_percent(contrast, "--contrast"),
-    )
-    conversion = picture_conversion(calibration, camera_spec, encoding)
-    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
-    inputs = input_files({"calibration": calibration, "camera specification": camera_spec, "reference": reference})
-    with results_folder(context, file, output, force) as results:
-        folder = results.folder
+    settings, conversion = edges.settings(), light.conversion()
+    options = light.over(conversion.options)
+    inputs = light.inputs({"reference": reference})
+    with results.folder(context, file) as folder:
         picture = read_picture(file, options)
         scene = None if reference is None else conversion.luminance(read_picture(reference, options))
         found = contrast_map(conversion.luminance(picture), settings, scene)
         source = _source(picture, conversion, inputs)
         result = map_result(found, source)
-        write_contrast_map(found, source, result, results)
-    print_result(result, as_json)
-    show_page(folder / "report.html", open_page)
-    if not as_json:
-        say(f"Report: {folder / 'report.html'}; also contrast-map.png, results.xlsx, results.nc and results.json")
+        write_contrast_map(found, source, result, folder)
+    results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")
 
 
 def _source(picture: Picture, conversion: PictureConversion, inputs: Sequence[InputFile]) -> MapSource:

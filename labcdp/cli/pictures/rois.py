@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,10 @@ import typer
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info
-from ..options import CAMERA_SPEC_OPTION, CONTRAST_HELP, MEASURED, contrasts_or_measured
-from ..output import FORCE_OPTION, output_file
+from ..options import contrasts_or_measured
 from ..terminal import JSON_OPTION, print_result, say, say_where
-from .picture_options import BITS_OPTION, EXPOSURE_OPTION, FORMAT_OPTION, GAIN_OPTION, SIZE_OPTION, picture_options
+from .picture_options import PictureLightOptions
+from .rois_options import PageOptions, RegionFiles
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
 
 def rois(
     context: typer.Context,
+    regions: RegionFiles,
+    light: PictureLightOptions,
+    shown: PageOptions,
     file: Path = typer.Argument(
         metavar="FILE",
         help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump; or a video, a folder of numbered "
@@ -38,38 +40,9 @@ def rois(
     frame: str | None = typer.Option(
         None, help="Frame of a video to draw on, for example 250, 10s or 1:30; default: the first."
     ),
-    output: Path | None = typer.Option(
-        None,
-        "--output",
-        "-o",
-        help="Region file to write: .json, or for ImageJ .zip or .roi. Default: the JSON file of --roi, else next "
-        "to the image or video, for example picture.rois.json.",
-    ),
-    roi: Path | None = typer.Option(
-        None, help="Region file to start from: .json of labcdp, .roi or .zip of ImageJ. Default: the file of --output."
-    ),
-    calibration: Path | None = typer.Option(None, help="Calibration file, for values in cd/m²."),
-    camera_spec: Path | None = CAMERA_SPEC_OPTION,
-    encoding: Literal["linear", "srgb"] | None = typer.Option(
-        None, help="Encoding of the pixel values; default: usual encoding of the file type."
-    ),
-    exposure: str | None = EXPOSURE_OPTION,
-    gain_db: float | None = GAIN_OPTION,
-    bit_depth: int | None = BITS_OPTION,
-    pixel_format: str | None = FORMAT_OPTION,
-    size: str | None = SIZE_OPTION,
-    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default=MEASURED),
     detect: Literal["checkerboard", "step-chart", "superpixels"] | None = typer.Option(
         None, help="Find regions and propose them for confirmation on the page."
     ),
-    page: bool = typer.Option(
-        True, "--page/--no-page", help="Show the page; without it, write the regions that --detect finds."
-    ),
-    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
-    address: str = typer.Option(
-        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
-    ),
-    force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Draw regions in an image or video frame, on a page in the browser.
@@ -78,31 +51,24 @@ def rois(
     the address of the page, also for a browser on another computer. Ctrl-C ends the command. Regions that are not
     saved are kept next to the output, and the same command resumes with them.
     """
-    from ...evaluate.picture.light.picture import picture_conversion
-    from ...output.file import is_same_file
     from ...web.lock import locked
     from ...web.regions.files import DrawingFiles
 
-    contrasts = contrasts_or_measured(contrast)
-    if not page and detect is None:
+    contrasts = contrasts_or_measured(shown.contrast)
+    if not shown.page and detect is None:
         raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
-    _require_of_kind(file, frame, pixel_format or size)
-    target = _output(file, output, roi if page else None)
-    # A region file of labcdp is edited in place; other programs' files are never.
-    is_edited = target.suffix == ".json" and (roi is None or (page and is_same_file(roi, target)))
-    if not (target.exists() and is_edited) or is_same_file(file, target):
-        output_file(context, target, force)
-    conversion = picture_conversion(calibration, camera_spec, encoding)
-    options = picture_options(conversion.options, exposure, gain_db, bit_depth, pixel_format, size)
-    image = _image(file, frame, conversion, options)
+    _require_of_kind(file, frame, light.pixel_format or light.size)
+    target = regions.target(context, file, shown.page)
+    conversion = light.conversion()
+    image = _image(file, frame, conversion, light.over(conversion.options))
     files = DrawingFiles(target, image.size)
     found = () if detect is None else _found(image, detect)
     with locked(target) as tell_others:
-        start = _start(files, roi)
-        if not page:
+        start = _start(files, regions.roi)
+        if not shown.page:
             _write(files, start, found, as_json)
             return
-        place = _Place(address, port, tell_others, context.info_name == "view")
+        place = _Place(shown.address, shown.port, tell_others, context.info_name == "view")
         _serve(image, files, start, found, contrasts, place, as_json)
 
 
@@ -125,15 +91,6 @@ class _Files:
     saved: tuple[Shape, ...]
     read: tuple[Shape, ...]
     kept: tuple[Shape, ...]
-
-
-def _output(file: Path, output: Path | None, roi: Path | None) -> Path:
-    name = file.name if file.is_dir() else file.stem
-    edited = roi if roi is not None and roi.suffix == ".json" else None
-    target = output or edited or file.parent / f"{name or 'video'}.rois.json"
-    if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
-        raise InputError(f"{target.parent} may not be written to: give --output in another folder")
-    return target
 
 
 def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:

@@ -6,23 +6,21 @@ from pathlib import Path
 
 import typer
 
-from ..options import CAMERA_SPEC_OPTION
 from ..terminal import JSON_OPTION
-from .picture_options import EXPOSURE_OPTION
+from .picture_options import PictureLightOptions
 from .rois import rois
+from .rois_options import PageOptions, RegionFiles
 
 
 def view(
     context: typer.Context,
+    light: PictureLightOptions,
     file: Path = typer.Argument(
         metavar="FILE",
         help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ, NetCDF), a picture or frame, a video or a "
         "recorded session.",
     ),
     frame: str | None = typer.Option(None, help="Frame of a video or session, for example 250; default: the first."),
-    calibration: Path | None = typer.Option(None, help="Calibration file, for cd/m² of pictures and sessions."),
-    camera_spec: Path | None = CAMERA_SPEC_OPTION,
-    exposure: str | None = EXPOSURE_OPTION,
     roi: Path | None = typer.Option(None, help="Region file to start from."),
     port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
     address: str = typer.Option("127.0.0.1", help="Address of the page."),
@@ -35,25 +33,5 @@ def view(
 
     Example: labcdp view target.exr
     """
-    rois(
-        context,
-        file,
-        frame=frame,
-        output=None,
-        roi=roi,
-        calibration=calibration,
-        camera_spec=camera_spec,
-        encoding=None,
-        exposure=exposure,
-        gain_db=None,
-        bit_depth=None,
-        pixel_format=None,
-        size=None,
-        contrast=[],
-        detect=None,
-        page=True,
-        port=port,
-        address=address,
-        force=False,
-        as_json=as_json,
-    )
+    page = PageOptions(page=True, port=port, address=address, contrast=[])
+    rois(context, RegionFiles(None, roi, False), light, page, file, frame, None, as_json)

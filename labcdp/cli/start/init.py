@@ -43,6 +43,11 @@ def init(
     preset: str | None = typer.Option(
         None, help="For a chain: preset to start from, see labcdp presets.", show_default=DEFAULT_PRESET
     ),
+    sensor: Path | None = typer.Option(
+        None,
+        help="For a chain: EMVA 1288 results for its sensor, of labcdp characterise (results.json or folder) or of a "
+        "data sheet (TOML with a table [emva1288]); the preset gives the rest.",
+    ),
     force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
@@ -55,7 +60,7 @@ def init(
     from ...output import write_file
 
     path = output_file(context, file, force, option="FILE")
-    write_file(path, _text(template, preset).encode(), force=force)
+    write_file(path, _text(template, preset, sensor).encode(), force=force)
     command = _NEXT[template].format(file=file)
     if as_json:
         columns = (Column("template", "template"), Column("next_command", "next command"))
@@ -66,14 +71,17 @@ def init(
         say(f"Next: {command}")
 
 
-def _text(template: Template, preset: str | None) -> str:
+def _text(template: Template, preset: str | None, sensor: Path | None) -> str:
     from ...chain import preset_text
+    from ...evaluate.camera.sensor import chain_text
     from ...session.examples import example_camera, example_configuration, example_simulated_bench
 
     if template is Template.chain:
-        return preset_text(preset or DEFAULT_PRESET)
-    if preset is not None:
-        raise InputError(f"--preset is {preset!r}, but only a chain has presets: leave it out")
+        chosen = preset or DEFAULT_PRESET
+        return preset_text(chosen) if sensor is None else chain_text(chosen, sensor)
+    for option, given in (("--preset", preset), ("--sensor", sensor)):
+        if given is not None:
+            raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")
     texts = {
         Template.bench: example_configuration,
         Template.camera: example_camera,

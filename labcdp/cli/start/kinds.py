@@ -81,7 +81,8 @@ def _result(content: dict[str, object]) -> Description:
         if isinstance(inputs, list)
         else "",
     }
-    return "results", properties, [], []
+    comparable = content.get("kind") in ("evaluate", "image", "characterise", "sweep", "calibrate")
+    return "results", properties, [], ["compare {file} OTHER"] if comparable else []
 
 
 def _calibration(path: Path) -> Description:
@@ -96,7 +97,8 @@ def _calibration(path: Path) -> Description:
         "measured": f"{loaded.provenance.measured:%Y-%m-%d %H:%M}",
     }
     commands = ["evaluate SESSION --calibration {file}", "luminance {file} FRAME --output map.exr"]
-    return "calibration", properties, [], [*commands, "image PICTURE --calibration {file} --roi rois.json"]
+    commands += ["image PICTURE --calibration {file} --roi rois.json", "compare {file} OTHER"]
+    return "calibration", properties, [], commands
 
 
 def _verification(path: Path) -> Description:
@@ -122,8 +124,11 @@ def toml(path: Path) -> Description:
     if "scene" in content:
         chain = Chain.load(str(path))
         properties = {"description": chain.description}
-        return "imaging chain", properties, [], ["simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT"]
-    if content.keys() <= {"seed", "camera", "sensor", "meter"}:
+        commands = ["simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT", "compare {file} manta-g505"]
+        return "imaging chain", properties, [], commands
+    if "emva1288" in content:
+        return "EMVA 1288 data sheet", {}, [], ["init chain my.toml --sensor {file}"]
+    if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
         camera = SimulatedBenchFile.load(path).devices(path.parent)
         commands = ["acquire PLAN rehearsal --simulated-bench {file}"]
         return "simulated bench", {"camera": f"{camera.vendor} {camera.model}"}, [], commands
@@ -155,7 +160,7 @@ def map_file(path: Path) -> Description:
         "axes": ", ".join(f"{name} ({size})" for name, size in dataset.sizes.items()),
         "variables": ", ".join(str(name) for name in dataset.data_vars),
     }
-    return "map of a sweep", properties, [], []
+    return "map of a sweep", properties, [], ["compare {file} OTHER"]
 
 
 def data_set(path: Path) -> Description:
@@ -265,7 +270,7 @@ def spectra(path: Path, source: str) -> Description:
 
 
 def _light(source: str) -> str | SpectralTable:
-    from ...core.photometry import source_names, spectral_weights
+    from ...core.spectral.photometry import source_names, spectral_weights
     from ...core.spectral.table import read_spectral_file
 
     if Path(source).is_file():

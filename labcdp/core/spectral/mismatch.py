@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..finding import Finding, FindingValue, info, warning
-from ..photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
+from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
 from .table import SpectralTable
 
-#: A light source: by the name of its spectrum, as `labcdp.core.photometry` knows it, or measured.
+#: A light source: by the name of its spectrum, as `labcdp.core.spectral.photometry` knows it, or measured.
 Source = str | SpectralTable
 
 #: Illuminants of a table of mismatch factors: incandescent, daylight, LED, and a fluorescent lamp of each group.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..disk import CsvRow, quoted, read_csv, shortened
 from ..errors import InputError
-from ..photometry import WAVELENGTH_RANGE_NM
+from .photometry import WAVELENGTH_RANGE_NM
 
 #: Name of the first column.
 _WAVELENGTH = "wavelength_nm"

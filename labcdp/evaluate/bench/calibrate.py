@@ -9,13 +9,13 @@ from dataclasses import replace
 from ...calibration import AnyCalibration, Calibration, DarkObservation, PatchObservation, Setup, fit, fit_colour
 from ...calibration.response.curve import ResponseCurve
 from ...calibration.signal import left_out_text
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError
 from ...core.finding import unique
 from ...core.spectral.mismatch import Source
 from ...core.spectral.table import SpectralTable
 from ...session import SessionConfiguration
 from .observe import ObservedPlane, ObservedSession
-from .recorded import lens_of
+from .recorded import lens_of, require_patches
 
 
 def calibrate_session(
@@ -48,9 +48,7 @@ def calibrate_session(
     """
     sessions = [observed, *(_renamed(other, f"{number}") for number, other in enumerate(more, start=2))]
     names = [name for one in sessions for name in one.names]
-    unknown = sorted(set(held_out) - set(names))
-    if unknown:
-        raise InputError(f"there is no patch {unknown[0]!r} to hold out: choose from {', '.join(names)}")
+    require_patches(held_out, names, "to hold out")
     for other in sessions[1:]:
         _require_alike(observed, other)
     setup = Setup(

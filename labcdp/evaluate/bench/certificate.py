@@ -12,10 +12,10 @@ from ...calibration.verify.result import Verification
 from ...core.table import Column, Table
 from ...report.certificate import Certificate, render_certificate
 from ...report.digits import day, exposures, minute, shortened, significant, with_half_width
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
+from ...report.figures.maps import close_picture
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Facts, State
-from ...report.maps import close_picture
 from ...session import ConditionsConfiguration, Session
 from .calibration.budget import PATCH_PIXELS, budget_at
 from .calibration.quantities import lens_text, meter_text, range_text, responsivity, traceability
@@ -177,32 +177,24 @@ def _picture(session: Session, observed: ObservedSession, calibration: AnyCalibr
 
 def _calibrated(calibration: AnyCalibration) -> Table:
     """Return the patches by meter and camera, with U and k of the camera's luminance."""
+    rows = (*calibration.residuals, *calibration.held_out)
+    whole = {row.luminance_cd_m2: budget_at(calibration, row.luminance_cd_m2).whole for row in rows}
     columns = (
-        Column("patch", "patch"),
-        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading."),
-        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera."),
-        Column("deviation_rel", "deviation", "%", "Of the camera from the meter.", decimals=2),
-        Column("expanded_rel", "U of the camera's luminance", "%", "Relative U (95 %).", digits=2),
-        Column("k", "k", "", "Coverage factor.", decimals=2),
-    )
-    rows = []
-    for row in (*calibration.residuals, *calibration.held_out):
-        whole = budget_at(calibration, row.luminance_cd_m2).whole
-        rows.append(
-            {
-                "patch": row.patch if row in calibration.residuals else f"{row.patch} (held out)",
-                "meter_cd_m2": row.reading_cd_m2,
-                "camera_cd_m2": row.luminance_cd_m2,
-                "deviation_rel": row.residual_rel,
-                "expanded_rel": whole.expanded_95_rel,
-                "k": whole.expanded_95_rel / whole.standard_uncertainty_rel,
-            }
-        )
+        Column("patch", "patch",
+               value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
+        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading.", value="reading_cd_m2"),
+        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2"),
+        Column("deviation_rel", "deviation", "%", "Of the camera from the meter.", decimals=2, value="residual_rel"),
+        Column("expanded_rel", "U of the camera's luminance", "%", "Relative U (95 %).", digits=2,
+               value=lambda row: whole[row.luminance_cd_m2].expanded_95_rel),
+        Column("k", "k", "", "Coverage factor.", decimals=2,
+               value=lambda row: whole[row.luminance_cd_m2].coverage_factor),
+    )  # fmt: skip
     note = ""
     if isinstance(calibration, Calibration):
         r = responsivity(calibration)
         note = f"Responsivity R = ({with_half_width(r.value or 0.0, r.expanded or 0.0)}) {r.unit}."
-    return Table.of_rows("certificate", "Results", columns, rows, note).sorted_by("meter_cd_m2")
+    return Table.of_items("certificate", "Results", columns, rows, note).sorted_by("meter_cd_m2")
 
 
 def _sentence(text: str) -> str:

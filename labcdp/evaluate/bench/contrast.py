@@ -8,12 +8,7 @@ from typing import Literal
 
 from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
 from ...core.errors import CalibrationError, InputError
-from ...metrics import (
-    CalibratedCdp,
-    CdpResult,
-    ContrastDistribution,
-    contrast_histogram,
-)
+from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.regions.pair import evaluate_regions
 from ...metrics.regions.region import RegionPixels
 from ...session import ContrastConfiguration, Session
@@ -51,7 +46,7 @@ class ContrastRow:
 
     bright: str
     dark: str
-    calibrated_cdp: CalibratedCdp
+    calibrated_cdp: CalibratedCdp[CdpResult]
     distribution: ContrastDistribution | None
     measured_contrast: float
     measured_standard_uncertainty: float

@@ -53,8 +53,7 @@ class Corrections:
 
 def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]:
     """Corrections of each plane of a calibration."""
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
-    return {plane.state.plane: Corrections.of(plane) for plane in planes}
+    return {plane.state.plane: Corrections.of(plane) for plane in calibration.planes}
 
 
 def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:

@@ -8,11 +8,10 @@ from dataclasses import replace
 from ...calibration.dark.library import DarkLibrary, dark_library
 from ...calibration.defects import DefectMap, find_defects
 from ...calibration.frames.measure import MeasuredFrames, measure_whole
-from ...calibration.frames.planes import split
 from ...core.finding import Finding, info
 from ...session import Session
 from .corrections import Corrections, PlaneCorrections
-from .recorded import Report, by_exposure
+from .recorded import Report, SessionReader, by_exposure
 
 
 def with_dark_frames(
@@ -30,7 +29,7 @@ def with_dark_frames(
     sessions : sequence of Session
         Sessions of one camera; dark frames at several temperatures determine the temperature dependence.
     report : callable
-        Called with the number of exposures read, and of all.
+        Called with the number of frames read, and of all.
 
     Raises
     ------
@@ -39,18 +38,15 @@ def with_dark_frames(
     CalibrationError
         If frames of one exposure differ in camera or setting.
     """
-    total = len(corrections) * sum(len(by_exposure(session, "dark")) for session in sessions)
+    reader = SessionReader(report, len(corrections) * sum(len(session.frames("dark")) for session in sessions))
     light_s = sorted({t for session in sessions for t in by_exposure(session, "light")})
-    done = 0
     result: dict[str | None, Corrections] = {}
     for plane, own in corrections.items():
-        darks: list[MeasuredFrames] = []
-        for session in sessions:
-            for records in by_exposure(session, "dark").values():
-                frames = (session.load(record) for record in records)
-                darks.append(measure_whole(f if plane is None else split(f)[plane] for f in frames))
-                done += 1
-                report(done, total)
+        darks = [
+            measure_whole(reader.frames(session, records, plane))
+            for session in sessions
+            for records in by_exposure(session, "dark").values()
+        ]
         defects, of_defects = _defects(own, darks)
         library, of_library = _library(darks, defects, light_s)
         findings = (*own.findings, *of_defects, *of_library)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from ...calibration.defects import find_defects
 from ...calibration.flat.field import MeasuredVignetting, measure_vignetting
 from ...calibration.frames.measure import MeasuredFrames, measure_whole
-from ...calibration.frames.planes import split
 from ...core.errors import CalibrationError
 from ...core.response import Response
 from ...core.vignetting import AnyVignetting
 from ...session import Session
 from .corrections import Corrections
-from .recorded import Report, by_exposure, lens_of, planes_of
+from .recorded import Report, SessionReader, by_exposure, lens_of, planes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class UniformLight:
         source_nonuniformity_rel : float
             Relative standard uncertainty of the source's uniformity.
         report : callable
-            Called with the number of exposures read, and of all.
+            Called with the number of frames read, and of all.
 
         Raises
         ------
@@ -55,18 +54,13 @@ class UniformLight:
         SessionError
             If a file is missing or altered.
         """
-        planes, groups = planes_of(session), [by_exposure(session, role) for role in ("light", "dark")]
-        total, done = len(planes) * sum(map(len, groups)), 0
-        found: list[dict[str | None, list[MeasuredFrames]]] = [{}, {}]
-        for plane in planes:
-            for one, measured in zip(groups, found, strict=True):
-                measured[plane] = []
-                for records in one.values():
-                    frames = (session.load(record) for record in records)
-                    measured[plane].append(measure_whole(f if plane is None else split(f)[plane] for f in frames))
-                    done += 1
-                    report(done, total)
-        return cls(found[0], found[1], source_nonuniformity_rel)
+        planes = planes_of(session)
+        reader = SessionReader(report, len(planes) * len(session.frames()))
+        lights, darks = (
+            {plane: [measure_whole(reader.frames(session, records, plane)) for records in groups] for plane in planes}
+            for groups in (by_exposure(session, "light").values(), by_exposure(session, "dark").values())
+        )
+        return cls(lights, darks, source_nonuniformity_rel)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -10,17 +10,17 @@ from functools import partial
 
 from ...calibration import DarkObservation, PatchObservation, observe_dark, observe_patches
 from ...calibration.frames.measure import MIN_FRAMES
-from ...calibration.frames.planes import plane_region, split
+from ...calibration.frames.planes import plane_region
 from ...calibration.meter import MeterScale, corrected, meter_scale
 from ...calibration.signal_limits import MAX_CLIPPED_SHARE
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.reading import Reading
 from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .corrections import Corrections, PlaneCorrections, corrections_of_lens
 from .dark import with_dark_frames
-from .recorded import Report, by_exposure, by_patch, planes_of
+from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, regions_without
 
 
 @dataclass(frozen=True)
@@ -150,13 +150,9 @@ def observe_session(
     if certificate is not None:
         meter = configuration.meter.model_copy(update={"certificate": certificate})
         configuration = configuration.model_copy(update={"meter": meter})
-    names = [patch.name for patch in configuration.target.patches]
-    unknown = sorted(set(without) - set(names))
-    if unknown:
-        raise InputError(f"there is no patch {unknown[0]!r} to leave out: choose from {', '.join(names)}")
+    regions = regions_without(configuration, without)
     if not session.frames("dark"):
         raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
-    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
     planes = planes_of(session)
     if corrections is None:
         corrections = with_dark_frames(corrections_of_lens(session), [session])
@@ -166,52 +162,39 @@ def observe_session(
             f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
             "filter: use those of this camera"
         )
-    reader = _Reader(session, report, len(planes) * len(session.frames()))
+    frames = partial(SessionReader(report, len(planes) * len(session.frames())).frames, session)
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
     return ObservedSession(
         configuration,
-        {plane: _observe_plane(reader, plane, regions, corrections[plane]) for plane in planes},
+        {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes},
         readings,
         input_sha256(session),
     )
 
 
-class _Reader:
-    """Loads frames, or one plane of them, and counts them."""
-
-    def __init__(self, session: Session, report: Report, total: int) -> None:
-        self.session = session
-        self._report = report
-        self._total = total
-        self._done = 0
-
-    def frames(self, records: Sequence[FrameRecord], plane: str | None) -> Iterator[Frame]:
-        for record in records:
-            frame = self.session.load(record)
-            yield frame if plane is None else split(frame)[plane]
-            self._done += 1
-            self._report(self._done, self._total)
-
-
 def _observe_plane(
-    reader: _Reader, plane: str | None, regions: Sequence[Roi], corrections: Corrections
+    session: Session,
+    read: Callable[[Sequence[FrameRecord], str | None], Iterator[Frame]],
+    plane: str | None,
+    regions: Sequence[Roi],
+    corrections: Corrections,
 ) -> ObservedPlane:
     library, defects = corrections.dark_library, corrections.defects
     observed = partial(observe_patches, vignetting=corrections.vignetting, defects=defects, dark_library=library)
     darks = [
-        observe_dark(reader.frames(group, plane), defects=defects, dark_library=library)
-        for group in by_exposure(reader.session, "dark").values()
+        observe_dark(read(group, plane), defects=defects, dark_library=library)
+        for group in by_exposure(session, "dark").values()
     ]
     patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
     own = {region.name: region if plane is None else plane_region(region) for region in regions}
-    for group in by_exposure(reader.session, "light").values():
+    for group in by_exposure(session, "light").values():
         for shown, records in by_patch(group).items():
             seen = [region for name, region in own.items() if shown in (None, name)]
             if seen:
-                frames = reader.frames(records, plane)
+                frames = read(records, plane)
                 found = observed(frames, seen) if len(records) >= MIN_FRAMES else _of_one_frame(observed, frames, seen)
                 for observation in found:
                     patches[observation.patch].append(observation)

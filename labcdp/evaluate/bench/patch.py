@@ -5,20 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot
 
-from ...calibration import (
-    AnyCalibration,
-    Calibration,
-    PatchLuminance,
-    colour_patch_luminance,
-    patch_luminance,
-)
+from ...calibration import AnyCalibration, PatchLuminance
+from ...calibration.colour.conversion import luminance_of_planes
 from ...calibration.errors.expanded import expanded_rel
 from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings
+from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError
 from ...core.roi import Roi
-from ...metrics.limits import LimitVerdict, limit_verdict
-from .guess import guessed_conversion
+from ...core.spectral.photometry import photon_radiance_per_cd_m2
+from ...metrics.regions.limits import LimitVerdict, limit_verdict
 from .observe import ObservedSession
 
 
@@ -93,18 +89,18 @@ def patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration)
         meter=observed.meter_scale,
         n_readings=measured.n_readings,
         calculated_cd_m2=_calculated_cd_m2(observed, name),
-        calibrated=_calibrated(observed, name, calibration),
+        calibrated=luminance_of_planes(
+            calibration, {plane or "": seen.patches[name] for plane, seen in observed.planes.items()}
+        ),
     )
 
 
-def _calibrated(observed: ObservedSession, name: str, calibration: AnyCalibration) -> PatchLuminance:
-    if isinstance(calibration, Calibration):
-        return patch_luminance(calibration, observed.patches[name])
-    by_plane = {plane: seen.patches[name] for plane, seen in observed.planes.items() if plane is not None}
-    return colour_patch_luminance(calibration, by_plane)
-
-
 def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
+    """Luminance by guessed parameters of the camera, without any uncertainty to state; None without them.
+
+    The electrons of a pixel are L t QE p^2 tau pi / (4 N^2) times the photons per cd/m^2 of the spectrum (the 2018
+    thesis' equation 3.1 and its sensor, solved for the luminance; the thesis' program multiplies where it must divide).
+    """
     guess = observed.configuration.guess
     # A guess is of one responsivity: for colour filters it says nothing.
     if guess is None or None not in observed.planes:
@@ -113,8 +109,9 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     if not unsaturated:
         return None
     o = max(unsaturated, key=lambda o: o.exposure_s)
-    conversion = guessed_conversion(
-        guess, observed.configuration.source.spectrum, observed.monochrome.corrections.vignetting, o.state.gain_db
-    )
-    net_dn = o.signal_dn - o.mean_inverse_v * conversion.dark_dn(o.exposure_s)
-    return net_dn / (conversion.responsivity_dn_s_cd_m2 * o.exposure_s)
+    illuminance = axial_illuminance_per_cd_m2(guess.f_number, guess.transmittance, magnification=0.0)
+    photons_s_m2 = photon_radiance_per_cd_m2(observed.configuration.source.spectrum) * illuminance
+    # K is taken to be for 0 dB.
+    k_dn_per_e = guess.k_dn_per_e * 10 ** (o.state.gain_db / 20)
+    responsivity = photons_s_m2 * guess.pixel_pitch_m**2 * guess.quantum_efficiency * k_dn_per_e
+    return o.net_dn(guess.dark_dn) / (responsivity * o.exposure_s)

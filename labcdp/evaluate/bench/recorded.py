@@ -2,13 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 from ...calibration import AnyCalibration, LensIdentity
-from ...core.frame import PLANES
+from ...calibration.frames.planes import plane_of
+from ...core.errors import InputError
+from ...core.frame import PLANES, Frame
+from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, Role, Session, SessionConfiguration
 
 Report = Callable[[int, int], None]
+_Key = TypeVar("_Key")
+
+
+class SessionReader:
+    """Loads frames of sessions, or one plane of them, and counts them.
+
+    Parameters
+    ----------
+    report : callable
+        Called with the number of frames read, and of all.
+    total : int
+        All frames that will be read.
+    """
+
+    def __init__(self, report: Report, total: int) -> None:
+        self._report, self._total, self._done = report, total, 0
+
+    def frames(self, session: Session, records: Iterable[FrameRecord], plane: str | None) -> Iterator[Frame]:
+        """Load frames, one at a time."""
+        for record in records:
+            yield plane_of(session.load(record), plane)
+            self._done += 1
+            self._report(self._done, self._total)
+
+
+def regions_without(configuration: SessionConfiguration, without: Sequence[str]) -> list[Roi]:
+    """Return the patches of the target but some; raises InputError for names that it does not have."""
+    require_patches(without, [patch.name for patch in configuration.target.patches], "to leave out")
+    return [patch.region() for patch in configuration.target.patches if patch.name not in without]
+
+
+def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) -> None:
+    """Raise InputError for the first name that is not known."""
+    unknown = sorted(set(asked) - set(known))
+    if unknown:
+        raise InputError(f"there is no patch {unknown[0]!r} {purpose}: choose from {', '.join(known)}")
 
 
 def lens_of(configuration: SessionConfiguration) -> LensIdentity:
@@ -33,19 +73,21 @@ def planes_of(session: Session) -> tuple[str | None, ...]:
     return (None,) if first.colour_filter is None else PLANES
 
 
-def by_exposure(session: Session, role: Role) -> dict[float, list[FrameRecord]]:
-    """Frames of a role by exposure in seconds, shortest first."""
-    groups: dict[float, list[FrameRecord]] = {}
-    for record in session.frames(role):
-        groups.setdefault(record.exposure_s, []).append(record)
-    return dict(sorted(groups.items()))
+def by_exposure(records: Session | Iterable[FrameRecord], role: Role) -> dict[float, list[FrameRecord]]:
+    """Frames of a role, of a session or some of them, by exposure in seconds, shortest first."""
+    frames = records.frames(role) if isinstance(records, Session) else [r for r in records if r.role == role]
+    return dict(sorted(_grouped(frames, lambda record: record.exposure_s).items()))
 
 
-def by_patch(records: Sequence[FrameRecord]) -> dict[str | None, list[FrameRecord]]:
+def by_patch(records: Iterable[FrameRecord]) -> dict[str | None, list[FrameRecord]]:
     """Frames by the patch shown; None stands for the whole target."""
-    groups: dict[str | None, list[FrameRecord]] = {}
+    return _grouped(records, lambda record: record.patch)
+
+
+def _grouped(records: Iterable[FrameRecord], key: Callable[[FrameRecord], _Key]) -> dict[_Key, list[FrameRecord]]:
+    groups: dict[_Key, list[FrameRecord]] = {}
     for record in records:
-        groups.setdefault(record.patch, []).append(record)
+        groups.setdefault(key(record), []).append(record)
     return groups
 
 

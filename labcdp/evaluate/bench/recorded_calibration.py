@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...calibration import AnyCalibration, Calibration
+from ...calibration import AnyCalibration
 from ...core.errors import CalibrationError
 from ...core.finding import unique, warning
 from ...core.response import Response
@@ -44,8 +44,7 @@ def calibrate_recorded(
 ) -> tuple[AnyCalibration, ObservedSession]:
     """Calibrate a camera from recorded sessions.
 
-    A flat field must be linearised with the camera's response, which the patches show only with the right vignetting:
-    for a camera with a curved response both are found in turns.
+    The flat field of a camera with a curved response must be linearised: both are found in turns.
 
     Parameters
     ----------
@@ -66,10 +65,8 @@ def calibrate_recorded(
 
     Returns
     -------
-    Calibration or ColourCalibration
-        The calibration.
-    ObservedSession
-        The first session, with the corrections of the calibration.
+    Calibration or ColourCalibration, ObservedSession
+        The calibration, and the first session with its corrections.
 
     Raises
     ------
@@ -99,10 +96,7 @@ def calibrate_recorded(
 
 
 def _with_flat_field(
-    uniform: UniformLight,
-    corrections: PlaneCorrections,
-    lens: PlaneCorrections,
-    calibrated: Callable[..., _Round],
+    uniform: UniformLight, corrections: PlaneCorrections, lens: PlaneCorrections, calibrated: Callable[..., _Round]
 ) -> _Found:
     try:
         found, responses = calibrated(corrections, first=True)
@@ -128,8 +122,7 @@ def _with_flat_field(
 
 
 def _responses(calibration: AnyCalibration) -> dict[str | None, Response]:
-    planes = (calibration,) if isinstance(calibration, Calibration) else calibration.planes
-    return {plane.state.plane: plane.response for plane in planes}
+    return {plane.state.plane: plane.response for plane in calibration.planes}
 
 
 def _change(before: Corrections, vignetting: AnyVignetting, uniform: UniformLight) -> float:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
-from ...core.errors import InputError
 from ...core.finding import Finding, unique
 from ...core.luminance import LuminanceMap
 from ...core.spectral.mismatch import mismatch_findings
@@ -16,7 +15,7 @@ from ...session import ContrastConfiguration, Session, SessionConfiguration
 from .contrast import ContrastRow, contrast_row
 from .observe import ObservedSession
 from .patch import PatchRow, patch_row
-from .recorded import lens_of
+from .recorded import lens_of, require_patches
 from .target_map import target_map
 
 
@@ -89,13 +88,11 @@ def evaluate_session(
     findings = mismatch(observed.configuration, calibration)
     rows = [patch_row(name, observed, calibration) for name in observed.names]
     luminance = {row.region.name: row for row in rows}
-    for pair in pairs:
-        for name in (pair.bright, pair.dark):
-            if name not in luminance:
-                raise InputError(
-                    f"there is no patch {name!r} for the contrast: choose from {', '.join(luminance)} "
-                    "(a patch may have been left out)"
-                )
+    require_patches(
+        [name for pair in pairs for name in (pair.bright, pair.dark)],
+        [*luminance],
+        "for the contrast (it may have been left out)",
+    )
     return SessionEvaluation(
         observed=observed,
         calibration=calibration,

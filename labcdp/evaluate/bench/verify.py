@@ -8,11 +8,11 @@ from dataclasses import replace
 from ...calibration import AnyCalibration
 from ...calibration.verify.result import Verification
 from ...calibration.verify.verify import verify
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError
 from ...session import MeterCertificate, Session
 from .corrections import corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
-from .recorded import Report, certificate_of
+from .recorded import Report, certificate_of, require_patches
 from .session import mismatch
 
 
@@ -43,10 +43,8 @@ def verify_session(
 
     Returns
     -------
-    Verification
-        The result.
-    ObservedSession
-        What the session says.
+    Verification, ObservedSession
+        The result, and what the session says.
 
     Raises
     ------
@@ -59,9 +57,7 @@ def verify_session(
         If the session has no such patch.
     """
     names = [patch.name for patch in session.configuration.target.patches]
-    unknown = [name for name in patches if name not in names]
-    if unknown:
-        raise InputError(f"there is no patch {unknown[0]!r} to verify with: choose from {', '.join(names)}")
+    require_patches(patches, names, "to verify with")
     without = [name for name in names if patches and name not in patches]
     if calibration.provenance.comes_from(input_sha256(session)):
         raise CalibrationError(

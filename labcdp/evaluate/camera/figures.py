@@ -14,7 +14,8 @@ from ...calibration.emva.linearity import linearity
 from ...calibration.emva.photon_transfer import FIT_SHARE
 from ...calibration.emva.snr import snr
 from ...report.digits import Z_95, with_half_width
-from ...report.drawing import (
+from ...report.figure import ReportFigure
+from ...report.figures.drawing import (
     BLUE,
     GREEN,
     ORANGE,
@@ -24,7 +25,6 @@ from ...report.drawing import (
     one_two_five,
     png,
 )
-from ...report.figures import ReportFigure
 from .light import patch_deviations
 from .result import is_series
 

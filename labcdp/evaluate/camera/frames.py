@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...calibration import CameraState
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole
-from ...calibration.frames.planes import plane_region, split
+from ...calibration.frames.planes import plane_region
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info
-from ...core.frame import Frame
 from ...session import FrameRecord, Session
-from ..bench.recorded import by_patch
+from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of
 
 #: Colour plane of a Bayer sensor that is characterised: of the planes the one with the most light from any source.
 COLOUR_PLANE = "Gr"
@@ -65,11 +64,12 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
         If a patch lies outside the image.
     """
     records, findings = _of_one_gain(session.frames())
-    reader = _Reader(session, len(records), report)
+    reader = SessionReader(report, len(records))
+    plane = None if planes_of(session) == (None,) else COLOUR_PLANE
     patches = [patch.region() for patch in session.configuration.target.patches]
     darks = [
-        measure_whole(reader.frames(group))
-        for exposure in _by_exposure(records, "dark")
+        measure_whole(reader.frames(session, group, plane))
+        for exposure in by_exposure(records, "dark").values()
         for group in _by_temperature(exposure)
         if len(group) > 1
     ]
@@ -78,42 +78,15 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
             "the session has no exposure with at least 2 dark frames: cover the lens and resume the acquisition"
         )
     levels = []
-    for exposure in _by_exposure(records, "light"):
+    for exposure in by_exposure(records, "light").values():
         for shown, group in by_patch(exposure).items():
             if len(group) > 1:
                 seen = [patch for patch in patches if shown in (None, patch.name)]
-                regions = [plane_region(patch) for patch in seen] if reader.of_plane else seen
-                levels += measure_frames(reader.frames(group), regions)
-    assert reader.state is not None
-    return SessionFrames(reader.state, darks, levels, tuple(findings))
-
-
-class _Reader:
-    """Reads frames, reports progress, and checks that camera and settings do not change."""
-
-    def __init__(self, session: Session, total: int, report: Callable[[int, int], None]) -> None:
-        self._session = session
-        self._total = total
-        self._report = report
-        self._done = 0
-        self.state: CameraState | None = None
-
-    def frames(self, records: Iterable[FrameRecord]) -> Iterable[Frame]:
-        for record in records:
-            frame = self._session.load(record)
-            if frame.colour_filter is not None:
-                frame = split(frame)[COLOUR_PLANE]
-            state = CameraState.of(frame)
-            if self.state is None:
-                self.state = state
-            self.state.require(state, "the first frame", f"frame {record.number}")
-            self._done += 1
-            self._report(self._done, self._total)
-            yield frame
-
-    @property
-    def of_plane(self) -> bool:
-        return self.state is not None and self.state.plane is not None
+                regions = seen if plane is None else [plane_region(patch) for patch in seen]
+                levels += measure_frames(reader.frames(session, group, plane), regions)
+    for level in (*darks[1:], *levels):
+        darks[0].state.require(level.state, "the dark frames", f"the set of frames at {level.exposure_s:g} s")
+    return SessionFrames(darks[0].state, darks, levels, tuple(findings))
 
 
 def _of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], list[Finding]]:
@@ -125,14 +98,6 @@ def _of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], lis
     others = [gain for gain in sorted(gains) if gain != gain_db]
     kept = [record for record in records if record.gain_db == gain_db]
     return kept, [info("other-gains-left-out", gain_db=gain_db, left_out_db=others)]
-
-
-def _by_exposure(records: Iterable[FrameRecord], role: str) -> list[list[FrameRecord]]:
-    groups: dict[float, list[FrameRecord]] = {}
-    for record in records:
-        if record.role == role:
-            groups.setdefault(record.exposure_s, []).append(record)
-    return [groups[exposure_s] for exposure_s in sorted(groups)]
 
 
 def _by_temperature(records: Sequence[FrameRecord]) -> list[list[FrameRecord]]:

@@ -16,7 +16,7 @@ from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.planes import plane_vignetting
 from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import InputError
-from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...core.vignetting import Cos4Vignetting
 from ...session import SessionConfiguration
 

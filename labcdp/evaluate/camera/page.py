@@ -9,7 +9,7 @@ from ...calibration.emva.result import Characterisation
 from ...core.result import Result
 from ...output import Destination, write_files
 from ...report.cells import cell_text
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
 from ...report.files import result_files
 from ...report.layout import SIMULATED, Card, Facts, Page, Section
 from .figures import signal_figures

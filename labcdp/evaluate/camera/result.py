@@ -12,7 +12,7 @@ from ...calibration.emva.result import Quantity as Stated
 from ...calibration.emva.series import SeriesPoint
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
-from ...core.table import Column, Table, uncertain, uncertain_values
+from ...core.table import Column, Table, uncertain
 from ..bench.calibration.quantities import RESPONSIVITY
 
 #: Quantities in the order they are shown, with what they are called.
@@ -51,11 +51,6 @@ _UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": 
 _RATIOS = ("snr_max", "dynamic_range")
 #: 20 log10, as EMVA 1288 states ratios in decibels.
 _DB = 20.0
-#: Origin of a point.
-_COUNTS = (
-    Column("n_pixels", "pixels", meaning="Pixels that are averaged."),
-    Column("n_frames", "frames", meaning="Frames that are averaged."),
-)
 
 
 def is_series(found: Characterisation) -> bool:
@@ -127,66 +122,44 @@ def stated(key: str, name: str, one: Stated) -> Quantity:
 
 def _series(points: Sequence[SeriesPoint]) -> Table:
     of_dark = "of the dark frames"
+    above = Column("net_variance_dn2", "variance above dark", "DN²", "Variance minus that of the dark frames.")
     columns = (
-        Column("patch", "patch", meaning="Patch of a session; missing in a data set."),
+        Column("patch", "patch", meaning="Patch of a session; missing in a data set.", value="label"),
         Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
         Column("photons", "photons", "", "Mean photons of a pixel.", decimals=0),
-        Column("mean_dn", "mean", "DN", "Mean in the light.", digits=6),
-        Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel in the light.", digits=5),
-        Column("dark_mean_dn", "dark mean", "DN", f"Mean {of_dark} at this exposure.", digits=6),
-        Column("dark_variance_dn2", "dark variance", "DN²", f"Temporal variance {of_dark}.", digits=5),
-        *uncertain(Column("net_dn", "mean above dark", "DN", "Mean minus that of the dark frames.")),
-        *uncertain(Column("net_variance_dn2", "variance above dark", "DN²", "Variance minus that of the dark frames.")),
-        Column("saturated_share", "saturated", "%", "Share of values at the converter's last DN.", decimals=2),
-        Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {of_dark} at 0 DN.", decimals=2),
-        *_COUNTS,
-        Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {of_dark}."),
-        Column("dark_n_frames", "dark frames", meaning="Dark frames that are averaged."),
-    )
-    rows = [
-        {
-            "patch": point.label,
-            "exposure_s": point.exposure_s,
-            "photons": point.photons,
-            "mean_dn": point.light.mean_dn,
-            "variance_dn2": point.light.variance_dn2,
-            "dark_mean_dn": point.dark.mean_dn,
-            "dark_variance_dn2": point.dark.variance_dn2,
-            **uncertain_values("net_dn", point.net_dn, point.net_uncertainty_dn),
-            **uncertain_values("net_variance_dn2", point.net_variance_dn2, point.variance_uncertainty_dn2),
-            "saturated_share": point.light.saturated_share,
-            "dark_black_share": point.dark.black_share,
-            "n_pixels": point.light.n_pixels,
-            "n_frames": point.light.n_frames,
-            "dark_n_pixels": point.dark.n_pixels,
-            "dark_n_frames": point.dark.n_frames,
-        }
-        for point in points
-    ]
-    return Table.of_rows("series", "Light and dark at each level", columns, rows, detail=True)
+        Column("mean_dn", "mean", "DN", "Mean in the light.", 6, value="light.mean_dn"),
+        Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel in the light.", 5,
+               value="light.variance_dn2"),
+        Column("dark_mean_dn", "dark mean", "DN", f"Mean {of_dark} at this exposure.", 6, value="dark.mean_dn"),
+        Column("dark_variance_dn2", "dark variance", "DN²", f"Temporal variance {of_dark}.", 5,
+               value="dark.variance_dn2"),
+        *uncertain(Column("net_dn", "mean above dark", "DN", "Mean minus that of the dark frames."),
+                   "net_uncertainty_dn"),
+        *uncertain(above, "variance_uncertainty_dn2"),
+        Column("saturated_share", "saturated", "%", "Share of values at the converter's last DN.", decimals=2,
+               value="light.saturated_share"),
+        Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {of_dark} at 0 DN.", decimals=2,
+               value="dark.black_share"),
+        Column("n_pixels", "pixels", meaning="Pixels that are averaged.", value="light.n_pixels"),
+        Column("n_frames", "frames", meaning="Frames that are averaged.", value="light.n_frames"),
+        Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {of_dark}.", value="dark.n_pixels"),
+        Column("dark_n_frames", "dark frames", meaning="Dark frames that are averaged.", value="dark.n_frames"),
+    )  # fmt: skip
+    return Table.of_items("series", "Light and dark at each level", columns, points, detail=True)
 
 
 def _darks(points: Sequence[DarkObservation]) -> Table:
+    of_means = dict(zip(map(id, points), mean_uncertainties_dn(points, drift_of_black_level(points)[0]), strict=True))
+    of_variances = dict(zip(map(id, points), variance_uncertainties_dn2(points), strict=True))
+    variance = Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel.", value="temporal_variance_dn2")
     columns = (
         Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
         Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=1),
-        *uncertain(Column("mean_dn", "mean", "DN", "Mean dark signal.")),
-        *uncertain(Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel.")),
-        Column("spatial_variance_dn2", "spatial variance", "DN²", "Variance of the pixels' means.", digits=4),
-        *_COUNTS,
-    )
-    drift_dn, _ = drift_of_black_level(points)
-    uncertainties = zip(mean_uncertainties_dn(points, drift_dn), variance_uncertainties_dn2(points), strict=True)
-    rows = [
-        {
-            "exposure_s": point.exposure_s,
-            "temperature_c": point.temperature_c,
-            **uncertain_values("mean_dn", point.mean_dn, float(u_mean)),
-            **uncertain_values("variance_dn2", point.temporal_variance_dn2, float(u_variance)),
-            "spatial_variance_dn2": point.pattern_dn**2,
-            "n_pixels": point.n_pixels,
-            "n_frames": point.n_frames,
-        }
-        for point, (u_mean, u_variance) in zip(points, uncertainties, strict=True)
-    ]
-    return Table.of_rows("dark_signal", "Dark signal", columns, rows, detail=True)
+        *uncertain(Column("mean_dn", "mean", "DN", "Mean dark signal."), lambda point: float(of_means[id(point)])),
+        *uncertain(variance, lambda point: float(of_variances[id(point)])),
+        Column("spatial_variance_dn2", "spatial variance", "DN²", "Variance of the pixels' means.", 4,
+               value=lambda point: point.pattern_dn**2),
+        Column("n_pixels", "pixels", meaning="Pixels that are averaged."),
+        Column("n_frames", "frames", meaning="Frames that are averaged."),
+    )  # fmt: skip
+    return Table.of_items("dark_signal", "Dark signal", columns, points, detail=True)

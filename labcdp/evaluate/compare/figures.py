@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...report.digits import printable
-from ...report.drawing import LABEL_SIZE, SMALL_SIZE, finish, label, new_figure, png
+from ...report.figures.drawing import SMALL_SIZE, finish, label, new_figure, png
 from ..sweep.maps.axes import MapAxis
 from ..sweep.report.labels import at_text, axis_label, shown
 from ..sweep.report.static import set_scale
@@ -20,8 +21,8 @@ from .grid import Grid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Most rows of values in a figure.
-_MOST_ROWS = 24
+#: Most rows of values, and columns of maps, in a figure.
+_MOST_ROWS, _MOST_COLUMNS = 30, 3
 
 
 def comparison_figure(found: Comparison) -> bytes | None:
@@ -39,7 +40,7 @@ def _values(found: Comparison, names: Sequence[str]) -> bytes:
     quantities = list(dict.fromkeys(row.first.quantity for row in found.rows))[:_MOST_ROWS]
     cdps = [name for name in quantities if any(r.first.probability for r in found.rows if r.first.quantity == name)]
     drawn = cdps or quantities
-    figure = new_figure(7.5, 1.2 + 0.34 * len(drawn))
+    figure = new_figure(7.5, 1.0 + (0.34 if len(drawn) < 12 else 0.2) * len(drawn))
     axes = figure.add_subplot()
     step = 0.5 / len(names)
     for number, name in enumerate(names):
@@ -132,38 +133,31 @@ def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def _maps(grid: Grid, names: Sequence[str]) -> bytes:
-    """Draw the map of each thing, and below those of the others their difference from the first."""
+    """Draw the map of each thing, then the differences from the first; of further axes at their first values."""
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
-    n = len(names)
-    figure = new_figure(1.5 + 3.3 * n, 6.0)
-    panels = figure.subplots(2, n, squeeze=False, sharex=True, sharey=True)
-    edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
+    at = at_text({axis.name: axis.values[0].item() for axis in grid.axes[:-2]}, {axis.name: axis for axis in grid.axes})
     limit = max(float(np.nanmax(np.abs(one.value[index]), initial=0.0)) for one in grid.differences) or 1.0
-    for number, name in enumerate(names):
-        values = np.asarray(grid.values[number].value)[index]
-        upper = _heat_map(panels[0, number], edges, values, name, cmap=SCALE, vmin=0, vmax=1)
-        if number:
-            minus, of = f"{name} minus {names[0]}", grid.differences[number - 1].value[index]
-            lower = _heat_map(panels[1, number], edges, of, minus, cmap="RdBu", vmin=-limit, vmax=limit)
-    panels[1, 0].set_visible(False)
-    for row in panels:
-        for panel in row:
-            set_scale(x, panel.xaxis)
-            set_scale(y, panel.yaxis)
-    for number in range(n):
-        panels[1 if number else 0, number].set_xlabel(axis_label(x), fontsize=LABEL_SIZE)
-    panels[0, 0].tick_params(labelbottom=True)
-    panels[0, 0].set_ylabel(axis_label(y), fontsize=LABEL_SIZE)
-    panels[1, 1].set_ylabel(axis_label(y), fontsize=LABEL_SIZE)
-    for shown_in, mesh, text in ((panels[0], upper, "CDP"), (panels[1, 1:], lower, "difference of CDP")):
-        bar = figure.colorbar(mesh, ax=list(shown_in))
-        bar.set_label(text, fontsize=LABEL_SIZE)
-        bar.ax.tick_params(labelsize=SMALL_SIZE)
+    maps: list[tuple[str, Any, dict[str, Any]]] = [
+        (name, np.asarray(one.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
+        for name, one in zip(names, grid.values, strict=True)
+    ]
+    maps += [
+        (f"{name} minus {names[0]}", one.value[index], {"cmap": "RdBu", "vmin": -limit, "vmax": limit})
+        for name, one in zip(names[1:], grid.differences, strict=True)
+    ]
+    columns = min(len(maps), _MOST_COLUMNS)
+    rows = ceil(len(maps) / columns)
+    figure = new_figure(1.0 + 3.7 * columns, 0.5 + 3.0 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
+    for number, (panel, (name, values, how)) in enumerate(zip(panels, maps, strict=False)):
+        panel.set_facecolor(MISSING)
+        mesh = panel.pcolormesh(*edges, np.ma.masked_invalid(values), **how)
+        set_scale(x, panel.xaxis)
+        set_scale(y, panel.yaxis)
+        label(panel, axis_label(x), "" if number % columns else axis_label(y), f"{name}\n{at}".rstrip())
+        figure.colorbar(mesh, ax=panel).ax.tick_params(labelsize=SMALL_SIZE)
+    for empty in panels[len(maps) :]:
+        empty.set_visible(False)
     return png(figure)
-
-
-def _heat_map(panel: Axes, edges: Any, values: NDArray[np.float64], title: str, **how: Any) -> Any:
-    panel.set_facecolor(MISSING)
-    label(panel, "", "", title)
-    return panel.pcolormesh(*edges, np.ma.masked_invalid(values), **how)

@@ -9,17 +9,17 @@ import numpy as np
 
 from ...core.result import Result
 from ...output import Destination, write_files
-from ...report.cells import cell_text
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
 from ...report.files import result_files
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section, State, input_facts
+from ..sweep.report.labels import axis_unit, ends_text
 from .compare import Comparison
 from .figures import comparison_figure
 from .result import answer
 
-#: Most rows of a table beside the figure.
-_BRIEF = 10
+#: Most rows of a table beside the figure, and most cards.
+_BRIEF, _MOST_CARDS = 10, 4
 _METHOD = (
     "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
     "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
@@ -49,12 +49,12 @@ def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Pag
     sentences = [finding_text(one) for one in said]
     tables = {table.name: table for table in result.tables}
     first = [tables[name] for name in ("usable_ranges", "differences") if name in tables]
-    brief = [
-        table.showing("quantity", "name", "difference", "z", "differs", "at", "range", "decades") for table in first
-    ]
+    axes = [axis.name for axis in found.grid.axes] if found.grid else []
+    kept = ("quantity", "name", "difference", "z", "differs", "low", "high", "decades", *axes)
+    brief = [table.showing(*kept) for table in first]
     lead: tuple[Block, ...] = (*figures, *(table for table in brief if len(table) <= _BRIEF))
     sections = [
-        *(Section("Values", (table,)) for table in first if table.name == "differences"),
+        *(Section("Values", (table,), len(table) <= _BRIEF) for table in first if table.name == "differences"),
         *(Section("Settings that differ", (tables[name],)) for name in ("settings",) if name in tables),
         *(Section("All places", (tables[name],), collapsed=True) for name in ("curves",) if name in tables),
         Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True),
@@ -64,26 +64,29 @@ def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Pag
         result.title,
         " ".join(f"{text[:1].upper()}{text[1:]}." for text in sentences),
         SIMULATED if result.simulated else "",
-        tuple(_cards(found, result)),
+        tuple(_cards(found)),
         lead,
         [one for one in result.findings if one not in said],
         sections,
     )
 
 
-def _cards(found: Comparison, result: Result) -> Iterator[Card]:
+def _cards(found: Comparison) -> Iterator[Card]:
     """Yield the usable range of each map, or how many values differ and which one most."""
-    if found.analyses:
-        table = result.table("usable_ranges")
-        column = table.column("range")
+    if found.grid is not None and found.analyses:
+        if len(found.things) > _MOST_CARDS:
+            return
+        axis = found.grid.axes[-1]
         for thing, analysis in zip(found.things, found.analyses, strict=True):
-            widest = analysis.widest.widest if analysis.widest else None
-            rows = [row for row in table.rows() if row["name"] == thing.name]
-            row = next((row for row in rows if widest is not None and row["low"] == widest.low), rows[0])
-            title = f"{thing.name}: {'widest ' if len(rows) > 1 else ''}range with CDP ≥ {analysis.level:g}"
-            yield Card(title, cell_text(column, row), column.unit, state="bad" if widest is None else "open")
+            one = analysis.widest
+            if one is None or one.widest is None:
+                yield Card(thing.name, "none", f"CDP nowhere ≥ {analysis.level:g}", state="bad")
+                continue
+            several = len(analysis.usable_ranges) > 1 or len(one.intervals) > 1
+            detail = f"{axis_unit(axis)}, {'widest ' if several else ''}range with CDP ≥ {analysis.level:g}"
+            yield Card(thing.name, ends_text(axis, one.widest), detail)
         return
-    for thing in found.things[1:]:
+    for thing in found.things[1 : _MOST_CARDS + 1]:
         own = [row for row in found.rows if row.name == thing.name]
         n = sum(bool(row.difference.significant) for row in own)
         state: State = "bad" if n else "good"
@@ -96,10 +99,5 @@ def _cards(found: Comparison, result: Result) -> Iterator[Card]:
 
 
 def _caption(found: Comparison) -> str:
-    if found.grid is None:
-        return f"Each beside {found.things[0].name}; bars are 95 % intervals, the grey band is not significant."
-    return (
-        "Bands are 95 % intervals."
-        if not found.analyses
-        else f"Above CDP, below its difference from {found.things[0].name}."
-    )
+    first = found.things[0].name
+    return f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."

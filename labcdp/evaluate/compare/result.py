@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -14,18 +13,22 @@ from ...core.result import Result
 from ...core.table import Column, Table
 from ...report.cells import cell_text
 from ..sweep.maps.ranges import UsableInterval
-from ..sweep.report.labels import at_text, axis_name, axis_unit, ends_text, plain
-from .compare import Comparison
-from .difference import Difference, Uncertain
+from ..sweep.report.labels import axis_name, axis_unit, ends_text, plain
+from ..sweep.report.result import ranges_table
+from .compare import Compared, Comparison
+from .difference import Uncertain
 from .grid import Grid
 
 #: Share of values without a difference that differ significantly by chance.
 _BY_CHANCE = 0.05
-#: Cells beyond which tables leave them out.
-_MOST_CELLS = 200_000
+#: Cells beyond which tables leave them out, and settings up to which they are printed.
+_MOST_CELLS, _PRINTED = 200_000, 30
+#: Things up to which the answer names each difference.
+_FEW = 3
 #: Settings without which CDPs of maps answer different questions.
 _QUESTION = ("contrast", "epsilon", "scene.contrast")
-_VERDICTS = {True: "yes", False: "no", None: "unknown"}
+#: Difference of the halves of a symmetric interval by rounding, relative to its width.
+_ASYMMETRY = 1e-6
 
 
 def compare_result(found: Comparison) -> Result:
@@ -62,19 +65,9 @@ def answer(found: Comparison) -> tuple[Finding, ...]:
     if not significant:
         return (info("compare-agree", n=len(found.rows)),)
     row = max(significant, key=lambda row: abs(float(row.difference.z)))
-    text = cell_text(_DIFFERENCE, _difference_cells(row.difference, row.first.unit))
-    finding = info(
-        "compare-differ",
-        row.name,
-        n=len(found.rows),
-        n_different=len(significant),
-        by_chance=_BY_CHANCE * len(found.rows),
-        quantity=row.first.quantity,
-        difference=f"{text} {row.first.unit}".strip(),
-        first=found.things[0].name,
-        z=float(row.difference.z),
-    )
-    return (finding,)
+    values = {"n": len(found.rows), "n_different": len(significant), "by_chance": _BY_CHANCE * len(found.rows)}
+    of = {"quantity": row.first.quantity, "difference": difference_text(row), "first": found.things[0].name}
+    return (info("compare-differ", row.name, **values, **of, z=float(row.difference.z)),)
 
 
 def _of_responsivities(found: Comparison, grid: Grid) -> Iterator[Finding]:
@@ -95,11 +88,11 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
     unit = axis_unit(axis)
     if usable and axis.is_luminance and len(grid.axes) == 1:
         (best, first), *rest = sorted(usable, key=lambda pair: pair[1].low)
-        others = [
-            f"{name} to {plain(one.low)} {unit}, {plain(one.low / first.low)} times as much" for name, one in rest
-        ]
+        others = [f"to {plain(one.low)} by {name}" for name, one in rest]
+        if len(rest) == 1:
+            others = [f"{others[0]}, {plain(rest[0][1].low / first.low)} times as much"]
         yield info(
-            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.low_open else "",
+            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.ends[0].is_open else "",
             others=[*others, *none],
         )  # fmt: skip
     elif usable:
@@ -107,9 +100,11 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
         others = [f"{name} {ends_text(axis, one)} {unit}".rstrip() for name, one in rest]
         span = f"{ends_text(axis, first)} {unit}".rstrip()
         yield info("compare-ranges", best, axis=axis_name(axis), level=level, range=span, others=[*others, *none])
+    if len(found.things) > _FEW:
+        return
     for thing, one in zip(found.things[1:], grid.differences, strict=True):
-        ends = {"lowest": float(np.nanmin(one.value)), "highest": float(np.nanmax(one.value))}
-        yield info("compare-maps-differ", thing.name, first=found.things[0].name, **ends)
+        below, above = (max(float(np.nanmax(sign * one.value)), 0.0) for sign in (-1, 1))
+        yield info("compare-maps-differ", thing.name, first=found.things[0].name, below=below, above=above)
         if np.isfinite(one.z).any() and np.any(one.low < one.high):
             share = float(np.mean(one.significant))
             yield info("compare-maps-significant", thing.name, first=found.things[0].name, share=share)
@@ -120,15 +115,11 @@ def _widest(analysis: Any) -> UsableInterval | None:
 
 
 def _assumptions(found: Comparison) -> Iterator[Finding]:
-    values = [one for row in found.rows for one in (row.first.value, row.other.value)]
-    values += found.grid.values if found.grid is not None and not found.analyses else ()
-    if found.analyses:
-        settings = {name: texts for name, texts in found.settings.items() if name in _QUESTION}
-        if settings and found.question is not None and found.question.contrast is not None:
-            settings.pop("scene.contrast", None)
-        if settings:
-            yield warning("compare-question-differs", files=[one.name for one in found.things], names=list(settings))
-        if all(not np.any(one.below) for one in found.grid.values if found.grid):  # type: ignore[union-attr]
+    if found.analyses and found.grid is not None:
+        differing = [name for name in found.settings if name in _QUESTION]
+        if differing:
+            yield warning("compare-question-differs", names=differing)
+        if not any(np.any(one.below) for one in found.grid.values):
             yield info("compare-exact")
         if found.question is not None:
             yield info("compare-on-axis")
@@ -142,114 +133,79 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
         yield info("compare-unmatched", quantities=list(found.unmatched))
 
 
-_DIFFERENCE = Column(
-    "difference",
-    "difference",
-    meaning="Value minus that of the first, with the 95 % interval.",
-    expanded="expanded_difference",
-    low="difference_low",
-    high="difference_high",
-    unit_of="unit",
-)
-_ROW_COLUMNS = (
-    Column("quantity", "quantity"),
-    Column("name", "of", meaning="What is compared with the first."),
-    *(
-        column
-        for name, label, meaning in (
-            ("first", "first", "Value of the first."),
-            ("value", "value", "Its value."),
-        )
-        for column in (
-            Column(
-                name, label, "", meaning, expanded=f"expanded_{name}", low=f"{name}_low", high=f"{name}_high",
-                unit_of="unit",
-            ),
-            Column(f"expanded_{name}", f"U of {label}", "", "U (95 %), if the interval is symmetric.", shown=False),
-            Column(f"{name}_low", f"{label}, low", "", "Lower end of the 95 % interval.", shown=False),
-            Column(f"{name}_high", f"{label}, high", "", "Upper end of the 95 % interval.", shown=False),
-        )
-    ),
-    _DIFFERENCE,
-    Column("expanded_difference", "U of difference", "", "U (95 %), if the interval is symmetric.", shown=False),
-    Column("difference_low", "difference, low", "", "Lower end of the 95 % interval.", shown=False),
-    Column("difference_high", "difference, high", "", "Upper end of the 95 % interval.", shown=False),
-    Column("unit", "unit", "", "Unit of values and difference."),
-    Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1),
-    Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference."),
-)  # fmt: skip
+def _interval_columns(name: str, label: str, meaning: str) -> tuple[Column, ...]:
+    """Return columns that show ``value ± U``, or ``value (low to high)`` where the interval is not symmetric."""
+    expanded, low, high = f"expanded_{name}", f"{name}_low", f"{name}_high"
+    what = {expanded: "U (95 %) if symmetric", low: "lower end of 95 %", high: "upper end of 95 %"}
+    hidden = (Column(end, f"{label}, {text}", shown=False) for end, text in what.items())
+    return Column(name, label, "", meaning, unit_of="unit", expanded=expanded, low=low, high=high), *hidden
+
+
+def _interval_cells(name: str, value: Any, low: Any, high: Any) -> dict[str, float | None]:
+    value, low, high = float(value), float(low), float(high)
+    known = isfinite(high - low) and high > low
+    symmetric = known and abs((high - value) - (value - low)) <= _ASYMMETRY * (high - low)
+    ends = (low, high) if known else (None, None)
+    expanded = (high - low) / 2 if symmetric else None
+    return {name: value, f"expanded_{name}": expanded, f"{name}_low": ends[0], f"{name}_high": ends[1]}
+
+
+def _value_cells(name: str, one: Uncertain) -> dict[str, float | None]:
+    value = np.asarray(one.value)
+    return _interval_cells(name, value, value - one.below, value + one.above)
+
+
+def difference_text(row: Compared) -> str:
+    """Return a difference with its interval and unit."""
+    column, *_ = _interval_columns("difference", "", "")
+    of, unit = row.difference, row.first.unit
+    cells = {**_interval_cells("difference", of.value, of.low, of.high), "unit": unit}
+    return f"{cell_text(column, cells)} {unit}".strip()
 
 
 def _differences(found: Comparison) -> Iterator[Table]:
     if not found.rows:
         return
+    first, *others = (thing.name for thing in found.things)
+    columns = (
+        Column("quantity", "quantity"),
+        Column("name", "of", meaning="What is compared with the first.", shown=len(others) > 1),
+        *_interval_columns("first", first, "Value of the first."),
+        *_interval_columns("value", "value" if len(others) > 1 else others[0], "Value of the other."),
+        *_interval_columns("difference", "difference", "Value of the other minus that of the first."),
+        Column("unit", "unit", "", "Unit of values and difference."),
+        Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1),
+        Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference."),
+    )
     rows = [
         {
             "quantity": row.first.quantity,
             "name": row.name,
+            "unit": row.first.unit,
+            "z": float(of.z),
             **_value_cells("first", row.first.value),
             **_value_cells("value", row.other.value),
-            **_difference_cells(row.difference, row.first.unit),
-            "z": float(row.difference.z),
-            "differs": _VERDICTS[None if np.isnan(row.difference.z) else bool(row.difference.significant)],
+            **_interval_cells("difference", of.value, of.low, of.high),
+            "differs": "unknown" if np.isnan(of.z) else "yes" if of.significant else "no",
         }
         for row in found.rows
+        for of in (row.difference,)
     ]
-    first = found.things[0].name
-    labels = {"first": first, "value": found.things[1].name if len(found.things) == 2 else "value"}
-    columns = [_relabelled(column, labels, len(found.things) > 2) for column in _ROW_COLUMNS]
     yield Table.of_rows("differences", f"Values and their difference from {first}", columns, rows)
 
 
-def _relabelled(column: Column, labels: dict[str, str], several: bool) -> Column:
-    shown = column.shown and (several or column.name != "name")
-    return replace(column, label=labels.get(column.name, column.label), shown=shown)
-
-
-def _value_cells(name: str, value: Uncertain) -> dict[str, Any]:
-    middle, below, above = float(value.value), float(value.below), float(value.above)  # type: ignore[arg-type]
-    return _cells_of(name, middle, middle - below, middle + above)
-
-
-def _difference_cells(one: Difference, unit: str) -> dict[str, Any]:
-    return {**_cells_of("difference", float(one.value), float(one.low), float(one.high)), "unit": unit}
-
-
-def _cells_of(name: str, value: float, low: float, high: float) -> dict[str, Any]:
-    symmetric = abs((high - value) - (value - low)) <= 1e-6 * (high - low)
-    expanded = (high - low) / 2 if symmetric and high > low else None
-    known = isfinite(low) and isfinite(high) and high > low
-    ends = (low, high) if known else (None, None)
-    return {name: value, f"expanded_{name}": expanded, f"{name}_low": ends[0], f"{name}_high": ends[1]}
-
-
 def _ranges(found: Comparison) -> Iterator[Table]:
-    """Yield the usable ranges of maps, each end with whether it is known."""
-    if not found.analyses or found.grid is None or not any(one.usable_ranges for one in found.analyses):
-        return
-    x, level = found.grid.axes[-1], found.analyses[0].level
-    axes, unit = {axis.name: axis for axis in found.grid.axes}, axis_unit(found.grid.axes[-1])
-    several = any(axis.values.size > 1 for axis in found.grid.axes[:-1])
-    columns = (
-        Column("name", "of"),
-        Column("at", "at", "", "Values of the other axes.", shown=several),
-        Column("range", f"{axis_name(x)}, CDP ≥ {level:g}", unit, "Range as text; ≤ and ≥ where it may continue."),
-        Column("low", "from", unit, f"Lower end of the range with a CDP of at least {level:g}.", shown=False),
-        Column("high", "to", unit, "Upper end of the range.", shown=False),
-        Column("decades", "decades", "", "log10 of the ratio of the ends.", decimals=2),
-    )
-    rows = [
-        {
-            "name": thing.name,
-            "at": at_text(one.at, axes),
-            "range": "nowhere" if interval is None else ends_text(x, interval),
-            **({} if interval is None else {name: getattr(interval, name) for name in ("low", "high", "decades")}),
-        }
-        for thing, analysis in zip(found.things, found.analyses, strict=True)
-        for one in analysis.usable_ranges
-        for interval in (one.intervals or (None,))
-    ]
-    yield Table.of_rows("usable_ranges", f"Usable range: CDP of at least {level:g}", columns, rows)
+    """Yield the usable ranges of all maps in one table."""
+    if found.grid is not None and any(one.usable_ranges for one in found.analyses):
+        axes = {axis.name: axis for axis in found.grid.axes}
+        tables = [ranges_table(analysis, axes) for analysis in found.analyses]
+        rows = [
+            {"name": thing.name, **row}
+            for thing, table in zip(found.things, tables, strict=True)
+            for row in table.rows()
+        ]
+        columns = (Column("name", "of"), *tables[0].columns)
+        yield Table.of_rows("usable_ranges", tables[0].title, columns, rows)
 
 
 def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
@@ -262,17 +218,11 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     for number, (name, one) in enumerate(zip(names, grid.values, strict=True), start=1):
         columns.append(Column(f"value_{number}", f"{grid.quantity} of {name}"))
         data[f"value_{number}"] = np.ravel(one.value)
-    unit = "%" if grid.relative else ""
+    unit, note = "%" if grid.relative else "", f"From {names[0]}; low and high are the ends of the 95 % interval."
     for number, (name, of) in enumerate(zip(names[1:], grid.differences, strict=True), start=2):
-        for key, label, values in (
-            (f"difference_{number}", f"difference of {name}", of.value),
-            (f"difference_{number}_low", f"difference of {name}, low", of.low),
-            (f"difference_{number}_high", f"difference of {name}, high", of.high),
-        ):
-            columns.append(
-                Column(key, label, unit, f"From {names[0]}; low and high are the ends of the 95 % interval.")
-            )
-            data[key] = np.ravel(values)
+        for end, values in (("", of.value), ("_low", of.low), ("_high", of.high)):
+            columns.append(Column(f"difference_{number}{end}", f"difference{end} of {name}", unit, note))
+            data[f"difference_{number}{end}"] = np.ravel(values)
     yield Table("curves", f"{grid.quantity} at all places", tuple(columns), data, detail=True)
 
 
@@ -286,4 +236,5 @@ def _settings(found: Comparison) -> Iterator[Table]:
         {"setting": name, **{f"value_{n}": text for n, text in enumerate(texts, start=1)}}
         for name, texts in settings.items()
     ]
-    yield Table.of_rows("settings", "Settings that differ", columns, rows)
+    long = len(rows) * len(names) > _PRINTED
+    yield Table.of_rows("settings", "Settings that differ", columns, rows, detail=long)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_any
-from ...chain import Chain, preset_names
+from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json
 from ...core.errors import InputError
 from ...core.result import InputFile, Result
@@ -102,7 +103,7 @@ def _read(source: Any) -> list[Thing]:
     if isinstance(source, Session):
         return _session(str(source.path.name), source)
     if hasattr(source, "data_vars"):
-        return [_map(str(source.attrs.get("title", "map")), source, ())]
+        return [_map(str(source.attrs.get("title", "map")).partition(":")[0], source, ())]
     if isinstance(source, Calibration | ColourCalibration):
         return [_calibration("calibration", source, ())]
     if hasattr(source, "to_dict"):
@@ -113,7 +114,8 @@ def _read(source: Any) -> list[Thing]:
 
 def _file(text: str, path: Path) -> list[Thing]:
     if not path.exists() and text in preset_names():
-        return [_chain(text, Chain.load(text), (InputFile("preset", text, ""),))]
+        digest = sha256(preset_text(text).encode()).hexdigest()
+        return [_chain(text, Chain.load(text), (InputFile("preset", text, digest),))]
     if not path.exists():
         raise InputError(f"{text} does not exist: {_HINT}")
     if (path / JOURNAL).is_file():

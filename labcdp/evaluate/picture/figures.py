@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ...core.roi import Roi
 from ...report.digits import percent, shortened
-from ...report.drawing import (
+from ...report.figure import ReportFigure
+from ...report.figures.drawing import (
     BLUE,
     GREEN,
     ORANGE,
@@ -23,9 +24,8 @@ from ...report.drawing import (
     png,
     taken_literally,
 )
-from ...report.figures import ReportFigure
-from ...report.image_drawing import ImageFigure, drawn_pixels
-from ...report.plots import ContrastPanel, contrast_figures
+from ...report.figures.image_drawing import ImageFigure, drawn_pixels
+from ...report.figures.plots import ContrastPanel, contrast_figures
 from .tables import combined, neighbour_name
 
 if TYPE_CHECKING:

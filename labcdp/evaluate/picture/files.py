@@ -77,10 +77,7 @@ def summary_files(pictures: Sequence[ReportedPicture], result: Result, conversio
     conversion : str
         How values became luminance.
     """
-    files = {
-        "results.json": envelope_json(result).encode(),
-        "results.xlsx": result_workbook(result, datetime.now(UTC)),
-    }
+    files = {"results.json": envelope_json(result).encode(), "results.xlsx": result_workbook(result, datetime.now(UTC))}
     if len(pictures) > 1:
         files["report.html"] = overview_page(result, pictures, conversion).encode()
     return files

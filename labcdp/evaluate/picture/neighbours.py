@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, inf, isfinite, isnan, nan, sqrt
+from math import inf, isfinite, nan
 from typing import TypeAlias
 
 import numpy as np
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
 from ...core.luminance import LuminanceMap, Window
-from ...metrics import ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
-from ...metrics.uncertainty import confidence_interval
+from ...metrics import CalibratedCdp, ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 
 #: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
 Rectangle: TypeAlias = tuple[int, int, int, int]
@@ -22,30 +21,6 @@ Rectangle: TypeAlias = tuple[int, int, int, int]
 #: Bars of the contrast histogram, the share of the contrasts that they leave out, and how many times the highest
 #: detected contrast they reach at the most.
 _N_BINS, _CUT_OFF, _MOST_TIMES = 200, 0.001, 10.0
-
-
-@dataclass(frozen=True)
-class CalibratedNeighbourCdp:
-    """Nearest-neighbour CDP of calibrated luminances.
-
-    Parameters
-    ----------
-    result : NeighbourCdp
-        CDP, and what the finite number of pixels leaves uncertain.
-    calibration_standard_uncertainty : float
-        Standard uncertainty of the CDP by the calibration.
-    confidence_interval : (float, float)
-        95 % interval by both; (nan, nan) where the pixels do not suffice for a standard error.
-    """
-
-    result: NeighbourCdp
-    calibration_standard_uncertainty: float
-    confidence_interval: tuple[float, float]
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Combined standard uncertainty, by pixels and calibration."""
-        return hypot(self.result.standard_error, self.calibration_standard_uncertainty)
 
 
 @dataclass(frozen=True)
@@ -59,7 +34,7 @@ class NeighbourEvaluation:
     contrast : float
         Measured contrast of the neighbours: mean of the brighter over mean of the darker pixels of all pairs, minus 1;
         nan where no darker one is above 0.
-    results : tuple of CalibratedNeighbourCdp
+    results : tuple of CalibratedCdp
         One for each contrast.
     distribution : ContrastDistribution or None
         Of the contrasts of all neighbours, for plots; None where none is finite.
@@ -69,7 +44,7 @@ class NeighbourEvaluation:
 
     rectangle: Rectangle | None
     contrast: float
-    results: tuple[CalibratedNeighbourCdp, ...]
+    results: tuple[CalibratedCdp[NeighbourCdp], ...]
     distribution: ContrastDistribution | None
     findings: tuple[Finding, ...]
 
@@ -120,7 +95,8 @@ def evaluate_neighbours(
     return NeighbourEvaluation(
         rectangle=inside,
         contrast=contrast,
-        results=tuple(_calibrated(one, sqrt(added)) for one, added in zip(base, variance, strict=True)),
+        # One pixel takes part in four pairs.
+        results=tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(base, variance, strict=True)),
         distribution=_distribution(values, _MOST_TIMES * max((one.interval[1] for one in base), default=inf)),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
     )
@@ -164,14 +140,6 @@ def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]
             found.append(slow_cd_m2 / np.abs(values))
     # A pixel exactly at the dark signal has no relative error, and nothing is seen there.
     return [np.where(np.isfinite(error), error, 0.0) for error in found]
-
-
-def _calibrated(result: NeighbourCdp, by_calibration: float) -> CalibratedNeighbourCdp:
-    if isnan(result.standard_error):
-        return CalibratedNeighbourCdp(result, by_calibration, (nan, nan))
-    variance = result.standard_error**2 + by_calibration**2
-    # One pixel takes part in four pairs.
-    return CalibratedNeighbourCdp(result, by_calibration, confidence_interval(result.cdp, variance, result.pairs / 4))
 
 
 def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribution | None:

@@ -9,7 +9,7 @@ from ...core.result import Result
 from ...core.table import Table
 from ...report.cells import cell_text
 from ...report.digits import exposure
-from ...report.figures import ReportFigure
+from ...report.figure import ReportFigure
 from ...report.html import render_page
 from ...report.layout import SIMULATED, Block, Card, Facts, Links, Page, Section, input_facts
 from .tables import ReportedPicture

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...report.digits import shortened, significant
-from ...report.drawing import block_mean
+from ...report.figures.drawing import block_mean
+from ...report.figures.interactive import interactive
 from ...report.html import render_page
-from ...report.interactive import interactive
 from ...report.layout import Page, Section
 from .figures import luminance_label
 
@@ -135,9 +135,7 @@ def _figure(values: NDArray[Any], side: int, step: int, label: str) -> Figure:
     )
     figure = Figure([*surfaces, mark])
     figure.update_layout(
-        height=680,
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        scene=_scene(width, height, step, (low, high), label),
+        height=680, margin={"l": 0, "r": 0, "t": 40, "b": 0}, scene=_scene(width, height, step, (low, high), label)
     )
     if side > 1:
         buttons = [

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from ...core.table import Column, Table, uncertain, uncertain_values
-from ...metrics import CalibratedCdp, DetectionInterval, DetectionResult
+from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, DetectionResult, NeighbourCdp
 from ...metrics.regions.pair import RegionResult
 from ...metrics.regions.region import REASONS
 from .image import ImageEvaluation, ImagePair
-from .neighbours import CalibratedNeighbourCdp, NeighbourEvaluation, Rectangle
+from .neighbours import NeighbourEvaluation, Rectangle
 from .request import ImageRequest
 
 #: CDP of two regions, or of neighbouring pixels.
-AnyCdp: TypeAlias = CalibratedCdp | CalibratedNeighbourCdp
+AnyCdp: TypeAlias = CalibratedCdp[CdpResult] | CalibratedCdp[NeighbourCdp]
 
 _PICTURE = Column("picture", "picture", meaning="Name of the file.")
 _NUMBER = Column("number", "number", meaning="Number of the picture, in the order given.", shown=False)

@@ -9,9 +9,9 @@ from math import prod
 from typing import Any
 
 from ...chain import Chain, ImageScene
+from ...core.disk.json_text import results_json
 from ...core.errors import InputError
 from ...core.finding import Finding, info
-from ...core.json_text import results_json
 from .axis import Axis
 
 #: Cells of a map that a computer holds and the user reads.

@@ -8,7 +8,7 @@ from math import ceil, floor
 from typing import Any
 
 from ...calibration.emva.result import Quantity
-from ...core.toml_text import toml_text
+from ...core.disk.toml_text import toml_text
 from ...report.findings import finding_text
 from ..bench.observe import ObservedSession
 from .evaluate import TwinEvaluation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
@@ -117,31 +117,25 @@ def twin_session(
         raise CalibrationError(
             f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
         )
-    corrected = CorrectedTwin.of(twin, calibration)
+    corrected, response = CorrectedTwin.of(twin, calibration), calibration.response
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     asked, left_out = _asked(observed, regions, contrast, epsilon)
-    at: dict[float, list[PairAsked]] = {}
-    for pair in asked:
-        exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
-        if exposure_s is None:
-            left_out.append(("pairs-saturated", pair.bright, pair.dark))
-        else:
-            at.setdefault(exposure_s, []).append(pair)
-    compared: dict[PairAsked, TwinPair] = {}
-    for done, (exposure_s, group) in enumerate(sorted(at.items())):
-        report(done, len(at))
-        names = {name for pair in group for name in (pair.bright, pair.dark)}
+
+    def compare(exposure_s: float, pairs: Sequence[PairAsked]) -> Iterator[TwinPair]:
+        """Compare pairs in the frames of one exposure."""
+        names = {name for pair in pairs for name in (pair.bright, pair.dark)}
         seen = seen_regions(session, observed, calibration, exposure_s, names)
         shown = [region for region in regions.values() if region.name in names]
-        predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, calibration.response)
-        for pair in group:
+        predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, response)
+        for pair in pairs:
             both = seen[pair.bright], seen[pair.dark]
             if max(one.luminance_cd_m2.max() for one in both) <= 0:
                 left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
             else:
-                compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
-    report(len(at), len(at))
+                yield compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
+
+    compared = _compared(observed, asked, left_out, compare, report)
     if not compared:
         reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
         raise CalibrationError(f"no two patches can be compared: {reasons}")
@@ -152,8 +146,7 @@ def twin_session(
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
         patches=tuple(
-            twin_patch(corrected.at(o.exposure_s), regions[name], o, calibration.response)
-            for name, o in longest.items()
+            twin_patch(corrected.at(o.exposure_s), regions[name], o, response) for name, o in longest.items()
         ),
         findings=(
             *_left_out(left_out),
@@ -163,6 +156,29 @@ def twin_session(
             *(one for one in calibration.findings if one.severity != "info"),
         ),
     )
+
+
+def _compared(
+    observed: ObservedSession,
+    asked: Sequence[PairAsked],
+    left_out: list[_LeftOut],
+    compare: Callable[[float, Sequence[PairAsked]], Iterable[TwinPair]],
+    report: Callable[[int, int], None],
+) -> dict[PairAsked, TwinPair]:
+    """Compare each pair in the longest exposure that saturates neither patch."""
+    at: dict[float, list[PairAsked]] = {}
+    for pair in asked:
+        exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
+        if exposure_s is None:
+            left_out.append(("pairs-saturated", pair.bright, pair.dark))
+        else:
+            at.setdefault(exposure_s, []).append(pair)
+    compared: dict[PairAsked, TwinPair] = {}
+    for done, (exposure_s, group) in enumerate(sorted(at.items())):
+        report(done, len(at))
+        compared |= {one.asked: one for one in compare(exposure_s, group)}
+    report(len(at), len(at))
+    return compared
 
 
 def _asked(

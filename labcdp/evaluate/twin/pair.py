@@ -120,9 +120,7 @@ class TwinPair:
 
 
 def compare_pair(
-    pair: PairAsked,
-    seen: tuple[SeenRegion, SeenRegion],
-    predicted: tuple[RegionPrediction, RegionPrediction],
+    pair: PairAsked, seen: tuple[SeenRegion, SeenRegion], predicted: tuple[RegionPrediction, RegionPrediction]
 ) -> TwinPair:
     """Compare measured and predicted CDP of two patches, the bright one first.
 

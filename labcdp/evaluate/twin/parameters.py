@@ -14,7 +14,7 @@ from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, info
 from ...core.frame import Frame
-from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...session import Session
 from ..bench.observe import ObservedSession
 from .noise import CameraNoise, known, noise_of_characterisation

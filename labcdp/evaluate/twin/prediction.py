@@ -47,7 +47,7 @@ class TwinRegion:
         non-uniformity.
     unevenness_rel : float
         Relative standard deviation of slow changes of the light across the region.
-    fall_off : ndarray of float, shape (n,)
+    vignetting : ndarray of float, shape (n,)
         V of its pixels.
     darkness_dn : float
         Standard uncertainty of the mean dark signal of this region relative to that of the sensor.
@@ -59,18 +59,18 @@ class TwinRegion:
     luminance_cd_m2: float
     reading_rel: float
     unevenness_rel: float
-    fall_off: FloatArray
+    vignetting: FloatArray
     darkness_dn: float
     flat_field_rel: float
 
     @cached_property
     def kinds(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Groups of pixels: V, relative luminance, and frequency of each."""
-        low, high = float(self.fall_off.min()), float(self.fall_off.max())
+        low, high = float(self.vignetting.min()), float(self.vignetting.max())
         count = min(max(ceil((high - low) / (_VIGNETTING_STEP * high)), 1), _MOST_KINDS)
-        parts = np.array_split(np.sort(self.fall_off), count)
+        parts = np.array_split(np.sort(self.vignetting), count)
         v = np.array([part.mean() for part in parts])
-        share = np.array([part.size for part in parts]) / self.fall_off.size
+        share = np.array([part.size for part in parts]) / self.vignetting.size
         nodes = _NODES if self.unevenness_rel > 0 else ((0.0, 1.0),)
         light = np.array([1 + self.unevenness_rel * node for node, _ in nodes])
         frequency = np.array([weight for _, weight in nodes])
@@ -194,7 +194,7 @@ def dn_above_dark(twin: TwinParameters, response: Response, linear_dn: ArrayLike
 
 def luminance_per_dn(twin: TwinParameters, region: TwinRegion, exposure_s: float, response: Response) -> float:
     """Return the change of a region's luminance with its DN, in cd/m^2."""
-    full = twin.responsivity.value * exposure_s * float(region.fall_off.mean())
+    full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
     net_dn = dn_above_dark(twin, response, full * region.luminance_cd_m2)
     return float(response.slope(net_dn)) / full
 

@@ -89,9 +89,9 @@ def regions_of(
         If a patch has no reading, or one of 0.
     """
     shape = calibration.state.image_shape
-    fall_off = np.ones(shape)
+    vignetting = np.ones(shape)
     if calibration.vignetting is not None:
-        fall_off = calibration.vignetting.relative_illuminance(shape)
+        vignetting = calibration.vignetting.relative_illuminance(shape)
     regions = {}
     for patch in observed.configuration.target.patches:
         group = observed.patches.get(patch.name)
@@ -104,7 +104,7 @@ def regions_of(
                 f"{patch.name!r}"
             )
         roi = patch.region()
-        v = np.asarray(roi.select(fall_off), dtype=float)
+        v = np.asarray(roi.select(vignetting), dtype=float)
         uneven_rel = _unevenness_rel(group, twin)
         left, top, right, bottom = roi.bounds
         row, column = twin.noise.row_dsnu_dn.value, twin.noise.column_dsnu_dn.value
@@ -113,7 +113,7 @@ def regions_of(
             luminance_cd_m2=reading.luminance_cd_m2,
             reading_rel=hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel),
             unevenness_rel=uneven_rel,
-            fall_off=v,
+            vignetting=v,
             darkness_dn=hypot(
                 twin.dark.nonuniformity_dn, row / sqrt(max(bottom - top, 1)), column / sqrt(max(right - left, 1))
             ),

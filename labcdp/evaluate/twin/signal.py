@@ -97,8 +97,8 @@ def predicted_signal(
     """
     noise, dark_dn = twin.noise, twin.dark_dn(exposure_s)
     on_axis = twin.responsivity.value * exposure_s * region.luminance_cd_m2
-    harmonic = 1 / float((1 / region.fall_off).mean())
-    net_dn, light_dn = dn_above_dark(twin, response, [on_axis * v for v in (harmonic, float(region.fall_off.mean()))])
+    harmonic = 1 / float((1 / region.vignetting).mean())
+    net_dn, light_dn = dn_above_dark(twin, response, [on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
     rel = hypot(known(twin.responsivity) / twin.responsivity.value, region.reading_rel, region.flat_field_rel)
     of_light = rel * on_axis * harmonic / float(response.slope(net_dn))
     mean_u = hypot(of_light, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)

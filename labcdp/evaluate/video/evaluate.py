@@ -144,11 +144,7 @@ def evaluated_rows(
 
 
 def _attributes(
-    path: Path,
-    source: VideoSource,
-    settings: VideoSettings,
-    conversion: PictureConversion,
-    findings: list[Finding],
+    path: Path, source: VideoSource, settings: VideoSettings, conversion: PictureConversion, findings: list[Finding]
 ) -> dict[str, Any]:
     epsilon = settings.epsilon
     files = {"calibration": settings.calibration, "camera": settings.camera, "reference": settings.reference}

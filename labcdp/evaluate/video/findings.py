@@ -88,8 +88,7 @@ class VideoFindings:
         self._invalid: dict[tuple[str, str], tuple[int, float]] = {}
         self._brighter: Counter[int] = Counter()
         self._saturated: dict[str, _Stretches] = {}
-        #: Frames that have a CDP, and the number of the first one.
-        self.n_measured = 0
+        #: Number of the first frame that has a CDP.
         self.first_measured: int | None = None
         #: Places of the regions, the one that is brighter in the first frame that was measured before the other.
         self.order = tuple(range(len(regions)))
@@ -100,7 +99,6 @@ class VideoFindings:
         """Take note of a row."""
         self._n += 1
         if not all(map(isnan, row["cdp"])):
-            self.n_measured += 1
             self.first_measured = row["frame"] if self.first_measured is None else self.first_measured
         found = restored(row["findings"])
         if found and self.first is None:

@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from queue import Empty, Full, Queue
 from typing import TypeVar
 
-from ...core.threads import FinishedThread
+from ...core.computer.threads import FinishedThread
 
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import parse_json
-from ...core.finding import Finding
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table
 from ...report.digits import percent
-from .dataset import blocks_of, check_video, findings_of
-from .findings import is_lost, note_of, reason_of, restored
+from .dataset import check_video
+from .findings import restored
+from .frame_findings import FrameFindings, times_s
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -26,13 +25,7 @@ DETECTED_CDP = 0.9
 
 CONTRASTS = (
     Column("kind", "contrast", meaning="Whether it was given, measured in the first frame, or is the reference."),
-    Column(
-        "contrast",
-        "Weber contrast",
-        "%",
-        "Contrast to be detected; missing if frames differ in it.",
-        digits=4,
-    ),
+    Column("contrast", "Weber contrast", "%", "Contrast to be detected; missing if frames differ in it.", digits=4),
     Column(
         *("detected_share", f"frames with CDP ≥ {DETECTED_CDP:g}", "%"),
         "Share of all frames; one without a CDP counts as not detected.",
@@ -54,23 +47,6 @@ REGIONS = (
     Column("lowest_quality", "lowest quality", meaning="Lowest quality in these frames.", decimals=3),
     Column("n_lost", "frames in which it was lost", meaning="Their number.", decimals=0),
     Column("lost_share", "share", "%", "Share of all frames in which it was lost.", decimals=1),
-)
-LOST = (
-    Column("region", "region"),
-    Column("first_frame", "first frame", decimals=0, meaning="First frame in which it was lost."),
-    Column("last_frame", "last frame", decimals=0, meaning="Last frame in which it was lost."),
-    Column("n_frames", "frames", decimals=0, meaning="Evaluated frames from the first to the last."),
-    Column("start_s", "from", "s", "Time of the first frame.", time=True),
-    Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
-    Column("reason", "reason", meaning="Why it was lost in the first of these frames."),
-    Column("code", "code", meaning="Code of the reason.", shown=False),
-)
-NOTES = (
-    Column("note", "note", meaning="As in the first frame that has it."),
-    Column("code", "code", meaning="Code and values of the finding.", shown=False),
-    Column("subject", "subject", meaning="Region it is about.", shown=False),
-    Column("n_frames", "frames", decimals=0, meaning="Frames that have it."),
-    Column("first_frame", "first frame", decimals=0, meaning="First of them."),
 )
 _SUMMARY = (
     Column("quantity", "quantity"),
@@ -94,7 +70,7 @@ def video_result(dataset: Dataset) -> Result:
         If the dataset is no result of a video.
     """
     check_video(dataset)
-    seen = _FrameFindings(dataset)
+    seen = FrameFindings(dataset)
     regions = _regions(dataset)
     tables = [
         _contrasts(dataset),
@@ -148,26 +124,6 @@ def contrast_name(row: Mapping[str, Any]) -> str:
     # What was measured has as many digits as a float.
     text = percent(row["contrast"]) if row["kind"] == "asked" else f"{100 * row['contrast']:.4g} %"
     return f"contrast {text}" if row["kind"] == "asked" else f"{row['kind']} contrast {text}"
-
-
-def times_s(dataset: Dataset) -> NDArray[np.float64]:
-    """Return the time of each frame in seconds, shape (frames,); nan where it is not known."""
-    if "time_s" not in dataset.variables:
-        return np.full(dataset.sizes["frame"], np.nan)
-    return np.asarray(dataset["time_s"].values, dtype=np.float64)
-
-
-def period_s(times: NDArray[np.float64]) -> float:
-    """Return the time from an evaluated frame to the next, of most frames; nan where it is not known."""
-    steps = np.diff(times)
-    steps = steps[np.isfinite(steps)]
-    return float(np.median(steps)) if steps.size else float("nan")
-
-
-def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last place, both included, of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(start), int(stop) - 1) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _contrasts(dataset: Dataset) -> Table:
@@ -247,75 +203,6 @@ def _region(one: Dataset) -> dict[str, Any]:
         "n_lost": int(lost.sum()),
         "lost_share": float(lost.mean()),
     }
-
-
-@dataclass
-class _Count:
-    """A note, and how many frames have it."""
-
-    first: Finding
-    frame: int
-    n: int = 0
-
-
-class _FrameFindings:
-    """Findings about the frames, gathered block by block."""
-
-    def __init__(self, dataset: Dataset) -> None:
-        self.counts: dict[tuple[str, str], _Count] = {}
-        self.stretches: list[tuple[str, int, int]] = []
-        for region in range(dataset.sizes.get("region", 0)):
-            one = dataset["lost"].isel(region=region)
-            name = str(dataset["region"].values[region])
-            self.stretches += [(name, *run) for run in runs(one.values.astype(bool))]
-        begins = {(name, first) for name, first, _ in self.stretches}
-        self._reasons: dict[tuple[str, int], list[Finding]] = {}
-        place = 0
-        for block in blocks_of(dataset[["findings"]]) if "findings" in dataset else ():
-            for frame, found in zip(block["frame"].values.tolist(), findings_of(block), strict=True):
-                for finding in found:
-                    count = self.counts.setdefault((finding.code, finding.subject), _Count(finding, frame))
-                    count.n += 1
-                    if is_lost(finding) and (finding.subject, place) in begins:
-                        self._reasons.setdefault((finding.subject, place), []).append(finding)
-                place += 1
-
-    def lost(self, dataset: Dataset) -> Table:
-        """Return where regions were lost, and for how long."""
-        frames, times = dataset["frame"].values, times_s(dataset)
-        period = period_s(times)
-        rows = []
-        for name, first, last in self.stretches:
-            reasons = self._reasons.get((name, first), [])
-            end = times[last + 1] if last + 1 < len(times) else times[last] + period
-            rows.append(
-                {
-                    "region": name,
-                    "first_frame": int(frames[first]),
-                    "last_frame": int(frames[last]),
-                    "n_frames": last - first + 1,
-                    "start_s": float(times[first]),
-                    "duration_s": float(end - times[first]),
-                    # The region is in a separate column.
-                    "reason": "; ".join(map(reason_of, reasons)),
-                    "code": " ".join(one.code for one in reasons),
-                }
-            )
-        return Table.of_rows("lost", "Stretches in which a region was lost", LOST, rows)
-
-    def notes(self) -> Table:
-        """Return how many frames have which note, the most frequent first."""
-        rows = [
-            {
-                "note": note_of([count.first]),
-                "code": count.first.code,
-                "subject": count.first.subject,
-                "n_frames": count.n,
-                "first_frame": count.frame,
-            }
-            for count in sorted(self.counts.values(), key=lambda count: -count.n)
-        ]
-        return Table.of_rows("notes", "Notes on frames", NOTES, rows, detail=True)
 
 
 def _json(dataset: Dataset, name: str, default: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,41 +42,20 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int 
         If the file cannot be read, is truncated, is no RAW file, has neither a Bayer pattern nor a monochrome sensor,
         or does not say its exposure.
     """
-    import rawpy
-
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)
     facts = read_exif(data, path)
-    try:
-        with rawpy.imread(str(path)) as raw:
-            require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
-            if raw.raw_type != rawpy.RawType.Flat:
-                raise InputError(
-                    f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
-                    "unprocessed sensor data: give the camera's own RAW file"
-                )
-            dn = np.array(raw.raw_image_visible)
-            colour_filter, black_dn = _pattern(raw, path, facts)
-            white_dn = [level for level in raw.camera_white_level_per_channel or () if level > 0]
-            white = int(raw.white_level)
-            other = raw.other
-    except rawpy.LibRawFileUnsupportedError as error:
-        raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
-    except rawpy.LibRawError as error:
-        raise InputError(f"{path} cannot be read as RAW ({_reason(error)}): copy it again from the camera") from error
-    stated_s = facts.exposure_s or _positive(other.shutter_speed)
-    exposure_s = exposure_of(path, stated_s, defaults)
-    gain_db = gain_db_of_iso(facts.iso or _positive(other.iso_speed))
-    bit_depth = min(max(white.bit_length(), 8), 16)
-    dn.flags.writeable = False
-    saturation_dn = float(min([white, *white_dn]))
-    clips_at_dn = clipping_dn(dn, colour_filter, float(np.mean(black_dn)), white)
+    raw = _decoded(path, facts, max_pixels)
+    stated_s = facts.exposure_s or _positive(raw.other.shutter_speed)
+    gain_db = gain_db_of_iso(facts.iso or _positive(raw.other.iso_speed))
+    bit_depth = min(max(raw.white.bit_length(), 8), 16)
+    black_dn, colour_filter = raw.black_dn, raw.colour_filter
     frame = Frame(
-        dn=dn,
-        exposure_s=exposure_s,
+        dn=raw.dn,
+        exposure_s=exposure_of(path, stated_s, defaults),
         gain_db=defaults.gain_db if gain_db is None else gain_db,
         bit_depth=bit_depth,
-        saturation_dn=saturation_dn,
+        saturation_dn=raw.saturation_dn,
         black_level_dn=float(np.mean(black_dn)),
         pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
         colour_filter=colour_filter,
@@ -87,17 +66,51 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int 
         camera=camera_of(facts.vendor, facts.model, facts.serial, defaults.camera),
         plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
     )
-    focal_length_mm = _positive(other.focal_length)
+    focal_length_mm = _positive(raw.other.focal_length)
+    clips_at_dn = clipping_dn(raw.dn, colour_filter, float(np.mean(black_dn)), raw.white)
     return FileFrame(
         path=path,
         frame=frame,
-        f_number=facts.f_number or _positive(other.aperture),
+        f_number=facts.f_number or _positive(raw.other.aperture),
         focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
         sha256=sha256,
         exposure_stated=stated_s is not None,
         camera_stated=bool(facts.model),
-        clips_at_dn=clips_at_dn if clips_at_dn is not None and clips_at_dn < saturation_dn else None,
+        clips_at_dn=clips_at_dn if clips_at_dn is not None and clips_at_dn < raw.saturation_dn else None,
     )
+
+
+class _Raw(NamedTuple):
+    """What LibRaw reads; black levels of R, Gr, Gb and B."""
+
+    dn: NDArray[Any]
+    colour_filter: str | None
+    black_dn: tuple[float, float, float, float]
+    white: int
+    saturation_dn: float
+    other: Any
+
+
+def _decoded(path: Path, facts: ExifFacts, max_pixels: int) -> _Raw:
+    import rawpy
+
+    try:
+        with rawpy.imread(str(path)) as raw:
+            require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
+            if raw.raw_type != rawpy.RawType.Flat:
+                raise InputError(
+                    f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
+                    "unprocessed sensor data: give the camera's own RAW file"
+                )
+            dn = np.array(raw.raw_image_visible)
+            dn.flags.writeable = False
+            white = int(raw.white_level)
+            of_channels = [level for level in raw.camera_white_level_per_channel or () if level > 0]
+            return _Raw(dn, *_pattern(raw, path, facts), white, float(min([white, *of_channels])), raw.other)
+    except rawpy.LibRawFileUnsupportedError as error:
+        raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
+    except rawpy.LibRawError as error:
+        raise InputError(f"{path} cannot be read as RAW ({_reason(error)}): copy it again from the camera") from error
 
 
 def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[float, float, float, float]]:

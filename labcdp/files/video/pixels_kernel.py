@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.compiled import compiled
+from ...core.computer.compiled import compiled
 
 
 @compiled
@@ -22,11 +22,7 @@ def looked_up(table: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
 
 @compiled
 def luminance_of_ycbcr(
-    luma: NDArray[Any],
-    blue: NDArray[Any],
-    red: NDArray[Any],
-    parts: NDArray[np.float32],
-    light: NDArray[np.float32],
+    luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any], parts: NDArray[np.float32], light: NDArray[np.float32]
 ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
     """Luminance of Y', Cb and Cr, and whether a colour is at its end.
 

@@ -95,17 +95,14 @@ def cdp_correlated(
     and noise smoothed by a Gaussian of 0.6 to 3 px, 95 % intervals covered the truth in 96 % of the cases, of any kind
     in 89 % or more, and the standard error was 0.9 to 1.3 times the true one; where the noise reaches far into a region
     of few pixels, up to 2 times. Noise common to both regions is not estimated: where both covered the same rows, with
-    row offsets of half the standard deviation of the pixels, the intervals covered the truth in 84 to 91 %. In regions
-    of less than 200 pixels, correlation cannot be told from chance: of 6 x 6 pixels smoothed by 0.6 to 2 px the
-    intervals covered it in 86 to 90 %, of 12 x 12 with columns that scatter half as much as the pixels in 90 %;
-    pictures and videos have a finding then.
+    row offsets of half the standard deviation of the pixels, intervals covered the truth in 84 to 91 %. In regions of
+    less than 200 pixels, correlation cannot be told from chance (pictures and videos have a finding then): of 6 x 6
+    pixels smoothed by 0.6 to 2 px they covered it in 86 to 90 %, of 12 x 12 with half as noisy columns in 90 %.
     """
     asked = TargetContrast(contrast, epsilon, definition)
     pixels = image_array(image)
     masks = [mask_array(mask_a, pixels.shape, "mask_a"), mask_array(mask_b, pixels.shape, "mask_b")]
-    common = np.count_nonzero(masks[0] & masks[1])
-    if common:
-        raise InputError(f"mask_a and mask_b have {common} pixels in common: give two regions that do not overlap")
+    _require_apart(*masks)
     bright, dark, bright_name = bright_and_dark(pixels[masks[0]], pixels[masks[1]])
     order = masks if bright_name == "a" else masks[::-1]
     regions = [
@@ -113,6 +110,12 @@ def cdp_correlated(
         for mask, distribution in zip(order, (bright, dark), strict=True)
     ]
     return cdp_of_regions(regions[0], regions[1], bright_name, asked)
+
+
+def _require_apart(mask_a: NDArray[np.bool_], mask_b: NDArray[np.bool_]) -> None:
+    common = np.count_nonzero(mask_a & mask_b)
+    if common:
+        raise InputError(f"mask_a and mask_b have {common} pixels in common: give two regions that do not overlap")
 
 
 def cdp_of_regions(

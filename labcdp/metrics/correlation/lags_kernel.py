@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.compiled import compiled_with_others
+from ...core.computer.compiled import compiled_with_others
 
 _Array = NDArray[np.float64]
 #: Number of rows smoothed at a time.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import hypot, isfinite, nan, sqrt
+from math import hypot, isfinite, nan
 from typing import Literal
 
 import numpy as np
@@ -20,15 +20,7 @@ from ..calibrated import PairError, joined_errors
 from ..correlation.cdp import cdp_of_regions
 from ..interval import TargetContrast
 from ..pairs import bright_and_dark, tally_pairs
-from ..uncertainty import confidence_interval
-from .region import (
-    RegionPixels,
-    RegionResult,
-    evaluate_region,
-    region_result,
-    variance_of_changes,
-    with_uncertainty,
-)
+from .region import RegionPixels, RegionResult, evaluate_region, region_result, variance_of_changes, with_uncertainty
 
 __all__ = [
     "PairResult",
@@ -70,7 +62,7 @@ class PairResult:
     a: RegionResult
     b: RegionResult
     bright: Literal["a", "b"]
-    results: tuple[CalibratedCdp, ...]
+    results: tuple[CalibratedCdp[CdpResult], ...]
     contrast: Estimate
     csnr: Estimate
     findings: tuple[Finding, ...]
@@ -156,7 +148,10 @@ def evaluate_regions(
         a=regions[0],
         b=regions[1],
         bright=name,
-        results=tuple(_calibrated(one, sqrt(variance)) for one, variance in zip(cdps, variances[3:], strict=True)),
+        results=tuple(
+            CalibratedCdp.of(one, variance, min(bright.values.size, dark.values.size) / one.correlation_inflation**2)
+            for one, variance in zip(cdps, variances[3:].tolist(), strict=True)
+        ),
         contrast=contrast,
         csnr=with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
         findings=tuple(findings),
@@ -240,15 +235,6 @@ def size_findings(region: str, n_pixels: int) -> list[Finding]:
     if n_pixels >= CORRELATION_PIXELS:
         return []
     return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
-
-
-def _calibrated(result: CdpResult, by_calibration: float) -> CalibratedCdp:
-    """Combine the uncertainties by pixels and calibration."""
-    sizes = [size for size in (result.bright_size, result.dark_size) if size is not None]
-    interval = confidence_interval(
-        result.cdp, result.standard_error**2 + by_calibration**2, min(sizes) / result.correlation_inflation**2
-    )
-    return CalibratedCdp(result, by_calibration, interval)
 
 
 def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> Estimate:

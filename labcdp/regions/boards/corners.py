@@ -162,11 +162,7 @@ def _touches(at: At, found: Corners) -> bool:
 
 
 def _saddle(
-    at: At,
-    corner: NDArray[np.float64],
-    along: NDArray[np.float64],
-    down: NDArray[np.float64],
-    image: FloatImage,
+    at: At, corner: NDArray[np.float64], along: NDArray[np.float64], down: NDArray[np.float64], image: FloatImage
 ) -> float:
     """Return +1 or -1 where two light squares meet two dark ones, by which of them are light; 0 where they do not."""
     # Within each of the four squares: 3 x 3 places from 0.2 to 0.5 sides off the corner.

@@ -152,10 +152,7 @@ def neighbours(labels: NDArray[np.int32]) -> Neighbours:
     """
     n = int(labels.max()) + 1
     keys, places = [], []
-    for first, second, shift in (
-        (labels[:, :-1], labels[:, 1:], (1.0, 0.5)),
-        (labels[:-1], labels[1:], (0.5, 1.0)),
-    ):
+    for first, second, shift in ((labels[:, :-1], labels[:, 1:], (1.0, 0.5)), (labels[:-1], labels[1:], (0.5, 1.0))):
         rows, columns = np.nonzero(first != second)
         a, b = first[rows, columns].astype(np.int64), second[rows, columns].astype(np.int64)
         keys.append(np.minimum(a, b) * n + np.maximum(a, b))

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...files.luminance_file import SUFFIXES, save_luminance
 from ...output import write_file
-from ...report.maps import luminance_picture
+from ...report.figures.maps import luminance_picture
 from ..regions.display import DisplayScale
 from ..regions.page_image import PageImage
 

@@ -7,7 +7,7 @@ from html import escape
 from math import nan
 
 from ...core.roi import Roi
-from ...metrics.limits import limit_verdict
+from ...metrics.regions.limits import limit_verdict
 from ...regions import Shape
 from ...report.digits import Z_95, printable, share_percent, shortened, significant
 from ..regions.measurements import Evaluated, Means

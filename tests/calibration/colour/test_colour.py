@@ -18,8 +18,8 @@ from labcdp.calibration.record.store import load_any
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.luminance import Invalid
-from labcdp.core.photometry import spectral_weights
 from labcdp.core.spectral.mismatch import f1_prime, mismatch_factor
+from labcdp.core.spectral.photometry import spectral_weights
 from labcdp.core.spectral.table import SpectralTable
 
 EXPOSURES_S = (0.001, 0.004, 0.016)
@@ -70,7 +70,7 @@ def make_chart(light: str = "LED-B3") -> Chart:
 
 @pytest.fixture(scope="module")
 def chart() -> Chart:
-    from labcdp.core.photometry import source_names
+    from labcdp.core.spectral.photometry import source_names
 
     source_names()  # imports colour without its warnings
     return make_chart()

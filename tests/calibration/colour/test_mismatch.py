@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from labcdp.calibration.colour.combination import ColourData, Prior, combine
 from labcdp.calibration.colour.mismatch import colourfulness, mismatch_errors
-from labcdp.core.photometry import source_names, spectral_weights
+from labcdp.core.spectral.photometry import source_names, spectral_weights
 
 LIGHTS = ("LED-B3", "LED-B1", "LED-B4", "D65", "A", "E", "FL11", "LED-V1", "LED-BH1")
 COLOURS = arrays(float, 3, elements=st.floats(0.1, 10))

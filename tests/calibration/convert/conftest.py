@@ -53,7 +53,7 @@ def new_calibration(shape=SHAPE, bit_depth=12, **changes):
         "range_cd_m2": (0.5, 2000.0),
         "range_net_dn": (5.0, full - 100.0),
         "exposures_s": (0.001, 0.008, 0.064),
-        "residuals": (PatchResidual("P1", 100.0, 0.1, 4, 100.0, 0.0, 0.0, (0.008,), (32.0, 24.0), None),),
+        "residuals": (PatchResidual("P1", 100.0, 0.1, 4, 100.0, (0.008,), 0.0, 0.0, (32.0, 24.0), None),),
         "held_out": (),
         "left_out": (),
         "ladder": (),

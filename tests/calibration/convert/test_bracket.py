@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,29 @@ def test_the_bracket_finds_the_scene_within_its_uncertainty(calibration, frames,
     assert deviation.std() == pytest.approx(1, abs=4 / np.sqrt(2 * n) + 0.02)  # rounding is not normal
     assert result.inconsistent_share == 0
     assert result.findings == ()
+
+
+def test_pixels_are_merged_block_by_block_as_at_once(calibration, frames, monkeypatch):
+    at_once = bracket_luminance(calibration, frames)
+    monkeypatch.setattr("labcdp.calibration.response.bracket._BLOCK", 7 * SHAPE[1])
+    parts = bracket_luminance(calibration, frames)
+    assert (parts.n_used == at_once.n_used).all()
+    for name in ("luminance_cd_m2", "random_rel", "common_rel", "invalid", "slow_cd_m2", "fixed_cd_m2"):
+        assert (getattr(parts.map, name) == getattr(at_once.map, name)).all()
+    window = slice(5, 40), slice(30, 60)
+    for one, other in zip(parts.map.common_in(window), at_once.map.common, strict=True):
+        assert one.relative == pytest.approx(other.relative if np.ndim(other.relative) == 0 else other.relative[window])
+
+
+def test_dark_signal_nonuniformity_is_no_movement(make_calibration, scene, expose):
+    """Three times the read noise, in DN the same at all exposures."""
+    rng = np.random.default_rng(9)
+    pattern = rng.normal(0, 4.5, SHAPE)
+    calibration = make_calibration(shape=SHAPE, exposures_s=(0.0005, 0.128))
+    dark = replace(calibration.dark, exposures_s=(0.0005, 0.128), patterns_dn=(4.5, 4.5))
+    taken = [expose(scene, t, rng, pattern_dn=pattern, frame_id=i) for i, t in enumerate(2 * EXPOSURES)]
+    assert bracket_luminance(replace(calibration, dark=dark), taken).inconsistent_share == 0
+    assert bracket_luminance(calibration, taken).inconsistent_share > 0
 
 
 def test_the_bracket_is_nearer_to_the_scene_than_each_exposure(calibration, frames, scene):

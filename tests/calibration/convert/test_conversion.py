@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import GainSetting, LensIdentity
-from labcdp.calibration.convert.conversion import to_luminance
+from labcdp.calibration.convert.conversion import require_lens, to_luminance
 from labcdp.calibration.dark.library import DarkLibrary
 from labcdp.calibration.dark.signal import DarkModel
 from labcdp.calibration.fit_error import FitError
@@ -178,16 +178,15 @@ def test_scatter_between_patches_belongs_to_every_region(make_calibration, make_
     assert to_luminance(scattered, make_frame(np.full(SHAPE, 1000))).slow_rel == 0.02
 
 
-def test_another_lens_is_refused(make_calibration, make_frame):
-    frame = make_frame(np.full(SHAPE, 1000))
-    calibration = make_calibration()
-    to_luminance(calibration, frame, calibration.lens)
+def test_another_lens_is_refused(make_calibration):
+    lens = make_calibration().lens
+    require_lens(lens, lens)
     with pytest.raises(
         CalibrationError, match=r"for the lens Kowa LM6NCL .*f/2\.6\), the frame was taken with .*f/4\)"
     ):
-        to_luminance(calibration, frame, replace(calibration.lens, f_number=4.0))
+        require_lens(lens, replace(lens, f_number=4.0))
     with pytest.raises(CalibrationError, match="calibrate with this lens"):
-        to_luminance(calibration, frame, LensIdentity("Other", "1", 0.006, 2.6))
+        require_lens(lens, LensIdentity("Other", "1", 0.006, 2.6))
 
 
 @pytest.mark.parametrize(

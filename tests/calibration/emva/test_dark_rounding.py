@@ -1,4 +1,4 @@
-"""Dark signal with less noise than rounding hides: stated uncertainties hold the truth, and the cause is told."""
+"""Dark signal with less noise than rounding hides: stated uncertainties hold the truth, and the cause is named."""
 
 from dataclasses import replace
 from math import sqrt

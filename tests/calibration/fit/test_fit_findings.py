@@ -67,8 +67,9 @@ def test_a_kinked_camera_is_straightened(camera, new_reading, setup):
     assert linear.response.kind == "linear"
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.1, CD_M2_PER_FL, 1 / CD_M2_PER_FL, 1.1])
-@pytest.mark.parametrize("index", [0, 5, 11])
+@pytest.mark.parametrize(
+    ("factor", "index"), [(10.0, 0), (0.1, 11), (CD_M2_PER_FL, 5), (1 / CD_M2_PER_FL, 0), (1.1, 0), (1.1, 5), (1.1, 11)]
+)
 def test_a_bad_reading_is_named_and_left_out(camera, new_reading, setup, factor, index):
     observations, darks, readings = bench(camera, new_reading, np.random.default_rng(3))
     right = fit(observations, darks, readings, setup)

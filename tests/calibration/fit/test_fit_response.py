@@ -140,6 +140,6 @@ def test_the_mean_over_noisy_pixels_is_that_of_the_light(camera):
     o = camera.observe("grey", 1.0, 0.008, None)
     o = replace(o, signal_dn=model.mean_dn(0.008) + n.mean(), temporal_variance_dn2=n.var() + 1 / 12)
     plain = float(tone.linearise(n.mean()))
-    mended = float(tone.linearise(net_signal(o, settings).net_dn))
+    linearised = float(tone.linearise(net_signal(o, settings).net_dn))
     assert plain == pytest.approx(40 - 0.225, abs=0.03)
-    assert mended == pytest.approx(light.mean(), abs=0.03)
+    assert linearised == pytest.approx(light.mean(), abs=0.03)

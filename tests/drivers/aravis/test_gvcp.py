@@ -1,9 +1,13 @@
 import socket
+import struct
 import threading
 
 import pytest
 
+from labcdp.core.errors import InputError
 from labcdp.drivers.aravis import gvcp
+from labcdp.drivers.aravis.addresses import set_address
+from labcdp.drivers.camera import CameraNotFoundError
 
 
 @pytest.fixture
@@ -63,3 +67,56 @@ def test_a_lost_request_is_repeated(answering):
 def test_what_does_not_answer_the_request_is_ignored(answering, message):
     answering(lambda request: [bytes.fromhex(message)])
     assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.05) is None
+
+
+@pytest.fixture
+def camera_elsewhere():
+    """A camera of another network, which answers requests to everybody; gives what it was asked."""
+    asked = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+        server.bind(("", gvcp.GVCP_PORT))
+
+        def serve():
+            while (received := server.recvfrom(600))[0]:
+                request, client = received
+                asked.append(request)
+                identity = bytearray(0xF8)
+                identity[0x0A:0x10] = bytes.fromhex("000f310221f0")
+                identity[0x24:0x28] = socket.inet_aton("10.9.8.7")
+                identity[0xD8:0xDC] = b"50-1"
+                body = identity if request[2:4] == b"\0\2" else b""
+                acknowledged = int.from_bytes(request[2:4], "big") + 1
+                server.sendto(struct.pack(">HHHH", 0, acknowledged, len(body), 1) + body, client)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield asked
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
+        thread.join()
+
+
+def test_a_camera_of_another_network_is_given_an_address(camera_elsewhere):
+    """FORCEIP_CMD of GigE Vision 2.0, 16.3: hardware address, address, mask and gateway at bytes 2, 20, 36 and 52."""
+    assert str(set_address("50-1", "127.9.9.9")) == "127.9.9.9/8"
+    header, body = camera_elsewhere[-1][:8], camera_elsewhere[-1][8:]
+    assert header == bytes.fromhex("42 11 0004 0038 0001")
+    assert (len(body), body[2:8].hex(), body[52:]) == (56, "000f310221f0", bytes(4))
+    assert (socket.inet_ntoa(body[20:24]), socket.inet_ntoa(body[36:40])) == ("127.9.9.9", "255.0.0.0")
+
+
+@pytest.mark.parametrize(
+    ("serial", "address", "error", "message"),
+    [
+        ("50-2", "127.9.9.9", CameraNotFoundError, r"no camera 50-2 answers at lo; found: 50-1 at 10\.9\.8\.7"),
+        ("50-1", "192.0.2.1", InputError, r"192\.0\.2\.1 is in no network of this computer"),
+        ("50-1", "127.0.0.1", InputError, r"127\.0\.0\.1 is an address of this computer"),
+        ("50-1", "x", InputError, "the address is 'x': give an IPv4 address"),
+    ],
+)
+def test_an_address_that_no_camera_can_take_is_refused(camera_elsewhere, serial, address, error, message):
+    with pytest.raises(error, match=message):
+        set_address(serial, address)
+    assert all(request[2:4] == b"\0\2" for request in camera_elsewhere)

@@ -75,7 +75,7 @@ def test_frames_dropped_in_another_thread_return_their_buffers(camera_on_loopbac
 
 @pytest.mark.parametrize("name", ["Mono8", "Mono16"])
 def test_memory_is_flat_and_frames_are_not_copied(aravis, name):
-    device = SimulatedDevice("SIM-1", width=256, height=256, frame_rate_hz=500)
+    device = SimulatedDevice("SIM-1", width=256, height=256, frame_rate_hz=200)
     with SimulatedGigECamera(device, Ramp((256, 256))), AravisCamera("127.0.0.1") as camera:
         camera.configure(pixel_format=name, exposure_s=100e-6)
         places = set()
@@ -95,4 +95,4 @@ def test_memory_is_flat_and_frames_are_not_copied(aravis, name):
     while isinstance(base, np.ndarray):
         base = base.base
     assert isinstance(base, Loan)
-    assert len(places) <= pool_size(frame_bytes, 500)
+    assert len(places) <= pool_size(frame_bytes, 200, 300)

@@ -6,13 +6,17 @@ import pytest
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import FREE_RUN, SOFTWARE_TRIGGER, CameraSettingError, FrameTimeoutError, Region, Trigger
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+from labcdp.drivers.simulated.gige.genicam import standard_features
 
 from ..conftest import SMALL, Ramp
 
 
 @pytest.fixture(params=["prosilica", "sfnc"])
 def camera(aravis, request):
-    with SimulatedGigECamera(replace(SMALL, naming=request.param), Ramp()), AravisCamera("127.0.0.1") as camera:
+    with (
+        SimulatedGigECamera(replace(SMALL, features=standard_features(request.param)), Ramp()),
+        AravisCamera("127.0.0.1") as camera,
+    ):
         yield camera
 
 

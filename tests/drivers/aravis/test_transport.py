@@ -8,6 +8,7 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.transport import TransportFacts, TransportPlan, plan_transport
 from labcdp.drivers.host.network import Interface
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+from labcdp.drivers.simulated.gige.genicam import standard_features
 
 from ..conftest import SMALL, Ramp
 
@@ -66,7 +67,10 @@ def test_a_camera_without_bandwidth_pauses_between_packets():
 )
 def test_the_plan_is_carried_out_except_what_the_user_has_set(aravis, monkeypatch, naming, bandwidth):
     jumbo = replace(_GIGABIT, mtu_bytes=4000)
-    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()), AravisCamera("127.0.0.1") as camera:
+    with (
+        SimulatedGigECamera(replace(SMALL, features=standard_features(naming)), Ramp()),
+        AravisCamera("127.0.0.1") as camera,
+    ):
         # As if the camera were behind a network card.
         monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: jumbo)
         camera.snap()

@@ -5,7 +5,6 @@ import os
 import signal
 import threading
 import tty
-from contextlib import contextmanager
 from datetime import UTC, datetime
 
 import pytest
@@ -23,11 +22,11 @@ from labcdp.drivers.meter import (
 from labcdp.drivers.minolta_ls.meter import MeterMode, MinoltaLS110
 from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
 
+from .conftest import TIMEOUT_S
+
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
 MANUAL_CODES = ["ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30"]
 OPENING = [b"MDS,00\r\n", b"MDS,04\r\n", b"MDS,06\r\n", b"MDS,09\r\n"]
-#: Short for a test, long for two threads on one machine.
-TIMEOUT_S = 0.4
 
 
 class Recorder:
@@ -42,14 +41,6 @@ class Recorder:
         return self.engine.answer(command)
 
 
-@contextmanager
-def opened(engine, **options):
-    """Serve an engine and open a driver on it; gives both the port and the driver."""
-    options = {"timeout_s": TIMEOUT_S} | options
-    with PtyMeter(engine, response_time_s=0) as port, MinoltaLS110(port.port, METER, **options) as meter:
-        yield port, meter
-
-
 def counting(start=1.0):
     """Return a luminance that grows by 1 cd/m^2 with each measurement."""
     values = iter(range(1000))
@@ -60,15 +51,15 @@ def counting(start=1.0):
 
 
 @pytest.mark.parametrize("rtscts", [False, True])
-def test_open_sets_every_mode_it_relies_on(rtscts):
+def test_open_sets_every_mode_it_relies_on(opened, rtscts):
     engine = Recorder(SimulatedLS(lambda: 83.02))
     with opened(engine, rtscts=rtscts):
         assert engine.commands == OPENING
 
 
-def test_measure_and_held_value():
+def test_measure_and_held_value(opened):
     engine = Recorder(SimulatedLS(counting(83.0)))
-    with opened(engine) as (_, meter):
+    with opened(engine, METER) as (_, meter):
         reading, held = meter.measure(), meter.read_held()
     assert engine.commands[4:] == [b"MES\r\n", b"DSR\r\n"]
     assert reading.luminance_cd_m2 == held.luminance_cd_m2 == 83.0
@@ -77,14 +68,14 @@ def test_measure_and_held_value():
 
 
 @pytest.mark.parametrize("number", range(10))
-def test_every_mode_on_the_wire(number):
+def test_every_mode_on_the_wire(opened, number):
     engine = Recorder(SimulatedLS(lambda: 83.02))
     with opened(engine) as (_, meter):
         meter.set_mode(MeterMode(f"{number:02d}"))
     assert engine.commands[4:] == [f"MDS,{number:02d}\r\n".encode()]
 
 
-def test_foot_lamberts_are_converted_and_noticed(caplog):
+def test_foot_lamberts_are_converted_and_noticed(opened, caplog):
     with opened(SimulatedLS(lambda: 342.62591, unit="fL")) as (_, meter), caplog.at_level(logging.WARNING):
         reading = meter.measure()
     assert (reading.value, reading.unit) == (100.0, "fL")
@@ -118,7 +109,7 @@ def test_port_in_use_by_another_pyserial_program():
 
 
 @pytest.mark.parametrize("code", MANUAL_CODES)
-def test_an_error_code_is_raised_and_the_next_reading_is_good(code):
+def test_an_error_code_is_raised_and_the_next_reading_is_good(opened, code):
     with opened(SimulatedLS(counting())) as (port, meter):
         port.inject(Fault(reply=code.encode() + b"\r\n"))
         with pytest.raises(MeterReportedError) as caught:
@@ -127,19 +118,19 @@ def test_an_error_code_is_raised_and_the_next_reading_is_good(code):
         assert meter.measure().value == 2.0
 
 
-def test_silence_names_port_power_remote_mode_and_cable():
+def test_silence_names_port_power_remote_mode_and_cable(opened):
     with opened(SimulatedLS(counting())) as (port, meter):
         port.inject(Fault(reply=b""))
         with pytest.raises(MeterTimeoutError) as caught:
             meter.measure()
-        for word in (port.port, "MES", f"{TIMEOUT_S:g} s", "power", "shows C for remote mode", "hold F", "cable"):
+        for word in (meter.port, "MES", f"{TIMEOUT_S:g} s", "power", "shows C for remote mode", "hold F", "cable"):
             assert word in str(caught.value)
         assert "\n" not in str(caught.value)
         assert meter.measure().value == 2.0
 
 
 @pytest.mark.parametrize("n_bytes", [1, 7, 15, 16])
-def test_a_truncated_reply_says_how_many_bytes_came(n_bytes):
+def test_a_truncated_reply_says_how_many_bytes_came(opened, n_bytes):
     with opened(SimulatedLS(counting())) as (port, meter):
         port.inject(Fault(n_bytes=n_bytes))
         with pytest.raises(MeterTimeoutError, match=f"stopped after {n_bytes} bytes .*check the cable"):
@@ -148,7 +139,7 @@ def test_a_truncated_reply_says_how_many_bytes_came(n_bytes):
 
 
 @pytest.mark.parametrize("garbage", [b"\x00\x7f?!\r\n", b"\xff\xfe\r\n", b"OK00\r\n", b"\r\n"])
-def test_garbage_on_the_wire_is_shown(garbage):
+def test_garbage_on_the_wire_is_shown(opened, garbage):
     with opened(SimulatedLS(counting())) as (port, meter):
         port.inject(Fault(reply=garbage))
         with pytest.raises(MeterProtocolError, match="which is not a reading") as caught:
@@ -157,7 +148,7 @@ def test_garbage_on_the_wire_is_shown(garbage):
         assert meter.measure().value == 2.0
 
 
-def test_a_late_reply_is_not_taken_for_the_next_one():
+def test_a_late_reply_is_not_taken_for_the_next_one(opened):
     with opened(SimulatedLS(counting())) as (port, meter):
         port.inject(Fault(delay_s=1.5 * TIMEOUT_S))
         with pytest.raises(MeterTimeoutError):
@@ -185,7 +176,10 @@ def test_an_interrupted_measurement_does_not_answer_the_next_one():
 
     old = signal.signal(signal.SIGUSR1, interrupt)
     try:
-        with opened(Interrupter(SimulatedLS(counting()))) as (port, meter):
+        with (
+            PtyMeter(Interrupter(SimulatedLS(counting())), response_time_s=0) as port,
+            MinoltaLS110(port.port, timeout_s=TIMEOUT_S) as meter,
+        ):
             port.inject(Fault(delay_s=0.5 * TIMEOUT_S))
             with pytest.raises(KeyboardInterrupt):
                 meter.measure()

@@ -2,8 +2,6 @@
 
 import logging
 import os
-import threading
-import time
 from contextlib import contextmanager, suppress
 
 import pytest
@@ -14,11 +12,11 @@ from labcdp.drivers.meter import (
     MeterTimeoutError,
     measure_series,
 )
-from labcdp.drivers.minolta_ls.meter import MeterMode, MinoltaLS110
-from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
+from labcdp.drivers.minolta_ls.meter import MeterMode
+from labcdp.drivers.simulated.meter.meter import Fault, SimulatedLS
 
-#: Short for a test, long for two threads on one machine.
-TIMEOUT_S = 0.4
+from .conftest import TIMEOUT_S
+
 SILENCE, GARBAGE, NO_END = Fault(reply=b""), Fault(reply=b"\x00?!\r\n"), Fault(reply=b"U" * 100)
 LATE, CUT = Fault(delay_s=1.5 * TIMEOUT_S), Fault(n_bytes=7)
 
@@ -36,23 +34,26 @@ class Engine(SimulatedLS):
         return super().answer(command)
 
 
-@contextmanager
-def opened(**options):
-    engine = Engine()
-    with (
-        PtyMeter(engine, response_time_s=0) as port,
-        MinoltaLS110(port.port, **({"timeout_s": TIMEOUT_S} | options)) as meter,
-    ):
-        engine.commands.clear()
-        yield engine, port, meter
+@pytest.fixture
+def asked(opened):
+    """A driver on a new engine: gives engine, port and driver."""
+
+    @contextmanager
+    def serve(**options):
+        engine = Engine()
+        with opened(engine, **options) as (port, meter):
+            engine.commands.clear()
+            yield engine, port, meter
+
+    return serve
 
 
 # --- Asking again -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fault", [SILENCE, GARBAGE, NO_END, LATE, CUT])
-def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(fault, caplog):
-    with opened(attempts=3) as (engine, port, meter):
+def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(asked, fault, caplog):
+    with asked(attempts=3) as (engine, port, meter):
         port.inject(fault)
         first = meter.measure().value
         # The reply to either of the two commands is a reading of this call, never of the next.
@@ -66,16 +67,16 @@ def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(fault, 
 
 
 @pytest.mark.parametrize("code", ["ER01", "ER10", "ER11", "ER19", "ER20", "ER30"])
-def test_codes_that_repeat_themselves_are_not_asked_for_again(code):
-    with opened(attempts=3) as (engine, port, meter):
+def test_codes_that_repeat_themselves_are_not_asked_for_again(asked, code):
+    with asked(attempts=3) as (engine, port, meter):
         port.inject(Fault(reply=code.encode() + b"\r\n"))
         with pytest.raises(MeterReportedError, match=rf"^{code}"):
             meter.measure()
         assert engine.commands == ["MES"]
 
 
-def test_a_series_tolerates_faults_in_between():
-    with opened(attempts=3) as (engine, port, meter):
+def test_a_series_tolerates_faults_in_between(asked):
+    with asked(attempts=3) as (engine, port, meter):
         port.inject(Fault(), GARBAGE, Fault(), CUT, Fault(), SILENCE)
         series = measure_series(meter, 6)
         assert len({reading.value for reading in series.readings}) == 6
@@ -83,12 +84,12 @@ def test_a_series_tolerates_faults_in_between():
         assert engine.commands.count("MES") >= 8
 
 
-def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading():
-    with opened() as (engine, port, meter):
+def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading(asked, transport):
+    with asked() as (engine, port, meter):
         port.inject(Fault(delay_s=3 * TIMEOUT_S))
         with pytest.raises(MeterTimeoutError):
             meter.measure()
-        time.sleep(1.5 * TIMEOUT_S)
+        transport.sleep(1.5 * TIMEOUT_S)
         values = []
         while not values:
             with suppress(MeterTimeoutError):
@@ -101,18 +102,16 @@ def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading():
 # --- A meter that is gone -----------------------------------------------------------------------------------------
 
 
-def test_a_pulled_cable_is_waited_for_and_the_modes_restored(caplog):
-    with opened(patience_s=8) as (engine, port, meter):
+def test_a_pulled_cable_is_waited_for_and_the_modes_restored(asked, transport, caplog):
+    with asked(patience_s=8) as (engine, port, meter):
         meter.set_mode(MeterMode.SLOW)
         assert meter.measure().value == 1.0
         port.unplug()
         for command in (b"MDS,06\r\n", b"MDS,08\r\n"):
             engine.answer(command)
-        back = threading.Timer(0.5, port.plug_in)
-        back.start()
         engine.commands.clear()
-        reading = meter.measure()
-        back.join()
+        with transport.later(0.5, port.plug_in):
+            reading = meter.measure()
         assert (reading.value, reading.peak) == (2.0, False)
         assert engine.commands == ["MDS,00", "MDS,04", "MDS,07", "MDS,09", "MES"]
     warnings = [record.getMessage() for record in caplog.records]
@@ -120,9 +119,9 @@ def test_a_pulled_cable_is_waited_for_and_the_modes_restored(caplog):
     assert "the meter is back, its modes are restored" in warnings[-1]
 
 
-def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems():
+def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems(asked):
     before = len(os.listdir("/proc/self/fd"))
-    with opened(patience_s=0.5, attempts=2) as (_, port, meter):
+    with asked(patience_s=0.5, attempts=2) as (_, port, meter):
         port.unplug()
         with pytest.raises(MeterLostError, match=r"connection .* broke .*not come back within 0\.5 s, last: .*no such"):
             meter.measure()
@@ -130,13 +129,8 @@ def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems():
     assert len(os.listdir("/proc/self/fd")) <= before
 
 
-def test_a_meter_out_of_remote_mode_is_waited_for():
-    with opened(patience_s=8) as (engine, _, meter):
+def test_a_meter_out_of_remote_mode_is_waited_for(asked, transport):
+    with asked(patience_s=8) as (engine, _, meter):
         engine.remote = False
-        back = threading.Timer(2 * TIMEOUT_S, lambda: setattr(engine, "remote", True))
-        back.start()
-        assert meter.measure().value == 1.0
-        back.join()
-
-
-# --- RTS/CTS ------------------------------------------------------------------------------------------------------
+        with transport.later(2 * TIMEOUT_S, lambda: setattr(engine, "remote", True)):
+            assert meter.measure().value == 1.0

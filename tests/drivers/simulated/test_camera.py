@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.drivers.aravis.gvcp import GVCP_PORT
 from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
-from labcdp.drivers.simulated.gige.second_controller import SecondController
+from labcdp.drivers.simulated.gige.genicam import standard_features
 
 from ..conftest import SMALL, Ramp
 
@@ -39,15 +38,6 @@ class FrameStream:
             seen = status, buffer.get_frame_id(), None, None
         self._stream.push_buffer(buffer)
         return seen
-
-    def until(self, wanted, timeout_s=8.0):
-        """The first frame, or the first None, that is wanted."""
-        end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s:
-            seen = self.next(0.3)
-            if wanted(seen):
-                return seen
-        raise AssertionError("no such frame")
 
 
 @pytest.fixture(scope="module")
@@ -99,9 +89,6 @@ def control(*words):
     return done.stdout
 
 
-# --- Description --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("naming", "present", "absent"),
     [
@@ -123,7 +110,7 @@ def control(*words):
     ],
 )
 def test_aravis_tool_reads_every_feature(aravis_tools, no_other_camera, naming, present, absent):
-    with SimulatedGigECamera(replace(SMALL, naming=naming), Ramp()):
+    with SimulatedGigECamera(replace(SMALL, features=standard_features(naming)), Ramp()):
         values = control("values")
     for text in (
         *present,
@@ -189,103 +176,6 @@ def test_a_triggered_frame_takes_its_exposure_and_the_camera_answers_meanwhile(a
             assert reception.next(30)[0] == "success"
             assert time.monotonic() - triggered_s >= 0.29
         assert reception.next(0.2) is None
-
-
-# --- Readout ------------------------------------------------------------------------------------------------------
-
-
-# --- Faults -------------------------------------------------------------------------------------------------------
-
-
-def test_a_stalled_camera_answers_and_sends_nothing(camera_on_loopback, aravis_camera, receiving):
-    with receiving(aravis_camera) as reception:
-        assert reception.next()[0] == "success"
-        camera_on_loopback.set_faults(CameraTrouble(stalled=True))
-        reception.until(lambda seen: seen is None)
-        assert aravis_camera.get_exposure_time() > 0
-        camera_on_loopback.set_faults(NO_TROUBLE)
-        assert reception.until(lambda seen: seen is not None)[0] == "success"
-
-
-@pytest.mark.parametrize("grabbing", [False, True])
-def test_a_frozen_camera_is_silent_and_continues(aravis, camera_on_loopback, receiving, grabbing):
-    camera = aravis.Camera.new("127.0.0.1")
-    with receiving(camera) if grabbing else contextlib.nullcontext() as reception:
-        camera_on_loopback.set_faults(CameraTrouble(frozen=True))
-        if grabbing:
-            reception.until(lambda seen: seen is None)
-        aravis.update_device_list()
-        assert aravis.get_n_devices() == 0
-        camera_on_loopback.set_faults(NO_TROUBLE)
-        aravis.update_device_list()
-        assert aravis.get_n_devices() == 1
-        if grabbing:
-            assert reception.until(lambda seen: seen is not None)[0] == "success"
-        assert camera.get_exposure_time() > 0
-
-
-def test_lost_packets_make_incomplete_frames(camera_on_loopback, aravis_camera, receiving):
-    aravis_camera.gv_set_packet_size(1000)
-    with receiving(aravis_camera) as reception:
-        camera_on_loopback.set_faults(CameraTrouble(loss=0.5))
-        assert reception.until(lambda seen: seen is not None and seen[0] != "success")[0] in (
-            "missing-packets",
-            "timeout",
-        )
-        camera_on_loopback.set_faults(NO_TROUBLE)
-        assert reception.until(lambda seen: seen is not None and seen[0] == "success")
-
-
-def test_wrong_ids_go_back(camera_on_loopback, aravis_camera, receiving):
-    with receiving(aravis_camera) as reception:
-        first = reception.next()[1]
-        camera_on_loopback.set_faults(CameraTrouble(wrong_ids=True))
-        assert reception.until(lambda seen: seen is not None and (seen[1] - first) % 65536 > 32768)
-        camera_on_loopback.set_faults(NO_TROUBLE)
-        # The right ids go on as if they had been sent all the time.
-        later = [reception.until(lambda seen: seen is not None)[1] for _ in range(8)][-2:]
-        assert (later[1] - later[0]) % 65535 == 1
-        assert (later[1] - first) % 65535 < 1000
-
-
-def test_a_wrong_size_is_sent_and_recovers(camera_on_loopback, aravis_camera, receiving):
-    with receiving(aravis_camera) as reception:
-        assert reception.next()[3] == (64, 48)
-        camera_on_loopback.set_faults(CameraTrouble(wrong_size=True))
-        assert reception.until(lambda seen: seen is not None and seen[3] != (64, 48))[3] == (64, 24)
-        camera_on_loopback.set_faults(NO_TROUBLE)
-        assert reception.until(lambda seen: seen is not None and seen[3] == (64, 48))
-
-
-def test_a_camera_that_vanished_comes_back_as_after_switching_on(aravis, camera_on_loopback):
-    camera = aravis.Camera.new("127.0.0.1")
-    camera.set_exposure_time(1234)
-    camera_on_loopback.set_faults(CameraTrouble(gone=True))
-    aravis.update_device_list()
-    assert aravis.get_n_devices() == 0
-    camera_on_loopback.set_faults(NO_TROUBLE)
-    assert aravis.Camera.new("127.0.0.1").get_exposure_time() == 10_000
-
-
-def may_be_controlled():
-    client = SecondController(("127.0.0.1", GVCP_PORT))
-    try:
-        return client.take()
-    finally:
-        client.release()
-
-
-@pytest.mark.parametrize("controlled", [False, True])
-def test_a_second_controller_has_it_until_it_lets_go(aravis, camera_on_loopback, controlled):
-    first = aravis.Camera.new("127.0.0.1") if controlled else None
-    assert may_be_controlled() is not controlled
-    camera_on_loopback.set_faults(CameraTrouble(taken=True))
-    assert not may_be_controlled()
-    if controlled:
-        assert not aravis.Camera.new("127.0.0.1").get_device().is_controller()
-    camera_on_loopback.set_faults(NO_TROUBLE)
-    assert may_be_controlled()
-    del first
 
 
 def test_the_temperature_register_follows(aravis, no_other_camera):

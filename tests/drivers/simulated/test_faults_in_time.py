@@ -9,9 +9,6 @@ import pytest
 from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.camera import (
     CameraError,
-    CameraLostError,
-    FrameTimeoutError,
-    IncompleteFrameError,
 )
 from labcdp.drivers.meter import MeterError
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
@@ -56,46 +53,6 @@ def test_frames_take_their_exposure_or_their_period(clock, camera):
         assert frames[-1].timestamp == clock.now()
 
 
-@pytest.mark.parametrize(
-    ("fault", "error", "within_s"),
-    [
-        ("lose 100% for 12 s", IncompleteFrameError, 3),
-        ("wrong ids for 12 s", IncompleteFrameError, 3),
-        ("wrong size for 12 s", IncompleteFrameError, 3),
-        ("stall for 12 s", FrameTimeoutError, 11),
-        ("vanish for 12 s", CameraLostError, 3),
-        ("freeze for 12 s", CameraLostError, 3),
-        ("second controller for 12 s", CameraLostError, 3),
-    ],
-)
-def test_each_fault_ends_in_its_error_and_then_in_frames(bench, clock, camera, fault, error, within_s):
-    bench.run_command(fault)
-    began_s = clock.monotonic_s()
-    with pytest.raises(error):
-        camera.snap()
-    assert clock.monotonic_s() - began_s <= within_s
-    clock.sleep(12)
-    if error is CameraLostError:
-        with pytest.raises(CameraLostError, match=r"is lost, .*: let the simulated camera recover, then open it again"):
-            camera.snap()
-        camera.close()
-        camera.open()
-    assert camera.snap().dn.shape == SHAPE
-
-
-@pytest.mark.parametrize("fault", ["vanish for 5 s", "freeze for 5 s", "second controller for 5 s"])
-def test_patience_tolerates_and_records_the_gap(bench, clock, fault):
-    with bench.in_process_camera(patience_s=20) as camera:
-        camera.configure(exposure_s=0.004, gain_db=6.0)
-        bench.run_command(fault)
-        frame = camera.snap()
-        assert (frame.exposure_s, frame.gain_db) == (0.004, 6.0)
-        (gap,) = camera.gaps
-        assert gap.duration_s == pytest.approx((gap.back_at - gap.lost_at).total_seconds(), abs=1e-5)
-        assert gap.duration_s == pytest.approx(5, abs=0.21)
-        assert camera.settings.exposure_s == 0.004
-
-
 # --- Drifts -------------------------------------------------------------------------------------------------------
 
 
@@ -130,9 +87,6 @@ def test_temperature_drifts_in_steps_that_renew_frames(bench, clock, camera):
     assert camera.temperature_c == bench.temperature_c
     assert camera.snap().temperature_c == bench.temperature_c
     assert len(states) == 61
-
-
-# --- Meter --------------------------------------------------------------------------------------------------------
 
 
 # --- Schedule -----------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
+from labcdp.drivers.simulated.meter.meter import PtyMeter, SimulatedLS
 
 SETTINGS = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "timeout": 2}
 
@@ -58,28 +58,6 @@ def test_measuring_takes_its_time_and_setting_a_mode_does_not():
         program.read_until(b"\r\n")
         assert time.monotonic() - start >= 0.2
     assert inspect.signature(PtyMeter).parameters["response_time_s"].default == 0.8
-
-
-@pytest.mark.parametrize(
-    ("fault", "received"),
-    [
-        (Fault(), b"OK00,CcPH 83.02\r\n"),
-        (Fault(reply=b""), b""),
-        (Fault(reply=b"ER30\r\n"), b"ER30\r\n"),
-        (Fault(reply=b"\x00\x7f?!\r\n"), b"\x00\x7f?!\r\n"),
-        (Fault(n_bytes=7), b"OK00,Cc"),
-        (Fault(n_bytes=0), b""),
-        (Fault(delay_s=0.1), b"OK00,CcPH 83.02\r\n"),
-        (Fault(delay_s=0.1, n_bytes=7), b"OK00,Cc"),
-    ],
-)
-def test_a_fault_befalls_one_reply(port, fault, received):
-    port.inject(fault)
-    with serial.Serial(port.port, **SETTINGS | {"timeout": 0.4}) as program:
-        program.write(b"MES\r\n")
-        assert program.read_until(b"\r\n") == received
-        program.write(b"MES\r\n")
-        assert program.read_until(b"\r\n") == b"OK00,CcPH 83.02\r\n"
 
 
 def test_closing_leaves_no_thread_and_no_descriptor():

@@ -6,7 +6,7 @@ from math import pi
 import pytest
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.core.photometry import photon_radiance_per_cd_m2
+from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
 from labcdp.evaluate.picture.light.camera_specification import load_camera_specification
 from labcdp.session.examples import example_session
 

@@ -130,7 +130,7 @@ def test_pictures_of_one_name_are_kept_apart_and_one_given_twice_counts_once(ima
 
 
 def test_the_documentation_names_options_that_exist_and_code_that_runs(image, scene, monkeypatch, capsys):
-    text = (Path(__file__).parents[3] / "docs" / "images.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "howto" / "picture.md").read_text(encoding="utf-8")
     assert set(re.findall(r"--[a-z][a-z-]+", text)) <= set(re.findall(r"--[a-z][a-z-]+", image("--help").stdout))
     code = text.partition("```python")[2].partition("```")[0]
     (scene / "one.png").rename(scene / "night.png")
@@ -150,7 +150,6 @@ def test_the_documentation_names_options_that_exist_and_code_that_runs(image, sc
         (("--roi", "rois.json", "--pair", "bright:sky"), "there is no 'sky': choose from bright, dark, left"),
         (("--roi", "rois.json", "--epsilon", "0%"), "--epsilon is '0%': give a percentage above 0%, up to 100%"),
         (("--rectangle", "1,2,3"), "--rectangle is '1,2,3': give two corner pixels x0,y0,x1,y1 as whole numbers"),
-        (("--neighbours", "--encoding", "gamma"), "--encoding is 'gamma': give linear or srgb"),
         (
             ("--neighbours", "--output", "one.png"),
             "one.png is not a folder: give another --output",

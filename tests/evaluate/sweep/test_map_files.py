@@ -211,7 +211,7 @@ def test_tables_of_ranges_dips_and_isolines_are_the_analysis(dataset: xr.Dataset
     analysis = analyse_map(dataset, expected=[500.0])
     found = result(dataset, analysis)
     expected = [
-        (one.at[CONTRAST], i.low, i.high, *i.low_bracket, *i.high_bracket, i.decades, i.range_db)
+        (one.at[CONTRAST], i.low, i.high, *i.ends[0].bracket, *i.ends[1].bracket, i.decades, i.range_db)
         for one in analysis.usable_ranges
         for i in one.intervals
     ]

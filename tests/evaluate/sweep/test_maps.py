@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
+from labcdp.core.disk.json_text import results_json
 from labcdp.core.errors import InputError
-from labcdp.core.json_text import results_json
 from labcdp.evaluate.sweep.maps.axes import map_axis, map_layout
 from labcdp.evaluate.sweep.maps.dips import find_dips
 from labcdp.evaluate.sweep.maps.isolines import isolines
@@ -88,7 +88,7 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
         else:
             (interval,) = one.intervals
             assert interval.low == pytest.approx(low, rel=1e-12)
-            assert (interval.high, interval.low_open, interval.high_open) == (1e3, False, True)
+            assert (interval.high, *(end.is_open for end in interval.ends)) == (1e3, False, True)
             assert interval.decades == pytest.approx(np.log10(1e3 / low), rel=1e-12)
             assert interval.range_db == pytest.approx(20 * np.log10(1e3 / low), rel=1e-12)
     widest = widest_range(ranges)
@@ -99,7 +99,7 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
 def test_usable_range_is_split_by_a_dip_and_open_next_to_a_missing_value() -> None:
     cdp = [0.85, 1.0, 1.0, 0.8, 1.0, np.nan, 1.0]
     (one,) = usable_ranges(curve(np.arange(1.0, 8.0), cdp=cdp), LUMINANCE, 0.9)
-    ends = [(i.low, i.high, i.low_open, i.high_open) for i in one.intervals]
+    ends = [(i.low, i.high, *(end.is_open for end in i.ends)) for i in one.intervals]
     expected = [(4 / 3, 3.5, False, False), (4.5, 5.0, False, True), (7.0, 7.0, True, True)]
     assert [end[2:] for end in ends] == [end[2:] for end in expected]
     np.testing.assert_allclose([end[:2] for end in ends], [end[:2] for end in expected], rtol=1e-12)
@@ -114,8 +114,7 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
     assert inside == [value >= level for value in cdp]
     for interval in one.intervals:
         for end, is_open, resolved, bracket in (
-            (interval.low, interval.low_open, interval.low_resolved, interval.low_bracket),
-            (interval.high, interval.high_open, interval.high_resolved, interval.high_bracket),
+            *((end.place, end.is_open, end.resolved, end.bracket) for end in interval.ends),
         ):
             if not is_open:
                 low, high = np.interp(bracket, luminance, cdp)
@@ -138,7 +137,7 @@ def usable_of_a_step(n_points: int, start: float, stop: float, **attributes: str
 def test_of_a_step_any_grid_keeps_within(n_points: int, stop: float) -> None:
     found = usable_of_a_step(n_points, 0.05, stop)
     assert found.high <= stop
-    assert found.high_open or found.high_bracket[0] <= stop <= found.high_bracket[1]
+    assert found.ends[1].is_open or found.ends[1].bracket[0] <= stop <= found.ends[1].bracket[1]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.chain import Chain
+from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.report import write_simulation
-from labcdp.evaluate.sweep.simulation.result import result
+from labcdp.evaluate.sweep.simulation.result import answer, result
 from labcdp.evaluate.sweep.simulation.run import evaluate_run
 from labcdp.report.envelope import schema
 
@@ -100,6 +101,16 @@ def test_page_answers_first_and_escapes_text(evaluation, folder):
     names = {path.name for path in (folder / "figures").iterdir()}
     stages = ("scene", "windscreen", "optics", "sensor")
     assert names == {"chain-1.png", "contrasts-1.png", *(f"stage-{stage}.png" for stage in stages)}
+
+
+def test_what_a_merge_brings_back_is_not_called_lost():
+    columns = (Column("stage", "stage"), Column("cdp", "CDP"), Column("contrast", "contrast"))
+    cdps = {"scene": 1.0, "optics": 1.0, "sensor 32 ms": 0.0, "sensor 8 ms": 0.4, "hdr": 0.75, "isp": 0.7}
+    rows = [{"stage": stage, "cdp": cdp, "contrast": 0.5} for stage, cdp in cdps.items()]
+    assert answer(Table.of_rows("detection", "", columns, rows), ["isp"]) == (
+        "A contrast of 50 % between bright and dark is detected behind isp with a probability of 0.700; the largest "
+        "loss comes behind optics."
+    )
 
 
 def test_saturation_matters_behind_the_last_stage():

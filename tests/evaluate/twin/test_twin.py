@@ -97,7 +97,7 @@ def region(name, luminance_cd_m2, relative_illuminance):
 
 
 def test_the_prediction_is_the_mean_of_many_simulated_frames(twin):
-    """Exact distributions against random numbers: a sensor of the twin's parameters, pixels with fall-off."""
+    """Exact distributions against random numbers: a sensor of the twin's parameters, pixels with vignetting."""
     exposure_s, v, parameters = 0.008, np.linspace(0.93, 0.97, 40_000), twin.parameters
     regions = [region("b", 9.0, v), region("d", 4.0, v)]
     predicted = predict_regions(parameters, regions, exposure_s, Response())

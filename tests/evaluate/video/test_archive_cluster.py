@@ -17,11 +17,12 @@ import pytest
 import xarray as xr
 
 from labcdp.cli.pictures.video import evaluate_values
+from labcdp.cli.pictures.video_options import MadeOptions
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.archive import cluster as archive_cluster
 from labcdp.evaluate.video.archive.cluster import TlsFiles
-from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, archive_tasks, evaluate_archive
+from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, Workers, archive_tasks, evaluate_archive
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 
@@ -48,7 +49,7 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def evaluate_videos(videos: list[Path], settings: VideoSettings, folder: Path, **options: Any) -> ArchiveResult:
     """Evaluate as the command does."""
-    work = partial(evaluate_values, settings, False, False)
+    work = partial(evaluate_values, settings, MadeOptions(annotated=False, frames=False))
     return evaluate_archive(archive_tasks(videos, folder), work, {"contrasts": settings.contrasts}, **options)
 
 
@@ -70,7 +71,7 @@ def test_processes_of_this_computer_do_as_one_by_one(videos: list[Path], tmp_pat
     def progress(done: int, total: int, outcome: VideoOutcome | None) -> None:
         told.append((done, total, "" if outcome is None else outcome.task.video.name))
 
-    result = evaluate_videos(videos, settings, tmp_path, n_workers=2, progress=progress)
+    result = evaluate_videos(videos, settings, tmp_path, workers=Workers(n_processes=2), progress=progress)
     assert_as_one_by_one(result, videos, settings)
     assert sorted(name for _, _, name in told) == ["", "first.avi", "second.avi", "third.avi"]
     assert [(done, total) for done, total, _ in told] == [(0, 3), (1, 3), (2, 3), (3, 3)]
@@ -107,7 +108,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
     for kind in ("always", "error", "good", "once"):
         (tmp_path / f"{kind}.avi").write_text(kind)
     tasks = archive_tasks(sorted(tmp_path.glob("*.avi")), tmp_path / "results")
-    result = evaluate_archive(tasks, work, {}, n_workers=1)
+    result = evaluate_archive(tasks, work, {}, Workers(n_processes=1))
     always, error, good, once = result.outcomes
     assert always.error.endswith("or evaluate this file alone")
     assert "died, as did one before" in always.error
@@ -186,7 +187,7 @@ def test_cluster_given_by_address_does_as_one_by_one(
     folder.mkdir()
     address, _ = start_cluster(programs, folder if may_mount(folder) else None)
     settings = VideoSettings((0.2, 1.0))
-    result = evaluate_videos(videos, settings, folder, address=address)
+    result = evaluate_videos(videos, settings, folder, workers=Workers(address))
     assert_as_one_by_one(result, videos, settings)
     assert not list(folder.glob(".*"))
     for one in result.findings:
@@ -200,9 +201,11 @@ def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs:
     tls = make_certificate(tmp_path)
     address, _ = start_cluster(programs, None, tls)
     settings = VideoSettings((0.2, 1.0))
-    assert_as_one_by_one(evaluate_videos(videos, settings, tmp_path / "a", address=address, tls=tls), videos, settings)
+    assert_as_one_by_one(
+        evaluate_videos(videos, settings, tmp_path / "a", workers=Workers(address, tls=tls)), videos, settings
+    )
     with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
-        evaluate_videos(videos, settings, tmp_path / "b", address=address)
+        evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):
         TlsFiles(tls.ca, tls.certificate, tmp_path / "none.pem")
 
@@ -211,6 +214,6 @@ def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeyp
     monkeypatch.setattr(archive_cluster, "_ANSWER_S", 0.5)
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(InputError, match=rf"no Dask scheduler answers at {address}: start one with dask scheduler"):
-        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, address=address)
+        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers(address))
     with pytest.raises(InputError, match=r"no Dask scheduler answers at nonsense://x"):
-        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, address="nonsense://x")
+        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers("nonsense://x"))

@@ -14,9 +14,10 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
+from labcdp.evaluate.video.frame_findings import runs
 from labcdp.evaluate.video.report import sheets as video_sheets
 from labcdp.evaluate.video.report.files import write_video
-from labcdp.evaluate.video.result import runs, video_result
+from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
 from labcdp.report.envelope import schema
@@ -178,7 +179,7 @@ def test_more_frames_than_columns_continue_in_further_sheets(tmp_path: Path, mon
 def test_documentation_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = Path(__file__).parents[3] / "docs" / "video.md"
+    page = Path(__file__).parents[3] / "docs" / "howto" / "video.md"
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     frame = np.full((64, 96), 90, np.uint8)

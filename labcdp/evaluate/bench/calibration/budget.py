@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 
 from ....calibration import AnyCalibration, Calibration
@@ -62,72 +63,52 @@ def budget_at(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetOfPa
 
 def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
     """Return what the budgets make together, and their sources."""
-    return _totals(found), _sources(found)
-
-
-def _totals(found: Sequence[BudgetOfPatch]) -> Table:
     columns = (
         Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, a middle and highest calibrated luminance."),
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
-        Column("u_rel", "u", "%", "Relative combined standard uncertainty.", digits=2),
-        Column("effective_dof", "effective dof", "", _DOF, decimals=0),
-        Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", digits=2),
+        Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
+        Column("effective_dof", "effective dof", "", _DOF, decimals=0, value=_dof),
+        Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
     )
-    rows = [
-        {
-            "luminance_cd_m2": one.luminance_cd_m2,
-            "exposure_s": one.exposure_s,
-            "u_rel": one.whole.standard_uncertainty_rel,
-            "effective_dof": dof if (dof := one.whole.effective_degrees_of_freedom) < _UNLIMITED else None,
-            "expanded_rel": one.whole.expanded_95_rel,
-        }
-        for one in found
-    ]
     note = (
         f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, without glare, "
         "after JCGM 100:2008 (GUM)."
     )
-    return Table.of_rows("uncertainty", "Uncertainty of a patch", columns, rows, note)
+    return Table.of_items("uncertainty", "Uncertainty of a patch", columns, found, note), _sources(found)
+
+
+def _dof(one: BudgetOfPatch) -> float | None:
+    dof = one.whole.effective_degrees_of_freedom
+    return dof if dof < _UNLIMITED else None
 
 
 def _sources(found: Sequence[BudgetOfPatch]) -> Table:
+    """One row for each source; all of it but the uncertainty is that at the lowest luminance."""
     columns = (
-        Column("source", "source", "", "Source of the uncertainty."),
+        Column("source", "source", "", "Source of the uncertainty.", value=lambda rows: rows[0].source),
         *(
-            Column(
-                f"u_{place}_rel",
-                f"u at {significant(one.luminance_cd_m2, 4)} cd/m²",
-                "%",
-                f"Relative standard uncertainty at the {place} luminance.",
-                decimals=3,
-            )
-            for place, one in zip(_PLACES, found, strict=True)
+            Column(f"u_{place}_rel", f"u at {significant(one.luminance_cd_m2, 4)} cd/m²", "%",
+                   f"Relative standard uncertainty at the {place} luminance.", decimals=3,
+                   value=partial(_u_rel, number))
+            for number, (place, one) in enumerate(zip(_PLACES, found, strict=True))
         ),
-        Column("distribution", "distribution", "", "Distribution of the error."),
-        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like."),
-        Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
-        Column("included", "included", "", "Whether the stated uncertainty includes it."),
-        Column("basis", "basis", "", "Basis of the value."),
-    )
-    rows = []
-    for same in zip(*(one.rows for one in found), strict=True):
-        first = same[0]
-        missing = not first.included and first.standard_uncertainty_rel == 0
-        rows.append(
-            {
-                "source": first.source,
-                **{
-                    f"u_{place}_rel": None if missing else row.standard_uncertainty_rel
-                    for place, row in zip(_PLACES, same, strict=True)
-                },
-                "distribution": first.distribution,
-                "evaluation": first.evaluation,
-                "common": first.common,
-                "included": included(first),
-                "basis": first.basis,
-            }
-        )
-    return Table.of_rows("budget", "Uncertainty budget", columns, rows, detail=True)
+        Column("distribution", "distribution", "", "Distribution of the error.",
+               value=lambda rows: rows[0].distribution),
+        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like.",
+               value=lambda rows: rows[0].evaluation),
+        Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast.",
+               value=lambda rows: rows[0].common),
+        Column("included", "included", "", "Whether the stated uncertainty includes it.",
+               value=lambda rows: included(rows[0])),
+        Column("basis", "basis", "", "Basis of the value.", value=lambda rows: rows[0].basis),
+    )  # fmt: skip
+    rows = zip(*(one.rows for one in found), strict=True)
+    return Table.of_items("budget", "Uncertainty budget", columns, rows, detail=True)
+
+
+def _u_rel(number: int, rows: Sequence[BudgetRow]) -> float | None:
+    known = rows[0].included or rows[0].standard_uncertainty_rel != 0
+    return rows[number].standard_uncertainty_rel if known else None
 
 
 def included(row: BudgetRow) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 from ....calibration import AnyCalibration, Calibration, PatchResidual
 from ....core.table import Z_95
 from ....report.digits import fixed, printable, shortened, with_half_width
-from ....report.drawing import BLUE, ORANGE, finish, new_figure, plain_numbers, png
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
+from ....report.figures.drawing import BLUE, ORANGE, finish, new_figure, plain_numbers, png
 from .quantities import responsivity
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from ....core.table import Table
 from ....output import Destination, write_files
 from ....report.cells import cell_text
 from ....report.digits import day, exposure, fixed, listed, printable, significant
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.html import render_page
 from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section
 from ....report.sheets import result_workbook
@@ -87,10 +87,7 @@ def _cards(calibration: AnyCalibration, result: Result) -> Iterator[Card]:
         "Uncertainty of a luminance",
         f"± {middle}",
         f"U (95 %) of {PATCH_PIXELS} pixels at a middle luminance",
-        (
-            f"± {low} at the lowest, ± {high} at the highest",
-            "meter scale included; it cancels in contrasts",
-        ),
+        (f"± {low} at the lowest, ± {high} at the highest", "meter scale included; it cancels in contrasts"),
     )
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ....calibration.verify.history import CameraHistory
 from ....report.digits import printable
-from ....report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
+from ....report.figures.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
 from .result import Camera
 
 if TYPE_CHECKING:

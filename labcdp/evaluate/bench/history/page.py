@@ -11,7 +11,7 @@ from ....core.result import Result
 from ....output import write_file
 from ....report.cells import cell_text
 from ....report.digits import printable
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.html import render_page
 from ....report.layout import Card, Page, Section
 from ....report.sheets import result_workbook

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from ....metrics import ContrastDistribution
 from ....report.digits import exposure, printable, share_percent, shortened
-from ....report.drawing import reduction
-from ....report.figures import ReportFigure
-from ....report.maps import luminance_picture, regions_picture
-from ....report.plots import ContrastPanel, contrast_figures
+from ....report.figure import ReportFigure
+from ....report.figures.drawing import reduction
+from ....report.figures.maps import luminance_picture, regions_picture
+from ....report.figures.plots import ContrastPanel, contrast_figures
 from ..calibration.figures import calibration_figures
 from ..calibration.quantities import range_text
 from ..contrast import ContrastRow

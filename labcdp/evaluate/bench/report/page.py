@@ -29,11 +29,7 @@ _BESIDE_PICTURE = (
     "cdp_low",
     "cdp_high",
 )
-_STATES: dict[Verdict, State] = {
-    "detected": "good",
-    "not detected": "bad",
-    "undecided": "open",
-}
+_STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open"}
 _CDP = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance around "
     "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "

@@ -7,7 +7,7 @@ from datetime import datetime
 
 from ....core.finding import Finding, info, unique
 from ....core.result import InputFile, Result
-from ....core.table import Column, Table, uncertain, uncertain_values
+from ....core.table import Column, Table, uncertain
 from ....report.digits import day, exposures, minute
 from ....session import Session
 from ..calibration.quantities import lens_text, meter_text
@@ -16,43 +16,50 @@ from ..contrast import ContrastRow
 from ..patch import PatchRow
 from ..session import SessionEvaluation
 
+#: A contrast and its CDP: the columns of `ContrastRow`.
 _CONTRASTS = (
-    Column("pair", "bright / dark"),
+    Column("pair", "bright / dark", value=lambda row: pair_name(row)),
     Column("bright", "bright patch", shown=False),
     Column("dark", "dark patch", shown=False),
-    Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", digits=0),
-    Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", digits=0),
-    Column("detected_from", "detected from", "%", "Lowest contrast that counts.", digits=0, shown=False),
-    Column("detected_up_to", "detected up to", "%", "Highest contrast that counts.", digits=0, shown=False),
+    Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="cdp.contrast"),
+    Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
+           value="cdp.epsilon"),
+    Column("detected_from", "detected from", "%", "Lowest contrast that counts.", 0, shown=False,
+           value=lambda row: row.cdp.interval[0]),
+    Column("detected_up_to", "detected up to", "%", "Highest contrast that counts.", 0, shown=False,
+           value=lambda row: row.cdp.interval[1]),
     *uncertain(
-        Column(
-            "measured_contrast",
-            "contrast by meter",
-            "%",
-            "Of the mean luminances by the meter; its scale error cancels.",
-        )
+        Column("measured_contrast", "contrast by meter", "%",
+               "Of the mean luminances by the meter; its scale error cancels."),
+        "measured_standard_uncertainty",
     ),
     *uncertain(
-        Column(
-            "camera_contrast", "contrast by camera", "%", "Of the mean luminances by the camera; scale and fit cancel."
-        )
+        Column("camera_contrast", "contrast by camera", "%",
+               "Of the mean luminances by the camera; scale and fit cancel."),
+        "camera_standard_uncertainty", "camera_half_width_95",
     ),
-    Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", low="cdp_low", high="cdp_high"),
-    Column("cdp_low", "CDP, lower end", "", "Lower end of the 95 % interval.", decimals=5, shown=False),
-    Column("cdp_high", "CDP, upper end", "", "Upper end of the 95 % interval.", decimals=5, shown=False),
-    Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False),
-    Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False),
+    Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", low="cdp_low", high="cdp_high",
+           value="cdp.cdp"),
+    Column("cdp_low", "CDP, lower end", "", "Lower end of the 95 % interval.", decimals=5, shown=False,
+           value=lambda row: row.cdp.confidence_interval[0]),
+    Column("cdp_high", "CDP, upper end", "", "Upper end of the 95 % interval.", decimals=5, shown=False,
+           value=lambda row: row.cdp.confidence_interval[1]),
+    Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False,
+           value="calibrated_cdp.standard_uncertainty"),
+    Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
+           value="cdp.standard_error"),
     Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False),
     Column("verdict", "detected", "", "Whether the CDP reaches the limit; undecided within its 95 % interval."),
-    Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4),
-    Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4),
-    Column("undefined", "undefined", "", "Share of pixel pairs without a contrast.", shown=False),
-    Column("bright_pixels", "bright pixels", "", "Pixels of the bright patch.", shown=False),
-    Column("dark_pixels", "dark pixels", "", "Pixels of the dark patch.", shown=False),
+    Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4, value="cdp.below"),
+    Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4, value="cdp.above"),
+    Column("undefined", "undefined", "", "Share of pixel pairs without a contrast.", shown=False,
+           value="cdp.undefined"),
+    Column("bright_pixels", "bright pixels", "", "Pixels of the bright patch.", shown=False, value="cdp.bright_size"),
+    Column("dark_pixels", "dark pixels", "", "Pixels of the dark patch.", shown=False, value="cdp.dark_size"),
     Column("exposure_s", "exposure", "s", "Of the frame: the longest without saturation.", digits=0, time=True),
     Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
     Column("dark_frame_number", "frame (dark)", "", "Number of the frame with the dark patch.", shown=False),
-)
+)  # fmt: skip
 
 
 def session_result(
@@ -101,7 +108,8 @@ def pair_name(row: ContrastRow) -> str:
 
 
 def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
-    yield _contrasts(evaluation.contrasts)
+    title = "Contrast detection probability (CDP)"
+    yield Table.of_items("contrasts", title, _CONTRASTS, evaluation.contrasts)
     yield _luminance(evaluation.patches)
     yield _distribution(evaluation.contrasts)
     for table in calibration_tables(evaluation.calibration):
@@ -110,87 +118,40 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
     yield _provenance(evaluation)
 
 
-def _contrasts(contrasts: Sequence[ContrastRow]) -> Table:
-    rows = []
-    for row in contrasts:
-        cdp = row.cdp
-        (low, high), (start, stop) = cdp.confidence_interval, cdp.interval
-        rows.append(
-            {
-                "pair": pair_name(row),
-                "bright": row.bright,
-                "dark": row.dark,
-                "target_contrast": cdp.contrast,
-                "epsilon": cdp.epsilon,
-                "detected_from": start,
-                "detected_up_to": stop,
-                **uncertain_values("measured_contrast", row.measured_contrast, row.measured_standard_uncertainty),
-                **uncertain_values("camera_contrast", row.camera_contrast, row.camera_standard_uncertainty),
-                "expanded_camera_contrast": row.camera_half_width_95,
-                "cdp": cdp.cdp,
-                "cdp_low": low,
-                "cdp_high": high,
-                "u_cdp": row.calibrated_cdp.standard_uncertainty,
-                "u_cdp_pixels": cdp.standard_error,
-                "cdp_limit": row.cdp_limit,
-                "verdict": row.verdict,
-                "below": cdp.below,
-                "above": cdp.above,
-                "undefined": cdp.undefined,
-                "bright_pixels": cdp.bright_size,
-                "dark_pixels": cdp.dark_size,
-                "exposure_s": row.exposure_s,
-                "frame_number": row.frame_number,
-                "dark_frame_number": row.dark_frame_number,
-            }
-        )
-    return Table.of_rows("contrasts", "Contrast detection probability (CDP)", _CONTRASTS, rows)
-
-
 def _luminance(patches: Sequence[PatchRow]) -> Table:
     guessed = any(row.calculated_cd_m2 is not None for row in patches)
     limits = (
-        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan."),
-        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan."),
+        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.",
+               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[0]),
+        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.",
+               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[1]),
         Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
-    )
+    )  # fmt: skip
     calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
     columns = (
-        Column("patch", "patch"),
-        *uncertain(Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter.")),
+        Column("patch", "patch", value="region.name"),
+        *uncertain(
+            Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter."),
+            lambda row: row.measured_rel * row.measured_cd_m2,
+            lambda row: row.measured_half_width_95_rel * row.measured_cd_m2,
+        ),
         *((calculated,) if guessed else ()),
-        *uncertain(Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.")),
+        *uncertain(
+            Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.",
+                   value="calibrated.luminance_cd_m2"),
+            lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
+            lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
+        ),
         Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
-        Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2),
+        Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
+               value="calibrated.half_width_95_rel"),
         *(limits if any(row.limits_cd_m2 is not None for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
-        Column("exposures", "exposures", "", "Exposures that were used.", shown=False),
-    )
-    rows = []
-    for row in patches:
-        low, high = row.limits_cd_m2 or (None, None)
-        measured, calibrated = row.measured_cd_m2, row.calibrated.luminance_cd_m2
-        rows.append(
-            {
-                "patch": row.region.name,
-                "measured_cd_m2": measured,
-                "expanded_measured_cd_m2": row.measured_half_width_95_rel * measured,
-                "u_measured_cd_m2": row.measured_rel * measured,
-                "calculated_cd_m2": row.calculated_cd_m2,
-                "calibrated_cd_m2": calibrated,
-                "expanded_calibrated_cd_m2": row.calibrated.half_width_95_rel * calibrated,
-                "u_calibrated_cd_m2": row.calibrated.standard_uncertainty_rel * calibrated,
-                "deviation_rel": row.deviation_rel,
-                "expanded_rel": row.calibrated.half_width_95_rel,
-                "lowest_cd_m2": low,
-                "highest_cd_m2": high,
-                "limit_verdict": row.limit_verdict,
-                "n_readings": row.n_readings,
-                "exposures": exposures(row.calibrated.exposures_s),
-            }
-        )
+        Column("exposures", "exposures", "", "Exposures that were used.", shown=False,
+               value=lambda row: exposures(row.calibrated.exposures_s)),
+    )  # fmt: skip
     note = "± is U (95 %), the scale error of the meter included."
-    return Table.of_rows("luminance", "Luminance", columns, rows, note).sorted_by("measured_cd_m2")
+    return Table.of_items("luminance", "Luminance", columns, patches, note).sorted_by("measured_cd_m2")
 
 
 def _distribution(contrasts: Sequence[ContrastRow]) -> Table:
@@ -241,9 +202,7 @@ def _provenance(evaluation: SessionEvaluation) -> Table:
         ("SHA-256 of frames and readings", observed.input_sha256),
         ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
     ]
-    columns = (Column("item", "item"), Column("value", "value"))
-    kept = [{"item": item, "value": value} for item, value in rows if value]
-    return Table.of_rows("provenance", "Provenance", columns, kept, detail=True)
+    return Table.of_facts("provenance", "Provenance", rows)
 
 
 def _check(evaluation: SessionEvaluation) -> Finding:

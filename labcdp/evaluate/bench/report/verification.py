@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from ....calibration.verify.result import Verification
 from ....core.finding import unique
 from ....core.result import InputFile, Result
-from ....core.table import Column, Table, uncertain, uncertain_values
+from ....core.table import Column, Table, uncertain
 from ....report.digits import exposures, minute, significant
 from ..calibration.quantities import RESPONSIVITY
 from ..calibration.result import summarised
@@ -60,64 +60,47 @@ def _verdict(verification: Verification) -> Table:
         Column("tolerance_rel", "tolerance", "%", "Largest deviation that conforms.", digits=2),
         Column("tolerance_stated", "stated", "", "Whether it was stated; else it is U (95 %) of the calibration."),
         Column("mean_rel", "mean deviation", "%", "Weighted mean over the patches.", expanded="expanded_mean_rel"),
-        Column("expanded_mean_rel", "U of mean", "%", "U (95 %).", digits=2, shown=False),
+        Column("expanded_mean_rel", "U of mean", "%", "U (95 %).", 2, shown=False, value="mean_expanded_rel"),
         Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
-        Column("meter", "meter", "", "Meter with its certificate or date."),
-        Column("calibration_meter", "meter of calibration", "", "Meter with its certificate or date."),
-        Column("calibrated", "calibrated", "", "Time of the last reading of the calibration."),
-        Column("verified", "verified", "", "Time of the last reading of the verification."),
-    )
-    row = {
-        "verdict": verification.verdict,
-        "tolerance_rel": verification.tolerance_rel,
-        "tolerance_stated": verification.tolerance_stated,
-        "mean_rel": verification.mean_rel,
-        "expanded_mean_rel": verification.mean_expanded_rel,
-        "same_meter": verification.same_meter,
-        "meter": str(verification.meter),
-        "calibration_meter": str(verification.calibration_meter),
-        "calibrated": minute(verification.calibration_measured),
-        "verified": minute(verification.measured),
-    }
-    return Table.of_rows("verdict", "Verification", columns, [row], decision_rule(verification))
+        Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda one: str(one.meter)),
+        Column(
+            "calibration_meter", "meter of calibration", "", "Meter with its certificate or date.",
+            value=lambda one: str(one.calibration_meter),
+        ),
+        Column(
+            "calibrated", "calibrated", "", "Time of the last reading of the calibration.",
+            value=lambda one: minute(one.calibration_measured),
+        ),
+        Column(
+            "verified", "verified", "", "Time of the last reading of the verification.",
+            value=lambda one: minute(one.measured),
+        ),
+    )  # fmt: skip
+    return Table.of_items("verdict", "Verification", columns, [verification], decision_rule(verification))
 
 
 def verified_patches(verification: Verification) -> Table:
     """Return the patches with deviation, U, tolerance and verdict, with rising luminance."""
+    of_meter, of_deviation = (
+        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.",
+               value="reading_cd_m2"),
+        Column("deviation_rel", "deviation d", "%", "Relative deviation of the camera from the meter."),
+    )  # fmt: skip
     columns = (
         Column("patch", "patch"),
         Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
-        *uncertain(Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.")),
-        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera."),
-        *uncertain(Column("deviation_rel", "deviation d", "%", "Relative deviation of the camera from the meter.")),
+        *uncertain(of_meter, "reading_random_cd_m2"),
+        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2"),
+        *uncertain(of_deviation, "standard_uncertainty_rel", "expanded_rel"),
         Column("tolerance_rel", "tolerance T", "%", "Largest deviation that conforms.", digits=2),
         Column("verdict", "verdict", "", "By the decision rule."),
         Column(
-            "conformance_probability",
-            "p of conformity",
-            "",
-            "Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2).",
-            decimals=3,
+            "conformance_probability", "p of conformity", "",
+            "Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2).", decimals=3,
         ),
-        Column("exposures", "exposures", "", "Exposures that were used."),
-    )
-    rows = [
-        {
-            "patch": row.patch,
-            "n_readings": row.n_readings,
-            **uncertain_values("meter_cd_m2", row.reading_cd_m2, row.reading_random_cd_m2),
-            "camera_cd_m2": row.luminance_cd_m2,
-            "deviation_rel": row.deviation_rel,
-            "expanded_deviation_rel": row.expanded_rel,
-            "u_deviation_rel": row.standard_uncertainty_rel,
-            "tolerance_rel": row.tolerance_rel,
-            "verdict": row.verdict,
-            "conformance_probability": row.conformance_probability,
-            "exposures": exposures(row.exposures_s),
-        }
-        for row in verification.patches
-    ]
-    return Table.of_rows("patches", "Patches measured again", columns, rows).sorted_by("meter_cd_m2")
+        Column("exposures", "exposures", "", "Exposures that were used.", value=lambda row: exposures(row.exposures_s)),
+    )  # fmt: skip
+    return Table.of_items("patches", "Patches measured again", columns, verification.patches).sorted_by("meter_cd_m2")
 
 
 def _planes(verification: Verification) -> Table:
@@ -160,23 +143,13 @@ def _planes(verification: Verification) -> Table:
 
 
 def _darks(verification: Verification) -> Table:
+    of_plane = Column("plane", "plane", "", "Colour plane.")
     columns = (
         Column("exposure_s", "exposure", "s", "Exposure time of the dark frames.", digits=0, time=True),
-        *((Column("plane", "plane", "", "Colour plane."),) if len(verification.planes) > 1 else ()),
+        *((of_plane,) if len(verification.planes) > 1 else ()),
         Column("mean_dn", "now", "DN", "Mean of the new dark frames.", decimals=2),
         Column("expected_dn", "by the calibration", "DN", "Mean dark signal by the calibration.", decimals=2),
-        *uncertain(Column("difference_dn", "difference", "DN", "New minus expected.")),
+        *uncertain(Column("difference_dn", "difference", "DN", "New minus expected."), "standard_uncertainty_dn"),
         Column("effect_rel", "effect", "%", "Of the difference on the lowest calibrated luminance.", decimals=2),
     )
-    rows = [
-        {
-            "exposure_s": row.exposure_s,
-            "plane": row.plane or "",
-            "mean_dn": row.mean_dn,
-            "expected_dn": row.expected_dn,
-            **uncertain_values("difference_dn", row.difference_dn, row.standard_uncertainty_dn),
-            "effect_rel": row.effect_rel,
-        }
-        for row in verification.darks
-    ]
-    return Table.of_rows("darks", "Dark signal measured again", columns, rows)
+    return Table.of_items("darks", "Dark signal measured again", columns, verification.darks)

@@ -136,10 +136,7 @@ def map_edges(
         What is known of the scene: the same regions in an image without what took contrast, the contrast of all its
         objects, or nothing.
     """
-    first, second = near.pairs[:, 0], near.pairs[:, 1]
-    known = scene if isinstance(scene, MapRegions) else regions
-    swapped = known.mean[second] > known.mean[first]
-    bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
+    bright, dark = _sides(near, scene if isinstance(scene, MapRegions) else regions)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.
@@ -158,21 +155,15 @@ def map_edges(
     by_noise = cdp_of_noise(regions, noise.deviation(regions), bright, dark, asked, epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
-    return MapEdges(
-        bright=bright,
-        dark=dark,
-        border_px=near.border_px,
-        middle_px=near.middle_px,
-        kind=kind,
-        contrast=contrast,
-        contrast_standard_uncertainty=uncertainty,
-        asked_contrast=asked,
-        significant_contrast=least,
-        cdp=cdp[:, 0],
-        cdp_standard_error=cdp[:, 1],
-        cdp_low=cdp[:, 2],
-        cdp_high=cdp[:, 3],
-    )
+    found = (kind, contrast, uncertainty, asked, least)
+    return MapEdges(bright, dark, near.border_px, near.middle_px, *found, *cdp.T)
+
+
+def _sides(near: Neighbours, known: MapRegions) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the brighter and the darker region of each edge."""
+    first, second = near.pairs[:, 0], near.pairs[:, 1]
+    swapped = known.mean[second] > known.mean[first]
+    return np.where(swapped, second, first), np.where(swapped, first, second)
 
 
 def _contrasts(

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....report.digits import percent, shortened
-from ....report.drawing import DPI, SMALL_SIZE, block_mean, png, taken_literally
-from ....report.image_drawing import ImageFigure
+from ....report.figures.drawing import DPI, SMALL_SIZE, block_mean, png, taken_literally
+from ....report.figures.image_drawing import ImageFigure
 from .edges import EdgeKind
 from .map import ContrastMap
 from .result import MapSource

@@ -12,8 +12,8 @@ from ....core.result import Result
 from ....core.table import Table
 from ....metrics import DetectionInterval, Epsilon
 from ....report.digits import percent, share_percent
+from ....report.figures.interactive import interactive
 from ....report.html import render_page
-from ....report.interactive import interactive
 from ....report.layout import SIMULATED, Card, Facts, Page, Section
 from .edges import FALSE_ALARM, EdgeKind
 from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay
@@ -181,12 +181,7 @@ def _figure(found: ContrastMap, drawn: Overlay, source: MapSource) -> Figure:
             "bgcolor": "#c8c8c8",
             "itemsizing": "constant",
         },
-        coloraxis={
-            "colorscale": [list(pair) for pair in COLOURS],
-            "cmin": 0,
-            "cmax": 1,
-            "colorbar": {"title": "CDP"},
-        },
+        coloraxis={"colorscale": [list(pair) for pair in COLOURS], "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
     )
     return figure
 

@@ -11,7 +11,7 @@ from ....chain.optics import Optics
 from ....chain.windscreen import Windscreen
 from ....core.disk import read_toml
 from ....core.errors import InputError
-from ....core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ....core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from ....session.bench_tables import Fraction, NotNegative, Number, Positive, Table, Text
 from ....session.validation import validated
 

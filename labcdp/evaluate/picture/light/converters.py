@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import isclose
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from ....core.finding import Finding, info, warning
 from ....core.frame import Frame
@@ -21,38 +22,29 @@ if TYPE_CHECKING:
 _F_NUMBER_REL = 0.01
 
 
-class Converter(Protocol):
+class Converter(ABC):
     """A way from DN to light."""
 
-    def luminance(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-    ) -> LuminanceMap:
+    @abstractmethod
+    def luminance(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
 
     def refusal(self, picture: Picture) -> str | None:
         """Why a picture of DN cannot be converted, None if it can."""
+        return None
 
+    @abstractmethod
     def findings(self, picture: Picture) -> list[Finding]:
         """Return what a user should know about the result."""
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class Calibrated(Converter):
     """By a calibration."""
 
     calibration: AnyCalibration
 
-    def luminance(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-    ) -> LuminanceMap:
+    def luminance(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         """Convert as `Converter.luminance`."""
         return self.calibration.to_luminance(frame, window)
 
@@ -63,75 +55,49 @@ class Calibrated:
                 "it is coloured, and the calibration is for the DN of the sensor: give the picture as the camera "
                 "recorded it, grey or RAW"
             )
-        lens, found = self.calibration.lens, picture.f_number
-        if found is not None and not isclose(found, lens.f_number, rel_tol=_F_NUMBER_REL):
-            return (
-                f"it was taken with f/{found:g}, the calibration is for f/{lens.f_number:g}: use this f-number, or "
-                "calibrate the other"
-            )
-        return None
+        stated, own = picture.f_number, self.calibration.lens.f_number
+        if stated is None or isclose(stated, own, rel_tol=_F_NUMBER_REL):
+            return None
+        use = "use this f-number, or calibrate the other"
+        return f"it was taken with f/{stated:g}, the calibration is for f/{own:g}: {use}"
 
     def findings(self, picture: Picture) -> list[Finding]:
         """Return what `Converter.findings` does."""
         found = []
         if not picture.camera_stated:
             found.append(warning("camera-assumed", camera=str(self.calibration.state.camera)))
-        if picture.encoding != "linear":
-            found.append(warning("srgb-taken-as-dn"))
-        return found
+        return found + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
 
 
 @dataclass(frozen=True)
-class Specified:
+class Specified(Converter):
     """By guessed parameters."""
 
     specification: CameraSpecification
 
-    def luminance(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-    ) -> LuminanceMap:
+    def luminance(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         """Convert as `Converter.luminance`."""
-        light = specified_light(self.specification, frame, encoding, f_number)
-        return light.map_of(frame, window)
-
-    def refusal(self, picture: Picture) -> str | None:
-        """Refuse as `Converter.refusal`."""
-        return None
+        return specified_light(self.specification, frame, encoding, f_number).map_of(frame, window)
 
     def findings(self, picture: Picture) -> list[Finding]:
         """Return what `Converter.findings` does."""
         assert picture.frame is not None
-        specification = self.specification
-        found = [warning("camera-guessed")]
-        f_number = picture.f_number
-        if f_number is not None and not isclose(f_number, specification.f_number, rel_tol=_F_NUMBER_REL):
-            found.append(warning("f-number-differs", stated=f_number, specified=specification.f_number))
-        if specification.glare_fraction > 0 and picture.frame.saturated.any():
+        found, own = [warning("camera-guessed")], self.specification
+        stated = picture.f_number
+        if stated is not None and not isclose(stated, own.f_number, rel_tol=_F_NUMBER_REL):
+            found.append(warning("f-number-differs", stated=stated, specified=own.f_number))
+        if own.glare_fraction > 0 and picture.frame.saturated.any():
             found.append(warning("glare-underestimated"))
-        return found + _of_file(picture, specification.adc_bits)
+        return found + _of_file(picture, own.adc_bits)
 
 
 @dataclass(frozen=True)
-class Relative:
+class Relative(Converter):
     """By nothing."""
 
-    def luminance(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-    ) -> LuminanceMap:
+    def luminance(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         """Convert as `Converter.luminance`."""
         return relative_light(frame, encoding).map_of(frame, window)
-
-    def refusal(self, picture: Picture) -> str | None:
-        """Refuse as `Converter.refusal`."""
-        return None
 
     def findings(self, picture: Picture) -> list[Finding]:
         """Return what `Converter.findings` does."""

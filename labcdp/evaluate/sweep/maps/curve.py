@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ....metrics.known_snr import known_values
 from .axes import MapAxis
+from .known_snr import known_values
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -59,11 +59,7 @@ class SnrDip:
 
 
 def find_dips(
-    dataset: Dataset,
-    axis: str,
-    variable: str = "snr_dark",
-    min_fall: float = 0.1,
-    expected: Sequence[float] = (),
+    dataset: Dataset, axis: str, variable: str = "snr_dark", min_fall: float = 0.1, expected: Sequence[float] = ()
 ) -> tuple[SnrDip, ...]:
     """Find dips along an axis, for each value of the other parameters.
 

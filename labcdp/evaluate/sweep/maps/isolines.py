@@ -95,11 +95,7 @@ def _lines(at: At, values: NDArray[Any], across: MapAxis, up: MapAxis, level: fl
 
     masked = np.ma.masked_invalid(values.astype(np.float64))
     generator = contour_generator(
-        across.scaled(across.values),
-        up.scaled(up.values),
-        masked,
-        corner_mask=True,
-        line_type=LineType.Separate,
+        across.scaled(across.values), up.scaled(up.values), masked, corner_mask=True, line_type=LineType.Separate
     )
     lines = []
     for points in generator.lines(level):

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ....metrics.known_snr import SNR_VARIABLES
 from .axes import map_layout
 from .dips import SnrDip, find_dips
 from .isolines import LEVELS, Isoline, isolines
+from .known_snr import SNR_VARIABLES
 from .ranges import UsableRange, usable_ranges, widest_range
 
 if TYPE_CHECKING:

@@ -21,47 +21,61 @@ _RESOLVED_STEP = 0.2
 
 
 @dataclass(frozen=True)
+class End:
+    """An end of an interval.
+
+    Parameters
+    ----------
+    place : float
+        Where it is, in the unit of the axis; if it is not resolved, the last grid point that is high enough.
+    bracket : (float, float)
+        The grid points around it, the lower one first; of an open end, the last grid point twice.
+    is_open : bool
+        Whether it is that of the map, or is next to a missing value, so that the range may continue beyond it.
+    resolved : bool
+        Whether CDP changes so little from grid point to grid point, by at most 0.2, that it is known. If not, all that
+        is known is that it lies in the bracket.
+    """
+
+    place: float
+    bracket: tuple[float, float]
+    is_open: bool = False
+    resolved: bool = True
+
+
+@dataclass(frozen=True)
 class UsableInterval:
     """A part of an axis on which CDP is high enough, no wider than the grid shows.
 
     Parameters
     ----------
-    low, high : float
-        Its ends, in the unit of the axis; of an end that is not resolved, the last grid point that is high enough.
-    low_open, high_open : bool
-        Whether the end is that of the map, or is next to a missing value, so that the range may continue beyond it.
-    low_resolved, high_resolved : bool
-        Whether CDP changes so little from grid point to grid point, by at most 0.2, that the end is known. If not,
-        all that is known is that it lies in the bracket.
-    low_bracket, high_bracket : (float, float)
-        The grid points around the end, the lower one first; of an open end, the last grid point twice.
+    ends : (End, End)
+        The lower and the upper one.
     of_ratios : bool
         Whether the ratio of the ends is meaningful, as for luminances.
 
     Attributes
     ----------
+    low, high : float
+        Places of the ends.
     decades : float
         log10(high / low); infinity if `low` is not above 0, nan if the ratio is not meaningful.
     range_db : float
         20 log10(high / low), as dynamic range is given by EMVA 1288.
     """
 
-    low: float
-    high: float
-    low_open: bool
-    high_open: bool
-    low_resolved: bool
-    high_resolved: bool
-    low_bracket: tuple[float, float]
-    high_bracket: tuple[float, float]
+    ends: tuple[End, End]
     of_ratios: bool
+    low: float = field(init=False)
+    high: float = field(init=False)
     decades: float = field(init=False)
     range_db: float = field(init=False)
 
     def __post_init__(self) -> None:
-        decades = nan if not self.of_ratios else log10(self.high / self.low) if self.low > 0 else inf
-        object.__setattr__(self, "decades", decades)
-        object.__setattr__(self, "range_db", 20 * decades)
+        low, high = (end.place for end in self.ends)
+        decades = nan if not self.of_ratios else log10(high / low) if low > 0 else inf
+        for name, value in (("low", low), ("high", high), ("decades", decades), ("range_db", 20 * decades)):
+            object.__setattr__(self, name, value)
 
     @property
     def width(self) -> tuple[float, float]:
@@ -149,48 +163,27 @@ def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
 def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tuple[UsableInterval, ...]:
     enough = np.concatenate(([False], values >= level, [False]))
     starts, stops = np.flatnonzero(~enough[:-1] & enough[1:]), np.flatnonzero(enough[:-1] & ~enough[1:])
-    intervals = []
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        low, high = _end(axis, values, level, start, start - 1), _end(axis, values, level, stop - 1, stop)
-        intervals.append(
-            UsableInterval(
-                low=low.place,
-                high=high.place,
-                low_open=low.is_open,
-                high_open=high.is_open,
-                low_resolved=low.resolved,
-                high_resolved=high.resolved,
-                low_bracket=low.bracket,
-                high_bracket=high.bracket,
-                of_ratios=axis.of_ratios,
-            )
+    return tuple(
+        UsableInterval(
+            (_end(axis, values, level, start, start - 1), _end(axis, values, level, stop - 1, stop)), axis.of_ratios
         )
-    return tuple(intervals)
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True)
+    )
 
 
-@dataclass(frozen=True)
-class _End:
-    """An end of an interval, as in `UsableInterval`."""
-
-    place: float
-    bracket: tuple[float, float]
-    is_open: bool = False
-    resolved: bool = True
-
-
-def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> _End:
+def _end(axis: MapAxis, values: NDArray[np.float64], level: float, inside: int, outside: int) -> End:
     """Where CDP crosses the level between two neighbouring grid points."""
     last = float(axis.values[inside])
     if not 0 <= outside < values.size or not np.isfinite(values[outside]):
-        return _End(last, (last, last), is_open=True)
+        return End(last, (last, last), is_open=True)
     low, high = sorted((last, float(axis.values[outside])))
     if axis.is_whole:
-        return _End(last, (low, high))
+        return End(last, (low, high))
     step = values[inside] - values[outside]
     if step > _RESOLVED_STEP:
-        return _End(last, (low, high), resolved=False)
+        return End(last, (low, high), resolved=False)
     share = (level - values[outside]) / step
     if share == 1:  # no rounding where the grid point itself is the end
-        return _End(last, (low, high))
+        return End(last, (low, high))
     places = axis.scaled(axis.values[[outside, inside]])
-    return _End(float(axis.unscaled(places[0] + share * (places[1] - places[0]))), (low, high))
+    return End(float(axis.unscaled(places[0] + share * (places[1] - places[0]))), (low, high))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....metrics.known_snr import known_values
-from ....report.interactive import interactive
+from ....report.figures.interactive import interactive
 from ....report.layout import Script
 from ..maps.axes import At, MapAxis
+from ..maps.known_snr import known_values
 from .labels import axis_label, shown, variable_name, variable_unit
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
 

@@ -87,15 +87,15 @@ def at_text(at: At, axes: dict[str, MapAxis]) -> str:
 def ends_text(axis: MapAxis, interval: UsableInterval) -> str:
     """Write the ends of an interval; an end of the map is a bound."""
     ends = [plain(float(shown(axis, value)), 4 if axis.is_contrast else 3) for value in (interval.low, interval.high)]
-    bounds = ("≤ " if interval.low_open else "", "≥ " if interval.high_open else "")
-    return f"{bounds[0]}{ends[0]} to {bounds[1]}{ends[1]}"
+    low, high = (sign if end.is_open else "" for sign, end in zip("≤≥", interval.ends, strict=True))
+    return f"{low and f'{low} '}{ends[0]} to {high and f'{high} '}{ends[1]}"
 
 
 def width_text(interval: UsableInterval) -> str:
     """Write the ratio of the ends of an interval, if it is meaningful."""
     if not isfinite(interval.decades):
         return ""
-    known = interval.low_resolved and interval.high_resolved and not (interval.low_open or interval.high_open)
+    known = all(end.resolved and not end.is_open for end in interval.ends)
     return f"{'' if known else 'at least '}{interval.decades:.2f} decades, {interval.range_db:.1f} dB"
 
 

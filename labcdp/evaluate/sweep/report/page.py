@@ -59,11 +59,7 @@ def _page(result: Result, view: MapView) -> Page:
         findings=(*result.findings, *(left_out if view.left_out else ())),
         sections=[
             *([Section("Numbers", tables)] if tables else []),
-            Section(
-                "Chain and provenance",
-                (Facts(facts), *([Verbatim(chain)] if chain else [])),
-                collapsed=True,
-            ),
+            Section("Chain and provenance", (Facts(facts), *([Verbatim(chain)] if chain else [])), collapsed=True),
         ],
     )
 

@@ -56,7 +56,7 @@ def result(
     found = [*findings, *_findings(dataset, analysis)]
     small = dataset["cdp"].size <= _MOST_CELLS
     tables = [
-        *([_ranges(analysis, axes)] if analysis.usable_ranges else []),
+        *([ranges_table(analysis, axes)] if analysis.usable_ranges else []),
         *([_dips(dataset, analysis, axes)] if analysis.usable_ranges else []),
         *([_cells(dataset, axes), *_matrices(dataset, axes)] if small else []),
         *([_isolines(analysis, axes)] if analysis.isolines else []),
@@ -93,7 +93,8 @@ def _along(axis: MapAxis, name: str, label: str, meaning: str, show: bool = True
     return Column(name, label, axis_unit(axis), meaning, shown=show)
 
 
-def _ranges(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
+def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
+    """Return the usable ranges of a map, each with the kind of its ends."""
     x = axes[analysis.x]
     others = [name for name in axes if name != analysis.x]
     columns = (
@@ -122,11 +123,10 @@ def _ranges(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
 
 def _interval(interval: UsableInterval) -> dict[str, Any]:
     values: dict[str, Any] = {"decades": interval.decades, "range_db": interval.range_db}
-    for end in ("low", "high"):
-        below, above = getattr(interval, f"{end}_bracket")
-        is_open, resolved = getattr(interval, f"{end}_open"), getattr(interval, f"{end}_resolved")
-        values |= {end: getattr(interval, end), f"{end}_below": below, f"{end}_above": above}
-        values[f"{end}_end"] = "end of the map" if is_open else "CDP crosses" if resolved else "last grid point"
+    for name, end in zip(("low", "high"), interval.ends, strict=True):
+        values |= {name: end.place, f"{name}_below": end.bracket[0], f"{name}_above": end.bracket[1]}
+        text = "end of the map" if end.is_open else "CDP crosses" if end.resolved else "last grid point"
+        values[f"{name}_end"] = text
     return values
 
 
@@ -148,11 +148,7 @@ def _dips(dataset: Dataset, analysis: MapAnalysis, axes: Mapping[str, MapAxis]) 
     )
     names = [column.name for column in columns[len(others) + 1 :]]
     rows = [
-        {
-            **dip.at,
-            "variable": variable_name(dataset, dip.variable),
-            **{name: getattr(dip, name) for name in names},
-        }
+        {**dip.at, "variable": variable_name(dataset, dip.variable), **{name: getattr(dip, name) for name in names}}
         for dip in analysis.dips
     ]
     # Of many sections only the deepest ones matter at a glance, which the page shows.

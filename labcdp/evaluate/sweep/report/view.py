@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....metrics.known_snr import LARGEST_SNR, SNR_VARIABLES
 from ....report.digits import Z_95
-from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
+from ....report.figures.drawing import BLUE, GREEN, ORANGE, VERMILLION
 from ..maps.axes import At, MapAxis, MapLayout, map_axis, map_layout, sections
+from ..maps.known_snr import LARGEST_SNR, SNR_VARIABLES
 from ..maps.map import MapAnalysis
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
 

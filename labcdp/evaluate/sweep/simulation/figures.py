@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....metrics.known_snr import LARGEST_SNR
 from ....report.digits import printable, shortened
-from ....report.drawing import (
+from ....report.figure import ReportFigure
+from ....report.figures.drawing import (
     BLUE,
     GREEN,
     SMALL_SIZE,
@@ -22,9 +22,9 @@ from ....report.drawing import (
     png,
     reduction,
 )
-from ....report.figures import ReportFigure
-from ....report.plots import ContrastPanel
-from ....report.stage_plots import stage_figure
+from ....report.figures.plots import ContrastPanel
+from ....report.figures.stage_plots import stage_figure
+from ..maps.known_snr import LARGEST_SNR
 from .evaluation import PairRow, SimulationEvaluation, StageRow, final_stages
 
 if TYPE_CHECKING:

@@ -82,7 +82,7 @@ def write_prediction(result: Result, chain: Chain, folder: Destination) -> list[
     page = Page(
         "predicted imaging chain",
         result.title,
-        summary=answer(detection, detection["stage"][-1:]) or chain.description,
+        summary=answer(detection, detection["stage"][-1:], asked) or chain.description,
         banner=SIMULATED,
         cards=cards,
         lead=(detection,),

@@ -11,10 +11,10 @@ from ....core.table import Table
 from ....output import Destination, write_files
 from ....report.cells import cell_text
 from ....report.digits import percent
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
+from ....report.figures.plots import contrast_figures
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section, Verbatim
-from ....report.plots import contrast_figures
 from .evaluation import SimulationEvaluation, final_stages
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer
@@ -56,12 +56,7 @@ def _page(
     chain, signal = evaluation.chain, result.table("signal")
     detection = next((table for table in result.tables if table.name == "detection"), None)
     final = final_stages(chain)
-    facts = Facts(
-        (
-            ("Chain", f"{chain.name}: {chain.description}"),
-            ("Random seed", str(evaluation.seed)),
-        )
-    )
+    facts = Facts((("Chain", f"{chain.name}: {chain.description}"), ("Random seed", str(evaluation.seed))))
     details: list[Block] = [*figures["along"], *figures["contrasts"]]
     if detection is not None:
         details += [

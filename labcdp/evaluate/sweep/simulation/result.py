@@ -11,8 +11,8 @@ from ....core.finding import Finding, info, warning
 from ....core.result import InputFile, Result
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionResult
-from ....metrics.known_snr import LARGEST_SNR
 from ....report.digits import percent
+from ..maps.known_snr import LARGEST_SNR
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
@@ -78,23 +78,30 @@ _SIGNAL = (
 )
 
 
-def answer(detection: Table, final: Sequence[str]) -> str:
-    """Return what a chain detects behind its last stages, and the stage that costs most, in a sentence."""
+def answer(detection: Table, final: Sequence[str], contrast: float | None = None) -> str:
+    """Return what a chain detects behind its last stages, and behind which stage most is lost, in a sentence."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
     found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
     if not found:
         return ""
     name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
     lowest = min(found, key=lambda row: row[name])
+    _, _, sensor = lowest["stage"].partition(" (")
     pair = [row for row in rows if all(row[key] == lowest[key] for key in ("bright", "dark"))]
-    known = [row for row in pair[: pair.index(lowest) + 1] if row.get(name) is not None]
-    losses = [(before[name] - after[name], after["stage"]) for before, after in pairwise(known)]
+    known = [
+        row
+        for row in pair[: pair.index(lowest) + 1]
+        if row.get(name) is not None and row["stage"].partition(" (")[2] in ("", sensor)
+    ]
+    # What a merge of exposures brings back is not lost.
+    left = [max(row[name] for row in known[place:]) for place in range(len(known))]
+    losses = [(before - after, row["stage"]) for row, (before, after) in zip(known, pairwise(left), strict=False)]
     loss, stage = max(losses, default=(0.0, ""))
     of = "" if len(found) == 1 else f"Lowest of {len(found)}: "
-    costs = f"; the largest loss is at {stage}" if loss >= _LOSS else ""
-    asked = lowest.get("contrast")
-    contrast = "the contrast" if asked is None else f"a contrast of {percent(asked, 4)}"
-    sentence = f"{of}{contrast} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
+    costs = f"; the largest loss comes behind {stage}" if loss >= _LOSS else ""
+    asked = lowest.get("contrast", contrast)
+    what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
+    sentence = f"{of}{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
     return f"{sentence[0].upper()}{sentence[1:]} with a probability of {lowest[name]:.3f}{costs}."
 
 

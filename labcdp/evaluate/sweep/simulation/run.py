@@ -61,12 +61,7 @@ def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 
 
 
 def evaluate_stage(
-    run: ChainRun,
-    name: str,
-    contrast: float | None = None,
-    epsilon: float = 0.5,
-    *,
-    plot_contrasts: bool = False,
+    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
 ) -> StageRow:
     """Evaluate one stage of a run, without the contrasts of all pairs unless they are to be plotted.
 
@@ -106,13 +101,7 @@ def evaluate_stage(
         for region, mask in masks.items()
     ]
     return StageRow(
-        name,
-        signal.quantity,
-        signal.unit,
-        shown_distribution(values),
-        luminance_shown,
-        tuple(rows),
-        tuple(pairs),
+        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(rows), tuple(pairs)
     )
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from ....core.result import Result
 from ....core.table import Table
 from ....output import Destination, write_files
-from ....report.drawing import BLUE, VERMILLION, finish, new_figure, png
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
+from ....report.figures.drawing import BLUE, VERMILLION, finish, new_figure, png
 from ....report.files import result_files
 from ....report.layout import Card, Facts, Page, Section
 from .result import AGREES_Z, SOURCE

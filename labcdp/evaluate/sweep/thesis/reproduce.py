@@ -210,7 +210,7 @@ def reproduce_row(row: PublishedRow, seeds: Sequence[int]) -> ReproducedRow:
 
 def thesis_chain(row: PublishedRow, **changes: Any) -> Chain:
     """Return the thesis' chain for a row of its table, up to the sensor."""
-    return _without_merge(Chain.load("thesis-2018").with_(**(_setting(row) | changes)))
+    return replace(Chain.load("thesis-2018").with_(**(_setting(row) | changes)), hdr=None, behind=())
 
 
 def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
@@ -287,10 +287,6 @@ def _setting(row: PublishedRow) -> dict[str, Any]:
         "exposure.exposure_s": row.exposure_s,
         "sensor.pixel_pitch_m": row.pixel_pitch_m,
     }
-
-
-def _without_merge(chain: Chain) -> Chain:
-    return replace(chain, hdr=None, behind=())
 
 
 def _neighbours(chain: Chain, contrast: float, seed: int) -> float:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ....report.digits import Z_95
-from ....report.drawing import BLUE, VERMILLION, finish, new_figure, png
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
+from ....report.figures.drawing import BLUE, VERMILLION, finish, new_figure, png
 
 if TYPE_CHECKING:
     from ..evaluate import TwinEvaluation

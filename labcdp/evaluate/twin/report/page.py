@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ....core.result import Result
 from ....output import Destination, write_files
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, State, Verbatim
 from ..chain import twin_chain_text
@@ -81,11 +81,4 @@ def _sections(result: Result, chain: str) -> Iterator[Section]:
     yield Section("Pairs", (result.table("pairs"),))
     yield Section("Signals of the patches", (_SIGNALS, result.table("signals")))
     yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
-    yield Section(
-        "Method and provenance",
-        (
-            _METHOD,
-            Facts.of(result.table("provenance")),
-        ),
-        collapsed=True,
-    )
+    yield Section("Method and provenance", (_METHOD, Facts.of(result.table("provenance"))), collapsed=True)

@@ -6,15 +6,15 @@ import json
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ....core.computer.processes import Processes
+from ....core.disk.json_text import results_json
 from ....core.errors import InputError, LabcdpError
 from ....core.finding import Finding, warning
-from ....core.json_text import results_json
-from ....core.processes import Processes
 from ....output import LIST_FILE, ResultsFolder
 from .cluster import Cluster, open_cluster
 from .record import ArchiveTask, finished_values, record_finished
@@ -123,13 +123,36 @@ def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
         )
 
 
+@dataclass(frozen=True)
+class Workers:
+    """What evaluates the videos of an archive.
+
+    Parameters
+    ----------
+    address : str or None
+        Of a Dask scheduler, for example tls://192.0.2.7:8786; None for processes of this computer.
+    n_processes : int or None
+        Processes of this computer; None for one a core.
+    tls : TlsFiles or None
+        For a cluster at an address ``tls://``.
+    """
+
+    address: str | None = None
+    n_processes: int | None = None
+    tls: TlsFiles | None = None
+
+    def opened(self, tasks: Sequence[ArchiveTask]) -> AbstractContextManager[Cluster | Processes[ArchiveTask]]:
+        """Return the context of the workers; raises InputError as `open_cluster`."""
+        if self.address is None:
+            return nullcontext(Processes[ArchiveTask](self.n_processes))
+        return open_cluster(self.address, self.tls, Path(os.path.commonpath([task.folder.parent for task in tasks])))
+
+
 def evaluate_archive(
     tasks: Sequence[ArchiveTask],
     work: Work,
     settings: Mapping[str, Any],
-    address: str | None = None,
-    n_workers: int | None = None,
-    tls: TlsFiles | None = None,
+    workers: Workers | None = None,
     progress: Progress | None = None,
     *,
     force: bool = False,
@@ -137,9 +160,9 @@ def evaluate_archive(
 ) -> ArchiveResult:
     """Evaluate all videos of an archive that are not evaluated yet.
 
-    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit
-    for bit. A video that fails does not keep the others from being evaluated; one whose worker dies is tried once
-    more. What is finished is recorded in the video's folder, and not done again with the same settings.
+    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit for
+    bit. A failing one does not keep the others from being evaluated; one whose worker dies is tried once more. What is
+    finished is recorded in the video's folder, and not done again with the same settings.
 
     Parameters
     ----------
@@ -149,23 +172,14 @@ def evaluate_archive(
         See `Work`.
     settings : mapping
         All inputs of the results other than the video; JSON.
-    address : str or None
-        Of a Dask scheduler, for example tls://192.0.2.7:8786; None for processes of this computer.
-    n_workers : int or None
-        Processes of this computer; None for one a core.
-    tls : TlsFiles or None
-        For a cluster at an address ``tls://``.
+    workers : Workers or None
+        What evaluates them; None for a process a core.
     progress : callable or None
         See `Progress`.
     force : bool
         Whether finished videos are evaluated again and their results replaced.
     inputs : sequence of Path
         Other files that are read, and never replaced.
-
-    Returns
-    -------
-    ArchiveResult
-        What became of each video.
 
     Raises
     ------
@@ -175,31 +189,24 @@ def evaluate_archive(
         After what runs was stopped; finished videos are recorded.
     """
     outcomes: dict[ArchiveTask, VideoOutcome] = {}
+    report: Progress = progress or (lambda _done, _total, _outcome: None)
 
     def done(outcome: VideoOutcome) -> None:
         outcomes[outcome.task] = outcome
-        if progress is not None:
-            progress(len(outcomes), len(tasks), outcome)
+        report(len(outcomes), len(tasks), outcome)
 
-    if progress is not None:
-        progress(0, len(tasks), None)
-    left = []
+    report(0, len(tasks), None)
     for task in tasks:
         values = None if force else finished_values(task, settings)
-        if values is None:
-            left.append(task)
-        else:
+        if values is not None:
             done(VideoOutcome(task, values, resumed=True))
     findings: tuple[Finding, ...] = ()
+    left = [task for task in tasks if task not in outcomes]
     if left:
-        with ExitStack() as stack:
-            here: Processes[ArchiveTask] = Processes(n_workers)
-            workers: Cluster | Processes[ArchiveTask] = here
-            if address is not None:
-                workers = stack.enter_context(open_cluster(address, tls, _common(tasks)))
-            for task, new, error in workers.run(evaluate_task, left, work, settings, force, tuple(inputs)):
+        with (workers or Workers()).opened(tasks) as run:
+            for task, new, error in run.run(evaluate_task, left, work, settings, force, tuple(inputs)):
                 done(VideoOutcome(task, new, "" if error is None else _reason(error)))
-            findings = workers.findings if isinstance(workers, Cluster) else _of_died(here)
+            findings = run.findings if isinstance(run, Cluster) else _of_died(run)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -229,11 +236,6 @@ def evaluate_task(
 
 def _of_died(processes: Processes[ArchiveTask]) -> tuple[Finding, ...]:
     return tuple(warning("worker-died", f"process {pid}", video=str(task.video)) for pid, task in processes.died)
-
-
-def _common(tasks: Sequence[ArchiveTask]) -> Path:
-    """Return the folder that holds the folders of all results."""
-    return Path(os.path.commonpath([task.folder.parent for task in tasks]))
 
 
 def _reason(error: BaseException) -> str:

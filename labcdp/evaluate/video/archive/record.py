@@ -12,8 +12,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from ....core.disk import open_regular, read_json, validated_as
+from ....core.disk.json_text import results_json
 from ....core.errors import InputError
-from ....core.json_text import results_json
 from ....output import ResultsFolder
 from ....output.file import is_temporary
 from ....output.file_list import read_list

@@ -9,7 +9,8 @@ from typing import Any
 from ....core.finding import error
 from ....core.result import InputFile, Result
 from ....core.table import Column, Table
-from ..result import CONTRASTS, LOST, REGIONS
+from ..frame_findings import LOST
+from ..result import CONTRASTS, REGIONS
 from .evaluate import ArchiveResult, VideoOutcome
 
 _VIDEO = Column("video", "video", meaning="Name of the folder of its results.")

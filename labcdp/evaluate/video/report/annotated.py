@@ -209,8 +209,7 @@ def annotated_picture(
     enlarged = max(1, ceil(_LEAST_WIDTH / grey.shape[1])) if grey.shape[1] < _LEAST_WIDTH else 1
     height, width = (side * enlarged for side in grey.shape)
     picture = cv2.cvtColor(
-        cv2.resize(grey, (width, height), interpolation=cv2.INTER_NEAREST) if enlarged > 1 else grey,
-        cv2.COLOR_GRAY2BGR,
+        cv2.resize(grey, (width, height), interpolation=cv2.INTER_NEAREST) if enlarged > 1 else grey, cv2.COLOR_GRAY2BGR
     )
     scale = max(0.45, width / 1600)
     for place, tracked in enumerate(regions):

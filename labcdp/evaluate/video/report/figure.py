@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ....core.result import Result
 from ....core.table import Z_95
 from ....report.digits import shortened
-from ....report.drawing import (
+from ....report.figures.drawing import (
     BLUE,
     GREEN,
     LABEL_SIZE,
@@ -24,7 +24,8 @@ from ....report.drawing import (
     png,
     taken_literally,
 )
-from ..result import DETECTED_CDP, contrast_name, period_s, runs, times_s
+from ..frame_findings import period_s, runs, times_s
+from ..result import DETECTED_CDP, contrast_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,10 +132,7 @@ def _curve(
     known = np.isfinite(y)
     counts = np.add.reduceat(known, starts, dtype=np.int64)
     means = np.divide(
-        np.add.reduceat(np.where(known, y, 0.0), starts),
-        counts,
-        out=np.full(starts.size, np.nan),
-        where=counts > 0,
+        np.add.reduceat(np.where(known, y, 0.0), starts), counts, out=np.full(starts.size, np.nan), where=counts > 0
     )
     # fmin and fmax pass over nan.
     return _Curve(x[starts], means, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts))

@@ -12,7 +12,7 @@ from ....core.result import Result
 from ....core.table import Table
 from ....report.cells import cell_text
 from ....report.digits import fixed, percent, printable, significant
-from ....report.figures import ReportFigure
+from ....report.figure import ReportFigure
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim, input_facts
 from ..result import DETECTED_CDP, contrast_name, is_neighbours
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 #: Contrasts that get a card, beside the measured one.
 _MOST_CARDS = 3
 #: How regions are followed, by the method's name.
-METHODS = {
-    "follow": "tracked",
-    "homography": "tracked by the homography of a plane target",
-    "fixed": "at rest",
-}
+METHODS = {"follow": "tracked", "homography": "tracked by the homography of a plane target", "fixed": "at rest"}
 
 
 def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:

@@ -20,7 +20,7 @@ from labcdp.evaluate.bench.report.page import session_page, write_results
 from labcdp.evaluate.bench.report.result import session_result
 from labcdp.output import LIST_FILE
 from labcdp.report.envelope import envelope, schema
-from labcdp.report.figures import ReportFigure
+from labcdp.report.figure import ReportFigure
 from labcdp.report.html import render_page
 
 CHROMIUM = shutil.which("chromium")

@@ -1,0 +1,70 @@
+"""Truths that need a stream or a clock: losses of a grab, Aravis' own programs, speeds in ratio to others."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+
+import bench_cdp
+import bench_grab
+import bench_sensor
+
+import labcdp
+from labcdp.chain import Chain
+
+from .check import Check, absolute, not_run, stated
+
+_ARAVIS = ("arv-tool-0.8", "arv-camera-test-0.8")
+_SECONDS = 5
+
+
+def grabbing(frames: int = 500) -> Iterator[Check]:
+    """Frames that labcdp receives of those the simulated camera sent, and its speed beside Aravis' program."""
+    if missing := [one for one in _ARAVIS if shutil.which(one) is None]:
+        yield not_run("simulated camera", f"{missing[0]} is not installed (make setup-test)")
+        return
+    with bench_grab.camera(2048, 2048, 100.0):
+        yield from _aravis_tools()
+        with labcdp.drivers.open_camera(bench_grab.ADDRESS) as camera:
+            camera.configure(pixel_format="Mono8", exposure_s=100e-6, frame_rate_hz=100.0)
+            numbers = [frame.frame_id for frame in camera.grab(frames, on_refused=lambda _error: None)]
+            statistics = camera.statistics
+        source = "numbers of the frames, which the camera counts; 2048 x 2048 Mono8 at 100/s on loopback"
+        # After 65535 comes 1.
+        gaps = sum((after - before - 1) % 65535 for before, after in pairwise(numbers))
+        yield absolute(f"frames missing between {len(numbers)} received", 0, gaps, 0, source)
+        yield absolute("incomplete frames", 0, statistics.failed, 0, "statistics of the stream")
+        theirs = bench_grab.theirs(_SECONDS, "Mono8", 100.0)
+        ours = bench_grab.ours(_SECONDS, "Mono8", 100.0)
+    ratio = ours.frames / ours.wall_s / (theirs.frames / theirs.wall_s)
+    yield stated("frames per second", ratio, "times arv-camera-test", "higher is better")
+
+
+def _aravis_tools() -> Iterator[Check]:
+    """Debian's programs against the simulated camera."""
+    select = ["arv-tool-0.8", "-a", bench_grab.ADDRESS]
+    text = subprocess.run([*select, "control", "Width", "Height", "PixelFormat"], capture_output=True, text=True).stdout
+    for name, truth in (("Width", 2048), ("Height", 2048)):
+        value = re.search(rf"{name} = (\d+)", text)
+        source = "arv-tool-0.8 control"
+        yield absolute(f"arv-tool: {name}", truth, int(value[1]), 0, source) if value else not_run(name, text[:80])
+    found = bench_grab.theirs(2, "Mono8", 100.0)
+    yield stated("arv-camera-test: completed frames in 2 s", found.frames, "frames", "arv-camera-test-0.8")
+
+
+def speeds() -> Iterator[Check]:
+    """Speeds, each in ratio to what its result takes at least, in the same run."""
+    a, b = (region.round().astype("uint16") for region in bench_cdp.regions(1000))
+    cdp = partial(labcdp.cdp, a, b, bench_cdp.CONTRAST, bench_cdp.EPSILON)
+    floor_ms, cdp_ms = bench_cdp.interleaved_ms(partial(bench_cdp.count, a, b), cdp)
+    yield stated("exact CDP of two megapixels of 12 bits", cdp_ms / floor_ms, "times np.bincount", "lower is better")
+    sensor = Chain.load("manta-g505").camera().sensor
+    bench_sensor.expose(sensor, 0.0, None)
+    ratio = bench_sensor.best_s(partial(bench_sensor.expose, sensor, 3000.0, None)) / bench_sensor.best_s(
+        partial(bench_sensor.draw, sensor, 3000.0, None)
+    )
+    yield stated("simulated exposure, 3000 electrons", ratio, "times drawing its random numbers", "lower is better")

@@ -1,0 +1,112 @@
+"""Things of one kind side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.notebook import html_table
+from ..evaluate.compare.compare import LUMINANCES, Question, compare_things
+from ..evaluate.compare.compare import Comparison as _Comparison
+from ..evaluate.compare.result import answer, compare_result
+from ..evaluate.sweep.axis import Axis
+from ..report.cells import text_table
+from ..report.envelope import envelope
+from ..report.findings import finding_text
+from .session import CalibratedSession
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+def compare(
+    *things: Any,
+    contrast: float | None = None,
+    epsilon: float = 0.5,
+    progress: Callable[[int, int], None] | None = None,
+    **axes: Any,
+) -> Comparison:
+    """Compare chains, sweeps, sessions, calibrations, characterisations or pictures, as ``labcdp compare`` does.
+
+    Parameters
+    ----------
+    *things : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
+        At least two of one kind; each is compared with the first. A path is a preset, or a file or folder that
+        ``labcdp compare`` takes.
+    contrast : float or None
+        For chains: Weber contrast to be detected, a fraction; None for that of each scene.
+    epsilon : float
+        For chains: its relative tolerance.
+    progress : callable or None
+        Called with the number of cells of a chain's prediction that are done, and of all.
+    **axes
+        For chains: parameters and their values, as for `Chain.sweep`; None for a range of luminances.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If things cannot be read or compared.
+    """
+    sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in things]
+    varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
+    asked = contrast is not None or epsilon != 0.5 or varied
+    question = Question(varied or (LUMINANCES,), None, contrast, float(epsilon)) if asked else None
+    return Comparison(compare_things(sources, question, progress))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """Things side by side; made by `compare`.
+
+    Parameters
+    ----------
+    comparison : labcdp.evaluate.compare.compare.Comparison
+        All results.
+    """
+
+    comparison: _Comparison
+
+    @property
+    def answer(self) -> str:
+        """What differs, in a sentence or two."""
+        return "; ".join(finding_text(one) for one in answer(self.comparison))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of results.json."""
+        return envelope(compare_result(self.comparison))
+
+    def to_dataset(self) -> Dataset:
+        """Return values and differences: of curves and maps over thing and axes, else a row for each quantity."""
+        import xarray as xr
+
+        grid = self.comparison.grid
+        if grid is None:
+            return compare_result(self.comparison).table("differences").to_dataset()
+        dims = ["thing", *(axis.name for axis in grid.axes)]
+        values = np.stack([np.asarray(one.value) for one in grid.values])
+        unknown = np.full_like(values[:1], np.nan)
+        data = {
+            name: (dims, np.concatenate([unknown, *(getattr(one, part)[None] for one in grid.differences)]))
+            for name, part in (("difference", "value"), ("difference_low", "low"), ("difference_high", "high"))
+        }
+        coordinates: dict[str, Any] = {"thing": [thing.name for thing in self.comparison.things]}
+        coordinates |= {axis.name: axis.values for axis in grid.axes}
+        attributes = {"title": grid.quantity, "relative": int(grid.relative)}
+        return xr.Dataset({"value": (dims, values), **data}, coordinates, attributes)
+
+    def __repr__(self) -> str:
+        names = ", ".join(thing.name for thing in self.comparison.things)
+        return f"<labcdp.Comparison of {self.comparison.kind}s {names}: {self.answer}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        table = compare_result(self.comparison).tables[0]
+        heads, rows = text_table(table)
+        return html_table(tuple(heads), [tuple(row) for row in rows], repr(self)[1:-1])

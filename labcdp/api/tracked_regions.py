@@ -1,0 +1,161 @@
+"""Regions of a video that follow their objects: CDP of their pairs, frame by frame."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Literal
+
+from ..core.errors import InputError
+from ..core.finding import unique
+from ..core.roi import Roi
+from ..evaluate.video.findings import restored
+from ..evaluate.video.settings import Progress, VideoSettings
+from ..files.video.selection import Selection
+from ..metrics import Epsilon
+from ..tracking import method_among
+from .arguments import Contrasts, PathArgument, as_contrasts, as_path
+from .variables import described, noted
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+_U = "_standard_uncertainty"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackedRegions:
+    """Regions of a video that follow their objects; made by `Video.track`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the video.
+    evaluate : callable
+        Evaluates the video with settings that have no conversion yet.
+    rois : tuple of Roi
+        The regions in the first frame.
+    pairs : tuple of (str, str)
+        Names of the pairs that are evaluated.
+    method : str
+        How they are followed.
+    selection : Selection
+        Which frames are evaluated.
+    image_size : (int, int) or None
+        Width and height of the image the regions were drawn on, if known.
+    """
+
+    name: str
+    evaluate: Callable[[VideoSettings, Progress | None], Dataset]
+    rois: tuple[Roi, ...]
+    pairs: tuple[tuple[str, str], ...]
+    method: str
+    selection: Selection
+    image_size: tuple[int, int] | None
+
+    def cdp(
+        self,
+        contrasts: Contrasts | None = None,
+        epsilon: Epsilon = 0.5,
+        *,
+        reference: float | Literal["first"] | PathArgument | None = None,
+        reference_by: Literal["number", "time"] = "number",
+        progress: Progress | None = None,
+    ) -> Dataset:
+        """Compute the contrast detection probability of each pair, frame by frame.
+
+        Parameters
+        ----------
+        contrasts : float or array_like of float or None
+            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair in its
+            first frame.
+        epsilon : float or DetectionInterval
+            Their relative tolerance.
+        reference : float, 'first', path or None
+            Contrast to compare each frame with: a measured one, that of the first frame, or the results (NetCDF) of
+            another video.
+        reference_by : {'number', 'time'}
+            How its frames are matched.
+        progress : callable or None
+            Called after each frame.
+
+        Returns
+        -------
+        xarray.Dataset
+            CDP with its 95 % interval and standard uncertainty over frame, pair and contrast; measured contrast and
+            CSNR over frame and pair; mean, SNR and tracking over frame, pair and side (bright, dark). Values are nan,
+            with the reason as `note`, where a region is lost or a frame is broken. Without the dimension of contrasts
+            for a number or None; with None `contrast` is a coordinate of the pairs.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, or no frame could be evaluated.
+        """
+        import xarray as xr
+
+        asked = as_contrasts(contrasts, epsilon)
+        if isinstance(reference, bool) or reference_by not in ("number", "time"):
+            raise InputError("reference is a contrast, 'first' or a path; reference_by is 'number' or 'time'")
+        if reference is not None and reference != "first" and not isinstance(reference, int | float):
+            reference = as_path(reference, "reference")
+        known: Any = float(reference) if isinstance(reference, int | float) else reference
+        found = [self._pair(pair, asked.values, epsilon, known, reference_by, progress) for pair in self.pairs]
+        most = max(one.sizes["corner"] for one in found)
+        padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
+        dataset = xr.concat(
+            padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
+        )
+        order = [name for name in ("frame", "pair", "contrast", "side", "corner") if name in dataset.dims]
+        dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found]))
+        return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
+
+    def _pair(
+        self,
+        pair: tuple[str, str],
+        contrasts: Sequence[float] | None,
+        epsilon: Epsilon,
+        reference: Any,
+        reference_by: Literal["number", "time"],
+        progress: Progress | None,
+    ) -> Dataset:
+        named = {roi.name: roi for roi in self.rois}
+        rois = (named[pair[0]], named[pair[1]])
+        settings = VideoSettings(
+            contrasts=None if contrasts is None else tuple(contrasts),
+            rois=rois,
+            method=method_among(self.method, list(named), pair),
+            epsilon=epsilon,
+            reference=reference,
+            reference_by=reference_by,
+            selection=self.selection,
+            image_size=self.image_size,
+        )
+        dataset = renamed(self.evaluate(settings, progress))
+        bright, dark = dataset["region"].values
+        dataset = dataset.drop_vars("region").rename({"region": "side"})
+        dataset = dataset.expand_dims(pair=[f"{bright} / {dark}"]).assign_coords(
+            side=["bright", "dark"], region=(("pair", "side"), [[bright, dark]])
+        )
+        if contrasts is not None:
+            return dataset
+        return dataset.isel(contrast=0).assign_coords(contrast=("pair", dataset["contrast"].values))
+
+    def __repr__(self) -> str:
+        return (
+            f"<labcdp.TrackedRegions of {self.name}: {len(self.rois)} regions, {len(self.pairs)} pairs, {self.method}>"
+        )
+
+
+def renamed(dataset: Dataset) -> Dataset:
+    """Return the results with u_NAME for the standard uncertainty of NAME."""
+    return dataset.rename({name: f"u_{str(name).removesuffix(_U)}" for name in dataset if str(name).endswith(_U)})
+
+
+def _attributes(attributes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Attributes of the pairs together."""
+    found = unique(finding for one in attributes for finding in restored(json.loads(one["findings"])))
+    kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
+    return {**{name: attributes[0][name] for name in kept}, **noted(found), "labcdp_version": version("labcdp")}

@@ -1,0 +1,105 @@
+"""Which class a table of a chain file stands for.
+
+A new stage, sensor model or scene is one small class and one call of `register`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import is_dataclass
+from importlib.metadata import entry_points
+
+from ...core.disk.quoting import closest, shown
+from ...core.errors import ConfigurationError, InputError
+
+#: Entry points of installed packages under this name are loaded when a chain file names something unknown.
+ENTRY_POINT_GROUP = "labcdp.chain"
+
+_CLASSES: dict[str, dict[str, type]] = {}
+# What else a chain file has at its top; only to be suggested.
+_OTHER_NAMES = ("exposure", "hdr", "name", "description", "spectrum")
+
+
+def register(table: str, cls: type, type_name: str = "standard") -> None:
+    """Make a class known to chain files.
+
+    Parameters
+    ----------
+    table : str
+        Name of the table: ``scene``, ``sensor`` or any name of a stage.
+    cls : type
+        A frozen dataclass whose fields are the keys of the table: a `Scene`, `SensorModel` or `Stage`.
+    type_name : str
+        Value of the table's key ``type``. The first type of a table is the one meant without this key; a scene
+        always needs it.
+
+    Raises
+    ------
+    InputError
+        If the class is no dataclass, or the table has another class under this type already.
+    """
+    if not is_dataclass(cls):
+        raise InputError(f"{cls.__name__} is no dataclass: its fields are to be the keys of the table {table}")
+    types = _CLASSES.setdefault(table, {})
+    if types.get(type_name, cls) is not cls:
+        raise InputError(f"the type {type_name!r} of {table} is {types[type_name].__name__} already: give another name")
+    types[type_name] = cls
+
+
+def class_of(table: str, type_name: str | None) -> type:
+    """Return the class of a table.
+
+    Raises
+    ------
+    ConfigurationError
+        If table or type are unknown; the text begins after the table's name.
+    """
+    if table not in _CLASSES:
+        _load_entry_points("is not known")
+    elif type_name is not None and type_name not in _CLASSES[table]:
+        _load_entry_points(f".type is {shown(type_name)}, which is not known")
+    if table not in _CLASSES:
+        raise ConfigurationError(f"is not known: {_instead(table, [*_CLASSES, *_OTHER_NAMES])}")
+    types = _CLASSES[table]
+    if type_name is None:
+        if table == "scene":
+            raise ConfigurationError(f".type is missing: give one of {', '.join(types)}")
+        type_name = next(iter(types))
+    if type_name not in types:
+        instead = _instead(type_name, list(types))
+        raise ConfigurationError(f".type is {shown(type_name)}, which is not known: {instead}")
+    return types[type_name]
+
+
+def type_of(table: str, cls: type) -> str | None:
+    """Return the ``type`` of a class in a chain file, None where the table does not need one.
+
+    Raises
+    ------
+    ConfigurationError
+        If the class is not registered for the table.
+    """
+    types = _CLASSES.get(table, {})
+    for number, (type_name, known) in enumerate(types.items()):
+        if known is cls:
+            return None if number == 0 and table not in ("scene", "sensor") else type_name
+    raise ConfigurationError(
+        f"{cls.__name__} is not registered for the table {table}, so no chain file can hold it: call "
+        f"labcdp.chain.register({table!r}, {cls.__name__}, ...)"
+    )
+
+
+def _load_entry_points(reason: str) -> None:
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        try:
+            point.load()
+        except Exception as error:
+            # Whatever happens while a foreign package is imported.
+            raise ConfigurationError(
+                f"{reason}, and the entry point {point.value!r} of {ENTRY_POINT_GROUP} cannot be loaded ({error}): "
+                "repair or remove its package"
+            ) from error
+
+
+def _instead(name: str, known: list[str]) -> str:
+    close = closest(name, known)
+    return f"did you mean {close}?" if close else f"give one of {', '.join(known)}"

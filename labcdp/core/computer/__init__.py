@@ -1,0 +1,1 @@
+"""The computer that labcdp runs on: compiled loops and processes."""

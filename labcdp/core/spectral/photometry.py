@@ -1,0 +1,189 @@
+"""Photometry: how many photons, and how many electrons, one candela per square metre is.
+
+For a spectrum S the luminance is K_cd times the integral of S(lambda) V(lambda), the photon radiance the
+integral of S(lambda) lambda / (h c). Their ratio depends on the spectrum alone. It is the same for every pair
+of photometric and photon quantity, so photons s^-1 m^-2 sr^-1 per cd/m^2 are also photons s^-1 m^-2 per lux.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..disk.quoting import shown
+from ..errors import InputError
+
+#: K_cd, lumen per watt at 540 THz; exact, SI Brochure 9th edition, section 2.2.
+LUMINOUS_EFFICACY_LM_W = 683.0
+#: h in J s; exact, SI Brochure 9th edition, section 2.2.
+PLANCK_J_S = 6.62607015e-34
+#: c in m/s; exact, SI Brochure 9th edition, section 2.2.
+SPEED_OF_LIGHT_M_S = 299792458.0
+#: First and last wavelength of the integrals, in nanometres: the range of the CIE tables of illuminants.
+WAVELENGTH_RANGE_NM = (380.0, 780.0)
+
+#: One quantum efficiency for all wavelengths, or (wavelength_nm, value) pairs with rising wavelength.
+QuantumEfficiency = float | tuple[tuple[float, float], ...]
+
+#: Name of the thesis' conversion: light of 500 nm at 1000 lm/W, more than the 683 lm/W there can be (L. Ebbert,
+#: Implementierung von CDP, 2018); 2.517e15 photons s^-1 m^-2 sr^-1 per cd/m^2.
+THESIS_SPECTRUM = "thesis-2018"
+_THESIS_WAVELENGTH_NM, _THESIS_EFFICACY_LM_W = 500.0, 1000.0
+
+_MONOCHROMATIC = re.compile(r"monochromatic (\d+(?:\.\d+)?) nm")
+_OBSERVER = "CIE 1924 Photopic Standard Observer"
+
+
+def photon_radiance_per_cd_m2(spectrum: str) -> float:
+    """Photons s^-1 m^-2 sr^-1 for a luminance of 1 cd/m^2.
+
+    Parameters
+    ----------
+    spectrum : str
+        A CIE illuminant as colour-science names it (``D65``, ``A``, ``LED-B1``), or ``monochromatic 555 nm``
+        with any wavelength from 380 to 780 nm, or ``thesis-2018`` (`THESIS_SPECTRUM`) to repeat published values.
+
+    Returns
+    -------
+    float
+        Photon radiance per luminance; numerically also photons per lumen-second.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is not known; the message lists the names.
+    """
+    return _electrons_per_lm_s(spectrum, 1.0)
+
+
+def electron_radiance_per_cd_m2(spectrum: str, quantum_efficiency: float | Sequence[tuple[float, float]]) -> float:
+    """Electrons s^-1 m^-2 sr^-1 a detector frees for 1 cd/m^2: the photons weighted with QE(lambda).
+
+    Parameters
+    ----------
+    spectrum : str
+        As for `photon_radiance_per_cd_m2`.
+    quantum_efficiency : float or sequence of (float, float)
+        A constant, or (wavelength_nm, value) pairs; linear between them, zero outside the table.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is not known, or the quantum efficiency not usable.
+    """
+    return _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
+
+
+def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> QuantumEfficiency:
+    """Return a quantum efficiency in its hashable form.
+
+    Raises
+    ------
+    InputError
+        If a value is not from 0 to 1, or the table has fewer than two pairs or wavelengths that do not rise.
+    """
+    try:
+        table = np.asarray(value)
+    except ValueError:
+        table = np.empty((0, 0))
+    # NumPy would take text and booleans for numbers.
+    table = table.astype(float) if table.dtype.kind in "iuf" else np.empty((0, 0))
+    if table.ndim == 0:
+        if not 0 < table <= 1:
+            raise InputError(f"quantum_efficiency is {value}: give a fraction above 0, up to 1")
+        return float(table)
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+        raise InputError(
+            f"quantum_efficiency is {shown(value)}: give a fraction, or at least two pairs of wavelength in nm and "
+            "value"
+        )
+    wavelengths, fractions = table.T
+    if not (np.isfinite(wavelengths).all() and (np.diff(wavelengths) > 0).all()):
+        found = shown(wavelengths.tolist())
+        raise InputError(f"quantum_efficiency has the wavelengths {found} nm: give them in rising order")
+    if not ((fractions >= 0) & (fractions <= 1)).all():
+        raise InputError(f"quantum_efficiency has the values {shown(fractions.tolist())}: give fractions from 0 to 1")
+    return tuple((float(wavelength), float(fraction)) for wavelength, fraction in table)
+
+
+@lru_cache(maxsize=64)
+def _electrons_per_lm_s(spectrum: str, quantum_efficiency: QuantumEfficiency) -> float:
+    wavelength_nm, power, visibility = spectral_weights(spectrum)
+    if isinstance(quantum_efficiency, float):
+        efficiency: NDArray[np.float64] | float = quantum_efficiency
+    else:
+        known, fractions = np.array(quantum_efficiency).T
+        efficiency = np.interp(wavelength_nm, known, fractions, left=0, right=0)
+    # Trapezoids: each end of the range stands for half a step. A single line stands for itself.
+    step = np.ones(power.size)
+    if power.size > 1:
+        step[[0, -1]] = 0.5
+    photons = power * step * wavelength_nm * 1e-9 / (PLANCK_J_S * SPEED_OF_LIGHT_M_S)
+    return float(np.sum(photons * efficiency) / (LUMINOUS_EFFICACY_LM_W * np.sum(power * step * visibility)))
+
+
+@lru_cache(maxsize=16)
+def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes of the integrals over a spectrum: a sum over them takes the place of the integral.
+
+    Parameters
+    ----------
+    spectrum : str
+        As for `photon_radiance_per_cd_m2`.
+
+    Returns
+    -------
+    wavelength_nm, power, visibility : ndarray of float, shape (n,)
+        Wavelengths, the relative radiant power each stands for, and V(lambda) there; shared, not to be changed.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is not known; the message lists the names.
+    """
+    first, last = WAVELENGTH_RANGE_NM
+    illuminants, observer = _colour_tables()
+    line = _MONOCHROMATIC.fullmatch(spectrum)
+    if spectrum == THESIS_SPECTRUM:
+        efficacy = np.array([_THESIS_EFFICACY_LM_W / LUMINOUS_EFFICACY_LM_W])
+        return np.array([_THESIS_WAVELENGTH_NM]), np.ones(1), efficacy
+    if line:
+        wavelength_nm = np.array([float(line[1])])
+        power = np.ones(1)
+        if not first <= wavelength_nm[0] <= last:
+            raise InputError(f"spectrum is {shown(spectrum)}: give a wavelength from {first:g} to {last:g} nm")
+    elif spectrum in illuminants:
+        # CIE 15: the integral is the sum over 1 nm steps, the tables are interpolated to them.
+        wavelength_nm = np.arange(first, last + 1)
+        table = illuminants[spectrum]
+        power = np.interp(wavelength_nm, table.wavelengths, table.values, left=0, right=0)
+    else:
+        known = ", ".join(illuminants)
+        raise InputError(
+            f"spectrum is {shown(spectrum)}, which is not known: give 'monochromatic 555 nm', {THESIS_SPECTRUM!r} or "
+            f"one of {known}"
+        )
+    return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
+
+
+def source_names() -> list[str]:
+    """Names of the light sources in tables; ``monochromatic 555 nm`` and the like are accepted in addition."""
+    return list(_colour_tables()[0])
+
+
+def _colour_tables() -> tuple[Mapping[str, Any], Any]:
+    """Illuminants by name, and V(lambda), from colour-science."""
+    # colour imports its plotting too: without Matplotlib, or with two of them, that warns, and the spectra do not
+    # mind. It also switches NumPy to the print format of version 1.13 for the whole process.
+    with warnings.catch_warnings(), np.printoptions():
+        warnings.filterwarnings("ignore", message='"Matplotlib" related API features are not available')
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        import colour
+    # Only read here: `align` and `interpolate` of colour change these shared tables in place.
+    return colour.SDS_ILLUMINANTS, colour.SDS_LEFS[_OBSERVER]

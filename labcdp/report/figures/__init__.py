@@ -1,0 +1,1 @@
+"""Figures: style, images, maps and plots."""

@@ -1,0 +1,135 @@
+"""Figures of the contrasts of pairs of regions with the detected interval."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, isfinite, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..digits import cdp_decimals, cdp_interval, fixed, percent, share_percent
+from ..figure import ReportFigure
+from .drawing import BLUE, GREEN, ORANGE, SMALL_SIZE, label, placed_figure, png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ...metrics import ContrastDistribution, DetectionResult
+
+#: Least and greatest upper end of the contrast axis as multiples of the interval's upper end, and share of the pairs
+#: shown in between: a dark pixel close to 0 makes arbitrarily large contrasts, on whose scale the interval would
+#: vanish.
+_LEAST_TIMES, _MOST_TIMES, _DRAWN_SHARE = 4, 10, 0.9
+#: Share of pairs beyond the axis above which the figure states it.
+_STATED_SHARE = 0.001
+#: Panels of a figure.
+_MOST_PANELS = 6
+#: Columns, width and height of panels, and margins around them, at the top for a note and at the bottom for the legend,
+#: in inches.
+_COLUMNS, _PANEL_IN, _AROUND_IN, _NOTE_IN, _LEGEND_IN = 2, (4.1, 2.3), (0.75, 0.95), 0.25, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastPanel:
+    """Contrasts of one pair of regions with the detected interval.
+
+    Parameters
+    ----------
+    title : str
+        Name of the pair.
+    distribution : ContrastDistribution
+        The contrasts.
+    result : DetectionResult
+        CDP of the same pixels.
+    measured : float
+        Contrast of the means; nan for none.
+    """
+
+    title: str
+    distribution: ContrastDistribution
+    result: DetectionResult
+    measured: float = nan
+
+
+def contrast_figures(panels: Sequence[ContrastPanel], simulated: str = "") -> list[ReportFigure]:
+    """Draw cumulative probability and density of the contrasts of pairs of regions, six to a figure.
+
+    In the style of the 2018 thesis: a blue line, and grey bars scaled to a maximum of 1.
+
+    Parameters
+    ----------
+    panels : sequence of ContrastPanel
+        The pairs.
+    simulated : str
+        Simulated part named in the picture: "bench" or "chain"; empty for a measurement.
+    """
+    groups = [panels[first : first + _MOST_PANELS] for first in range(0, len(panels), _MOST_PANELS)]
+    return [
+        ReportFigure(
+            f"contrasts-{number}.png",
+            _draw(group, simulated),
+            "Contrasts of all pairs of a bright and a dark pixel. Blue: share of the pairs with at most this contrast; "
+            "grey: density scaled to a largest bar of 1; shaded: what counts as detected.",
+            f"Distributions of the contrasts of {'; '.join(panel.title for panel in group)}.",
+        )
+        for number, group in enumerate(groups, start=1)
+    ]
+
+
+def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
+    rows, columns = ceil(len(panels) / _COLUMNS), min(len(panels), _COLUMNS)
+    cell = (_PANEL_IN[0] + _AROUND_IN[0], _PANEL_IN[1] + _AROUND_IN[1])
+    above = _NOTE_IN if simulated else 0.0
+    width, height = columns * cell[0] + 0.15, above + rows * cell[1] + _LEGEND_IN
+    figure = placed_figure(width, height, simulated)
+    for number, panel in enumerate(panels):
+        left = (number % columns) * cell[0] + _AROUND_IN[0] - 0.1
+        bottom = height - above - (number // columns + 1) * cell[1] + 0.45
+        place = (left / width, bottom / height, _PANEL_IN[0] / width, _PANEL_IN[1] / height)
+        _draw_panel(figure.add_axes(place), panel)
+    legend = {text: line for axes in figure.axes for line, text in zip(*axes.get_legend_handles_labels(), strict=True)}
+    # Two legend entries fit under one panel.
+    ncols = 5 if columns > 1 else 2
+    figure.legend(
+        list(legend.values()), list(legend), loc="lower center", ncols=ncols, fontsize=SMALL_SIZE, frameon=False
+    )
+    return png(figure)
+
+
+def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
+    """Draw the contrasts of a pair and the detected interval."""
+    distribution, result = panel.distribution, panel.result
+    edges = 100 * distribution.edges
+    share = np.diff(distribution.cumulative)
+    density = share / share.max() if share.any() else share
+    low, high = result.interval
+    axes.plot(edges, distribution.cumulative, color=BLUE, linewidth=1.8, label="cumulative probability")
+    axes.stairs(density, edges, fill=True, color="0.6", label="density, scaled to 1")
+    axes.axvspan(100 * low, 100 * high, color=ORANGE, alpha=0.25, linewidth=0, zorder=0, label="counts as detected")
+    axes.axvline(100 * result.contrast, color="black", linestyle="--", label="target contrast")
+    if isfinite(panel.measured):
+        axes.axvline(100 * panel.measured, color=GREEN, linestyle="-.", label="measured contrast")
+    axes.set_ylim(0.0, 1.05)
+    start, stop, beyond = _drawn_contrasts(distribution, result)
+    axes.set_xlim(100 * start, 100 * stop)
+    cdp = fixed(result.cdp, cdp_decimals(result))
+    interval = f" (95 %: {cdp_interval(result)})" if isfinite(result.standard_error) else ""
+    target = f"target contrast {percent(result.contrast, 4)}"
+    above = f"; {share_percent(beyond)} of the pairs are above" if beyond >= _STATED_SHARE else ""
+    title = f"{panel.title}\nCDP {cdp}{interval}; {target}"
+    label(axes, f"Weber contrast in %{above}", "probability", title)
+    axes.title.set_fontsize(SMALL_SIZE)
+
+
+def _drawn_contrasts(distribution: ContrastDistribution, result: DetectionResult) -> tuple[float, float, float]:
+    """Lowest and highest contrast that are drawn, and the share of pairs above the latter."""
+    low, high = result.interval
+    edges, cumulative = distribution.edges, distribution.cumulative
+    bulk = edges[min(int(np.searchsorted(cumulative, _DRAWN_SHARE)), edges.size - 1)]
+    wanted = min(max(_LEAST_TIMES * high, bulk), _MOST_TIMES * high)
+    # An edge, where the share is known.
+    last = min(int(np.searchsorted(edges, wanted)), edges.size - 1)
+    margin = 0.1 * (high - low)
+    return min(float(edges[0]), low - margin), max(float(edges[last]), high + margin), float(1 - cumulative[last])

@@ -1,0 +1,173 @@
+"""How a region looks: in the first frame, when it was last confirmed, and in the whole frame at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import dist, inf, isfinite
+
+import numpy as np
+
+from .align.alignment import Aligner, Fit
+from .align.template import Template
+from .align.view import view_around
+from .geometry import Matrix, box_of, local_scale, moved
+from .search import candidates, look_at
+from .sight import Sight
+
+#: Quality below which a region is lost, from which it is found again, and at which no other guess is tried.
+LOST_BELOW, FOUND_FROM, GOOD = 0.55, 0.8, 0.85
+#: Share of a region whose own pixels may differ before nothing is to be measured in it.
+COVERED_MOST = 0.05
+#: Lead in quality of a place far off over the next best one.
+_LEAD = 0.1
+#: Pixels around the expected place that are looked at: in parts of the window, and at least.
+_REACH, _REACH_LEAST = 0.25, 12.0
+#: Frames over which the usual quality is a mean, about.
+_USUAL_OVER = 10
+#: Places of the whole frame that are aligned.
+_PLACES = 5
+#: Lead in quality of the last confirmed look over the first one with which it is believed.
+_NEWER_LEAD = 0.1
+#: Quality of the first look below which the present one is remembered; frames without a sudden change that it takes.
+_LOOK_BELOW, _CHAIN_LEAST = 0.75, 2
+#: Share of a region's pixels that may change suddenly from frame to frame while its look is learned.
+_SUDDEN_MOST = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A fit, by which look, and how well the first look fits."""
+
+    fit: Fit
+    aligner: Aligner
+    first: float
+
+
+#: Whether a region can have got where a fit puts it.
+Possible = Callable[[Fit], bool]
+
+
+class Looks:
+    """The looks of one region, and fits by them."""
+
+    def __init__(self, sight: Sight, template: Template, *, planar: bool) -> None:
+        self.template = template
+        self._aligner = Aligner(template, planar=planar)
+        self._recent: Aligner | None = None
+        #: Distance in pixels to the nearest other place in the first frame that looks the same; infinite: none.
+        self.repeat_px = inf
+        #: Usual quality of the first look.
+        self.usual = 1.0
+        self._anchored = True
+        self._values = template.values
+        self._chain = 0
+        rows, columns = np.nonzero(template.trust == 1)
+        # Box around the patch and its edge in template pixels.
+        self._patch = float(columns.min()), float(rows.min()), float(columns.max() + 1), float(rows.max() + 1)
+        first = look_at(sight, template.to_image, self._patch)
+        self._glances = [] if first is None else [first]
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the template in its pixels."""
+        height, width = self.template.shape
+        return width / 2, height / 2
+
+    def middle(self, to_image: Matrix) -> tuple[float, float]:
+        """Middle of the region at a place."""
+        return moved(to_image, *self.centre)
+
+    def reach(self, to_image: Matrix) -> float:
+        """Pixels around a place that are looked at."""
+        size = max(self.template.shape) * local_scale(to_image, self.centre)
+        return max(_REACH * size, _REACH_LEAST)
+
+    def aligned(self, sight: Sight, place: Matrix, light: tuple[float, float], possible: Possible) -> Found | None:
+        """Fit near a place by the first look, or if that is not good by the last one."""
+        view = view_around(sight, self.template, place, self.reach(place))
+        if view is None:
+            return None
+        first = self._aligner.align(view, place, light)
+        if first is not None and not possible(first):
+            first = None
+        like_first = 0.0 if first is None or first.covered > COVERED_MOST else first.quality
+        if self._recent is not None and like_first < GOOD:
+            fit = self._recent.align(view, place, light)
+            like_now = 0.0 if fit is None or fit.covered > COVERED_MOST or not possible(fit) else fit.quality
+            if fit is not None and like_now > like_first + _NEWER_LEAD:
+                return Found(fit, self._recent, like_first)
+        return None if first is None else Found(first, self._aligner, like_first)
+
+    def everywhere(self, sight: Sight, to_image: Matrix, light: tuple[float, float], possible: Possible) -> list[Found]:
+        """Fits in the whole frame, of about the size at a place."""
+        scale = local_scale(to_image, self.centre)
+        glances = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
+        found = (self.aligned(sight, place, light, possible) for place in candidates(sight, glances, _PLACES))
+        return [one for one in found if one is not None]
+
+    def find_repeats(self, sight: Sight, possible: Possible) -> None:
+        """Find the nearest other place in the first frame that looks the same."""
+        to_image, nearest = self.template.to_image, inf
+        x0, y0, x1, y1 = self._patch
+        left, top, right, bottom = box_of(to_image, x1 - x0, y1 - y0)
+        apart_least = max(min(right - left, bottom - top) / 2, 4.0)
+        for found in self.everywhere(sight, to_image, (1.0, 0.0), possible):
+            apart = dist(self.middle(to_image), self.middle(found.fit.to_image))
+            if found.fit.quality >= FOUND_FROM and apart > apart_least:
+                nearest = min(nearest, apart)
+        self.repeat_px = nearest
+
+    def off(self, fit: Fit, expected: Matrix) -> float:
+        """Distance of a fit from the `expected` place over that to the next place that looks the same."""
+        if not isfinite(self.repeat_px):
+            return 0.0
+        scale = local_scale(expected, self.centre) * self.template.reduction
+        return dist(self.middle(fit.to_image), self.middle(expected)) / (scale * self.repeat_px)
+
+    def better(self, expected: list[Matrix], best: Found | None, other: Found | None) -> Found | None:
+        """Of two fits the better one, and of places that look the same the one nearer to the expected place."""
+        if other is None or best is None:
+            return best or other
+        gained = self.off(best.fit, expected[0]) - self.off(other.fit, expected[0])
+        return other if other.fit.quality + gained > best.fit.quality else best
+
+    def clear(self, found: list[Found]) -> Found | None:
+        """Choose the best of places in the whole frame; None if another one is nearly as good."""
+        ranked = sorted(found, key=lambda one: -one.fit.quality)
+        if not ranked:
+            return None
+        best = ranked[0]
+        middle, apart = self.middle(best.fit.to_image), self.reach(best.fit.to_image)
+        for other in ranked[1:]:
+            if dist(self.middle(other.fit.to_image), middle) > apart:
+                return best if best.fit.quality - other.fit.quality >= _LEAD else None
+        return best
+
+    def begin_again(self) -> None:
+        """Learn nothing new until the first look is confirmed: the region was lost."""
+        self._chain, self._anchored = 0, False
+
+    def learn(self, sight: Sight, found: Found) -> None:
+        """Learn from what was found: what moves with the region, and how its look slowly changes."""
+        fit = found.fit
+        gain, offset = fit.light
+        values = (fit.values - np.float32(offset)) / np.float32(gain)
+        sudden = self._aligner.changed(self._values, values)
+        self._values = values
+        self._chain = self._chain + 1 if sudden <= _SUDDEN_MOST and fit.in_image == 1 else 0
+        if fit.covered > COVERED_MOST:
+            return
+        self._anchored = self._anchored or fit.quality >= GOOD
+        if not self._anchored:
+            return
+        if found.aligner is self._aligner:
+            self.usual += (fit.quality - self.usual) / _USUAL_OVER
+            self._aligner.learn(fit)
+        if fit.quality >= GOOD and self._chain > 0:
+            look = look_at(sight, fit.to_image, self._patch)
+            if look is not None:
+                self._glances = [*self._glances[:1], look]
+        if found.first < _LOOK_BELOW and self._chain >= _CHAIN_LEAST:
+            self._recent = self._aligner.relooked(values)
+            self._chain = 0

@@ -1,0 +1,251 @@
+"""What every camera does, whatever carries its frames.
+
+The simulated camera over GigE Vision and in this process, and Aravis' own simulator as a program of others. The one in
+this process has a virtual clock, so its seconds take none.
+"""
+
+import subprocess
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+import pytest
+
+from labcdp.core.clock import SimulatedClock, SystemClock
+from labcdp.drivers.aravis import gvcp
+from labcdp.drivers.aravis.camera import AravisCamera
+from labcdp.drivers.camera import (
+    CameraBusyError,
+    CameraError,
+    CameraLostError,
+    CameraSettingError,
+    FrameTimeoutError,
+    IncompleteFrameError,
+)
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+
+ADDRESS = "127.0.0.1"
+SHAPE = (400, 480)
+
+
+class Wire:
+    """The simulated bench's camera over GigE Vision on loopback."""
+
+    clock = SystemClock()
+    gain_db = 6.0
+
+    def __init__(self, configuration):
+        self._bench = SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE)
+        self._served = self._bench.gige_camera(ADDRESS)
+
+    def __enter__(self):
+        self._served.open()
+        return self
+
+    def __exit__(self, *exc):
+        self._bench.close()
+        self._served.close()
+
+    def camera(self, patience_s=0.0):
+        return AravisCamera(ADDRESS, patience_s=patience_s)
+
+    def suffer(self, fault):
+        self._bench.run_command(fault)
+
+    def mend(self):
+        self._bench.run_command("recover")
+
+
+class InProcess(Wire):
+    """The same camera without a network."""
+
+    def __init__(self, configuration):
+        self.clock = SimulatedClock()
+        self._bench = SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE, self.clock)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self._bench.close()
+
+    def camera(self, patience_s=0.0):
+        return self._bench.in_process_camera(patience_s)
+
+
+class Foreign(Wire):
+    """Aravis' simulator, which can only be switched off and on; its gain counts in steps of its own."""
+
+    gain_db = 0.0
+
+    def __init__(self, configuration):
+        self._process, self._timers = None, []
+
+    def __enter__(self):
+        self._process = subprocess.Popen(["arv-fake-gv-camera-0.8", "-i", ADDRESS])
+        until_s = time.monotonic() + 60
+        while gvcp.announce(ADDRESS) is None:
+            assert time.monotonic() < until_s
+        return self
+
+    def __exit__(self, *exc):
+        for timer in self._timers:
+            timer.join()
+        self._process.kill()
+        self._process.wait()
+
+    def suffer(self, fault):
+        what, _, seconds = fault.partition(" for ")
+        assert what == "vanish"
+        self._process.kill()
+        self._process.wait()
+        if seconds:
+            self._timers.append(threading.Timer(float(seconds.removesuffix(" s")), self.__enter__))
+            self._timers[-1].start()
+
+    def mend(self):
+        self.__enter__()
+
+
+@pytest.fixture(scope="module", params=[Wire, InProcess, Foreign], ids=["wire", "in process", "of Aravis"])
+def transport(request, aravis_tools, small_configuration):
+    with request.param(small_configuration) as transport:
+        yield transport
+
+
+#: Aravis' simulator has no faults.
+with_faults = pytest.mark.parametrize("transport", [Wire, InProcess], ids=["wire", "in process"], indirect=True)
+
+
+@contextmanager
+def suffering(transport, fault):
+    """Have a fault in the context, and none afterwards."""
+    with ExitStack() as stack:
+        stack.callback(transport.mend)
+        transport.suffer(fault)
+        yield
+
+
+def test_the_constructor_does_nothing_and_a_closed_camera_says_how_to_open_it(transport):
+    camera = transport.camera()
+    for use in (lambda: camera.identity, lambda: camera.settings, camera.snap):
+        with pytest.raises(CameraError, match="not open: use it as a context manager or call open"):
+            use()
+    with camera:
+        assert camera.open() is camera
+        assert camera.identity.simulated
+    camera.close()
+
+
+def test_frames_come_whole_in_order_and_with_the_settings_asked_for(transport):
+    with transport.camera() as camera:
+        for exposure_s in (0.002, 0.004):
+            applied = camera.configure(exposure_s=exposure_s, gain_db=transport.gain_db)
+            began = transport.clock.now()
+            frames = [(f.frame_id, f.camera_timestamp_ns, f.timestamp, f.temperature_c) for f in camera.grab(4)]
+            frame = camera.snap()
+            assert (frame.exposure_s, frame.gain_db) == (applied.exposure_s, applied.gain_db)
+            assert (frame.exposure_s, frame.gain_db) == pytest.approx((exposure_s, transport.gain_db))
+            ids, stamps, times, temperatures_c = zip(*frames, strict=True)
+            # GigE Vision frame ids have 16 bits and leave out 0.
+            assert all(step % 65535 == 1 for step in np.diff(ids))
+            assert all(step > 0 for step in np.diff(stamps))
+            assert began <= times[0] < times[-1] <= transport.clock.now()
+            assert set(temperatures_c) == {camera.temperature_c}
+            assert frame.shape == (applied.height, applied.width)
+            assert frame.pixel_format == applied.pixel_format
+            assert frame.camera == camera.identity
+            assert frame.saturation_dn == 2**frame.bit_depth - 1
+            assert not frame.dn.flags.writeable
+        assert camera.statistics.completed >= 10
+        assert (camera.statistics.failed, camera.statistics.underruns, camera.gaps) == (0, 0, ())
+        assert camera.features()["DeviceModelName"] == camera.identity.model
+
+
+@pytest.mark.parametrize(
+    "settings", [{"exposure_s": 1e4}, {"exposure_s": 1e-9}, {"gain_db": 1e3}, {"pixel_format": "Y"}]
+)
+def test_what_it_cannot_do_is_refused_and_changes_nothing(transport, settings):
+    with transport.camera() as camera:
+        before = camera.configure(exposure_s=0.003)
+        with pytest.raises(CameraSettingError, match=r"takes .* to |no pixel format 'Y'.*choose|not in dB"):
+            camera.configure(**settings)
+        assert camera.settings == before
+        shortest_s, longest_s = camera.exposure_range_s
+        assert shortest_s < before.exposure_s < longest_s
+
+
+@pytest.mark.parametrize("patience_s", [0.0, 0.5])
+def test_a_lost_camera_is_an_error_until_it_is_opened_again(transport, patience_s):
+    with transport.camera(patience_s) as camera, suffering(transport, "vanish"):
+        for use in (camera.snap, camera.snap, lambda: camera.configure(exposure_s=0.002)):
+            with pytest.raises(CameraLostError, match=r": .*then open it again"):
+                use()
+    with transport.camera() as camera:
+        assert camera.snap().dn.any()
+
+
+def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(transport):
+    with transport.camera(patience_s=120) as camera:
+        before = camera.configure(exposure_s=0.005, gain_db=transport.gain_db)
+        frames = camera.grab(8)
+        taken = [next(frames) for _ in range(2)]
+        transport.suffer("vanish for 1 s")
+        taken += frames
+        (gap,) = camera.gaps
+        assert camera.settings == before
+        assert len(taken) == 8
+        assert {(frame.exposure_s, frame.gain_db) for frame in taken} == {(before.exposure_s, before.gain_db)}
+        assert gap.lost_at < gap.back_at
+        assert taken[1].timestamp <= gap.lost_at
+        assert all(not gap.lost_at < frame.timestamp < gap.back_at for frame in taken)
+        assert 0.1 < gap.duration_s < 100
+        assert "answer" in gap.reason
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        ("lose 100%", (IncompleteFrameError, FrameTimeoutError)),
+        ("wrong ids", IncompleteFrameError),
+        ("wrong size", IncompleteFrameError),
+        ("stall", FrameTimeoutError),
+        ("freeze", CameraLostError),
+        ("second controller", CameraLostError),
+    ],
+)
+@with_faults
+def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, fault, error):
+    camera = transport.camera().open()
+    frames = camera.grab(100, timeout_s=1.0)
+    next(frames)
+    with suffering(transport, fault), pytest.raises(error) as raised:
+        list(frames)
+    assert len(str(raised.value).splitlines()) == 1
+    assert ": " in str(raised.value)
+    camera.close()
+    with transport.camera() as camera:
+        assert camera.snap().shape == SHAPE
+
+
+@with_faults
+def test_incomplete_frames_are_reported_and_taken_again(transport):
+    refused = []
+    with transport.camera() as camera:
+        frames = camera.grab(4, on_refused=refused.append)
+        whole = [next(frames)]
+        with suffering(transport, "wrong size"), pytest.raises(IncompleteFrameError):
+            list(frames)
+        whole += camera.grab(3)
+    # After so many in a row there is no hope.
+    assert len(refused) == 19
+    assert refused[0].status == "SIZE_MISMATCH"
+    assert whole[0].frame_id < refused[0].frame_id < refused[-1].frame_id
+    assert {frame.shape for frame in whole} == {SHAPE}
+
+
+@with_faults
+def test_a_camera_of_another_program_is_busy(transport):
+    with suffering(transport, "second controller"), pytest.raises(CameraBusyError, match="another program"):
+        transport.camera().open()

@@ -1,0 +1,175 @@
+"""Comparisons against themselves, the API's sweeps and closed forms."""
+
+from copy import deepcopy
+from dataclasses import replace
+from math import hypot
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+import labcdp
+from labcdp.calibration.errors.expanded import expanded_rel
+from labcdp.core.errors import InputError
+from labcdp.core.table import Z_95
+from labcdp.evaluate.bench.report.result import session_result
+from labcdp.evaluate.compare.compare import compare_things
+from labcdp.evaluate.compare.page import write_comparison
+from labcdp.evaluate.compare.result import compare_result
+from labcdp.report.envelope import envelope, schema
+
+LUMINANCES = np.geomspace(0.5, 300, 12)
+
+
+class Written:
+    """Results as they are read from a file."""
+
+    def __init__(self, content):
+        self.content = content
+
+    def to_dict(self):
+        return self.content
+
+
+def codes(found):
+    return [one.code for one in compare_result(found).findings]
+
+
+@pytest.fixture(scope="module")
+def chains():
+    camera = labcdp.Chain.load("manta-g505")
+    return camera, camera.with_(optics__f_number=3.7)
+
+
+@pytest.fixture(scope="module")
+def results(evaluation):
+    return envelope(session_result(evaluation))
+
+
+@pytest.fixture(scope="module")
+def characterised():
+    def quantity(name, value, expanded):
+        return {"quantity": name, "value": value, "expanded_value": expanded, "unit": "e⁻"}
+
+    def of(value, sha256):
+        rows = [quantity("read noise", value, 0.2), quantity("full well", 9000.0, None)]
+        inputs = [{"role": "data set", "path": "a", "sha256": sha256}]
+        tables = {"characterisation": {"rows": rows}}
+        return Written({"kind": "characterise", "title": "c", "simulated": False, "configuration": {}, "inputs": inputs,
+                        "tables": tables})  # fmt: skip
+
+    return of
+
+
+def test_chains_equal_the_sweep_of_each(chains):
+    found = labcdp.compare(*chains, scene__luminance_cd_m2=LUMINANCES, contrast=1.0, epsilon=0.6)
+    dataset = found.to_dataset()
+    sweeps = [one.sweep(exact=True, scene__luminance_cd_m2=LUMINANCES, contrast=1.0, epsilon=0.6) for one in chains]
+    for values, sweep in zip(dataset["value"].values, sweeps, strict=True):
+        assert np.array_equal(values, sweep["cdp"].values)
+    expected = sweeps[1]["cdp"].values - sweeps[0]["cdp"].values
+    assert dataset["difference"].values[1] == pytest.approx(expected, abs=1e-12)
+    ranges = [sweep.labcdp.usable_range() for sweep in sweeps]
+    rows = found.to_dict()["tables"]["usable_ranges"]["rows"]
+    assert [row["low"] for row in rows] == [float(one["low"]) for one in ranges]
+    # The maps of the sweeps say the same.
+    again = labcdp.compare(*sweeps).to_dataset()
+    assert np.array_equal(again["difference"].values, dataset["difference"].values, equal_nan=True)
+    (setting,) = found.to_dict()["tables"]["settings"]["rows"]
+    assert list(setting.values()) == ["optics.f_number", "2.6", "3.7"]
+    assert "compare-question-differs" not in codes(found.comparison)
+    fainter = chains[1].with_(scene__contrast=0.3)
+    assert "compare-question-differs" in codes(
+        labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison
+    )
+
+
+def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation, characterised):
+    same = characterised(3.0, "0" * 64)
+    for thing in (chains[0], Written(results), evaluation.calibration, same):
+        found = compare_things([thing, thing])
+        differences = [row.difference for row in found.rows] + list(found.grid.differences if found.grid else ())
+        assert differences
+        for one in differences:
+            assert np.all(one.value == 0)
+            assert not np.any(one.significant)
+        result = compare_result(found)
+        Draft202012Validator(schema()).validate(envelope(result))
+        assert result.findings[0].code == "compare-equal"
+
+
+def test_calibrations_with_one_meter_differ_by_the_fit_alone(evaluation):
+    """R of the second is 0.3 % higher: the meter's 2 % cancel, but not those of two meters."""
+    first = evaluation.calibration
+    fit, meter = first.responsivity, first.meter_scale
+    changed = replace(fit, responsivity_dn_s_cd_m2=1.003 * fit.responsivity_dn_s_cd_m2)
+    provenance = replace(first.provenance, input_sha256="1" * 64)
+    second = replace(first, responsivity=changed, provenance=provenance)
+    found = compare_things([first, second])
+    (difference,) = found.grid.differences
+    assert difference.value == pytest.approx(np.full(101, 0.003))
+    net_dn = found.grid.axes[-1].values
+    u_fit = [hypot(*(np.interp(n, one.net_dn, one.relative) for one in first.fit_errors)) for n in net_dn]
+    # The rectangular error of the meter is most of U, so that of the fit is its share of the variance.
+    share = [u / hypot(u, meter.common_rel) for u in u_fit]
+    own = [part * expanded_rel((meter,), u) for part, u in zip(share, u_fit, strict=True)]
+    assert np.log1p(difference.high) - np.log1p(difference.value) == pytest.approx(np.sqrt(2) * np.array(own))
+    assert difference.significant.all()
+    other = replace(second, meter_scale=replace(meter, meter=replace(meter.meter, serial="2")))
+    assert not compare_things([first, other]).grid.differences[0].significant.any()
+    row = compare_result(compare_things([first, other])).table("differences").rows()
+    (r, *_) = row
+    assert r["expanded_difference"] == pytest.approx(hypot(r["expanded_first"], r["expanded_value"]))
+
+
+def test_cdp_of_sessions_by_one_calibration_differ_by_their_pixels_alone(results):
+    def changed(cdp, u_pixels, u, calibration, frames):
+        content = deepcopy(results)
+        (row, *_) = content["tables"]["contrasts"]["rows"]
+        row |= {"cdp": cdp, "cdp_low": cdp - Z_95 * u, "cdp_high": cdp + Z_95 * u, "u_cdp": u, "u_cdp_pixels": u_pixels}
+        content["tables"]["contrasts"]["rows"] = [row]
+        for item in content["tables"]["provenance"]["rows"]:
+            if item["item"] == "SHA-256 of frames and readings":
+                item["value"] = frames
+            elif item["item"].startswith("SHA-256"):
+                item["value"] = calibration
+        return Written(content)
+
+    first = changed(0.80, 0.003, 0.005, "a", "1")
+    by_one, by_another = (
+        compare_things([first, changed(0.82, 0.003, 0.005, name, "2")]).rows[0].difference for name in "ab"
+    )
+    assert by_one.z == pytest.approx(0.02 / hypot(0.003, 0.003))
+    assert by_another.z == pytest.approx(0.02 / hypot(0.005, 0.005))
+
+
+def test_characterisations_side_by_side_with_z(characterised, tmp_path):
+    found = compare_things([characterised(3.0, "0" * 64), characterised(3.4, "1" * 64), characterised(3.1, "2" * 64)])
+    rows = [row for row in compare_result(found).table("differences").rows() if row["quantity"] == "read noise"]
+    assert [row["z"] for row in rows] == pytest.approx([0.4 * Z_95 / hypot(0.2, 0.2), 0.1 * Z_95 / hypot(0.2, 0.2)])
+    assert [row["differs"] for row in rows] == ["yes", "no"]
+    assert [row.difference.significant.item() for row in found.rows if row.first.quantity == "full well"] == [False] * 2
+    write_comparison(found, compare_result(found), tmp_path / "out")
+    assert "1 of 4 values differ significantly" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_what_cannot_be_compared_is_refused_in_a_line(chains, results, characterised):
+    maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
+    cases = [
+        (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
+        ([chains[0], Written(results)], r"^manta-g505 is a chain, but .* is a session: compare things of one kind$"),
+        ([chains[0]], "^there is nothing to compare with: give at least two$"),
+        (["no such file", chains[0]], "^no such file does not exist: give chains, maps"),
+        (["thesis-2018", "manta-g505"], "^thesis-2018: .*; or compare simulated maps of labcdp sweep$"),
+        ([Written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
+        ([Written({"kind": "evaluate"}), chains[0]], "lacks a part of the results of labcdp evaluate"),
+    ]
+    for things, message in cases:
+        with pytest.raises(InputError, match=message):
+            compare_things(things)
+    with pytest.raises(InputError, match="options for chains"):
+        labcdp.compare(Written(results), Written(results), contrast=1.0)
+    empty = deepcopy(results)
+    empty["tables"]["contrasts"]["rows"] = []
+    with pytest.raises(InputError, match="have no quantity in common"):
+        compare_things([Written(results), Written(empty)])

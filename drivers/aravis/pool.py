@@ -9,16 +9,17 @@ from numpy.typing import NDArray
 
 from .library import aravis
 
-#: Time the caller may be busy without losing a frame, and the memory limit for it.
-_BRIDGED_S = 1.0
+#: Time the caller may be busy without losing a frame, in a short and in a long grab, and the memory limit for it.
+_SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
 _FEWEST, _MOST = 6, 512
 _PAGE_BYTES = 4096
 
 
 def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) -> int:
-    """Return the number of receive buffers for a second of frames, or all that are wanted, within 256 MiB."""
-    wanted = min(round((frame_rate_hz or 0.0) * _BRIDGED_S), n_frames)
+    """Return the number of receive buffers for up to a second of frames, within 256 MiB."""
+    rate = frame_rate_hz or 0.0
+    wanted = min(max(n_frames, round(rate * _SHORT_S)), round(rate * _LONG_S))
     return max(_FEWEST, min(wanted, _MOST, _POOL_BYTES // max(1, payload_bytes)))
 
 

@@ -37,12 +37,8 @@ def column(*items: Any) -> Any:
 
 def beside(picture: Any, side: Sequence[Any], *above: Any) -> Any:
     """Return the page: `above` the picture, and `side` at its right, or below it on narrow screens."""
-    pane = pn.pane.Bokeh(
-        picture,
-        sizing_mode="stretch_both",
-        margin=0,
-        stylesheets=[f"{_NARROW} {{ :host {{ flex: 0 0 48vh !important; height: 48vh !important; width: 100%; }} }}"],
-    )
+    picture.stylesheets = [f"{_NARROW} {{ :host {{ flex: 0 0 48vh !important; width: 100%; }} }}"]
+    pane = pn.pane.Bokeh(picture, sizing_mode="stretch_both", margin=0)
     side = pn.Column(
         *side,
         width=SIDE_PX,
@@ -51,6 +47,7 @@ def beside(picture: Any, side: Sequence[Any], *above: Any) -> Any:
         styles=TINTED,
         stylesheets=[f"{_FREE} {_NARROW} {{ :host {{ width: 100% !important; height: auto !important; }} }}"],
     )
-    narrow = f"{_FREE} {_NARROW} {{ :host {{ flex-direction: column !important; overflow-y: auto; }} }}"
-    both = pn.Row(pane, side, sizing_mode="stretch_both", min_height=380, margin=0, stylesheets=[narrow])
-    return pn.Column(*above, both, sizing_mode="stretch_both", margin=0, stylesheets=[_FREE])
+    low = f"{_FREE} {_NARROW} {{ :host {{ flex: 0 0 auto !important; flex-direction: column !important; }} }}"
+    both = pn.Row(pane, side, sizing_mode="stretch_both", min_height=380, margin=0, stylesheets=[low])
+    scrolled = f"{_FREE} {_NARROW} {{ :host {{ overflow-y: auto; }} }}"
+    return pn.Column(*above, both, sizing_mode="stretch_both", margin=0, stylesheets=[scrolled])

@@ -87,7 +87,7 @@ class Tab:
     def rows(self) -> list[list[str]]:
         """Cells of the table of regions."""
         cells = "rows => rows.map(row => Array.from(row.children, cell => cell.innerText.trim()))"
-        return list(self.page.locator("tr[data-region]").evaluate_all(cells))
+        return list(self.page.locator("table:not(.dense) tr[data-region]").evaluate_all(cells))
 
     def rows_when(self, condition: Callable[[list[list[str]]], bool], what: str) -> list[list[str]]:
         """Cells of the table, once all is measured and it is as it should become."""
@@ -234,6 +234,19 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     wait_until(lambda: tab.seen()[0] < before[0] - part / 2, "the picture has moved")
     tab.page.keyboard.press("f")
     wait_until(lambda: tab.seen()[0] < 0 < WIDTH < tab.seen()[2], "the whole picture is seen")
+
+    # A profile along a line, and the map as a table of numbers.
+    tab.page.keyboard.press("l")
+    tab.drag((100, 200), (540, 200))
+    tab.page.get_by_text("Luminance", exact=True).click()
+    ends = [float(one) for one in tab.page.get_by_label("Profile from").input_value().split(",")]
+    assert ends == pytest.approx([100, 200, 540, 200], abs=1.5)
+    tab.page.get_by_label("Export as").fill("map.csv")
+    tab.page.get_by_role("button", name="Export").click()
+    tab.wait_for_notice("Exported: .*map.csv")
+    (tmp_path / "map.csv").unlink()
+    tab.page.get_by_text("Regions", exact=True).first.click()
+    tab.page.keyboard.press("v")
 
     # A polygon that crosses itself is refused and not lost: two corners are taken back, and it is closed otherwise.
     tab.page.keyboard.press("p")

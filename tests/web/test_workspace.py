@@ -191,6 +191,6 @@ def test_outputs_that_cannot_be_written_are_refused_before_anything_is_drawn(tmp
 
 
 def test_the_pointer_reads_dn_and_luminance(image: PageImage) -> None:
-    assert image.readout(50.9, 100.2) == "x 50, y 100 · DN 12340 · 123.4 cd/m²"
+    assert image.readout(50.9, 100.2) == "x 50, y 100 · DN 12340 · 123 ± 25 cd/m²"
     assert image.readout(0, 0).endswith("cd/m² · saturated")
     assert (image.readout(-0.1, 3), image.readout(WIDTH, 3)) == ("", "")

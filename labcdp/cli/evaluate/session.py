@@ -16,6 +16,7 @@ from ...core.errors import InputError, SessionError
 from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
 from ..output import Results, default_folder, show_page
 from ..terminal import fraction_of_percent, print_result, progress_bars, say
+from .verify import EXIT_STATUS
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -191,6 +192,8 @@ def evaluate(
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
+    The exit status is 3 if a patch fails its limits_cd_m2 of the plan, 4 if one is undecided.
+
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
     """
     from ...evaluate.bench.report.page import write_results
@@ -215,6 +218,11 @@ def evaluate(
     if by.against is not None:
         say(f"Identical to {by.against}")
     show_page(folder.folder / "report.html", results.open_page)
+    verdicts = {row.region.name: row.limit_verdict for row in evaluation.patches}
+    if not set(verdicts.values()) <= {None, "pass"}:
+        missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
+        say(f"Limits not met: {', '.join(missed)}")
+        raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
 
 
 def _evaluated(

@@ -246,6 +246,39 @@ function wheel(event) {
 
 // ---- keys
 
+const ARROWS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}
+
+// Arrows move the selected region by a pixel (Shift: ten), with Alt its lower right corner; without one, the picture.
+function arrow(name, event) {
+  const [dx, dy] = ARROWS[name].map((one) => one * (event.shiftKey ? 10 : 1))
+  const shape = selected()
+  if (shape == null)
+    return () => look({...place, cx: place.cx + 20 * dx * place.scale, cy: place.cy + 20 * dy * place.scale})
+  const [x, y] = shape.handles[Math.min(2, shape.handles.length - 1)]
+  return () => send(event.altKey ? {do: "corner", name: shape.name, at: 2, to: [x + dx, y + dy]}
+    : {do: "move", name: shape.name, by: [dx, dy]})
+}
+
+function new_box() {
+  const {width, height} = frame()
+  const [w, h] = [width * place.scale / 16, height * place.scale / 16]
+  send({do: "box", kind: "rectangle", start: [place.cx - w, place.cy - h], end: [place.cx + w, place.cy + h]})
+}
+
+function select_next(step) {
+  const names = state.shapes.map((shape) => shape.name)
+  const at = names.indexOf(state.selected)
+  if (names.length > 0)
+    send({do: "select", name: names[(at < 0 && step < 0 ? names.length - 1 : at + step + names.length) % names.length]})
+}
+
+function show_tab(number) {
+  const models = figure.document.roots().flatMap((root) => [...root.references()])
+  const tabs = models.find((model) => model.type.endsWith("Tabs"))
+  if (tabs != null && number <= tabs.tabs.length)
+    tabs.active = number - 1
+}
+
 function key(event) {
   const target = event.composedPath()[0]
   const command = event.ctrlKey || event.metaKey
@@ -262,8 +295,12 @@ function key(event) {
       return () => send({do: "redo"})
     if (command && name == "s")
       return () => send({do: "save"})
+    if (name in ARROWS && !command && place != null)
+      return arrow(name, event)
     if (command || event.altKey)
       return null
+    if (/^[1-9]$/.test(name))
+      return () => show_tab(Number(name))
     const by_key = {
       v: () => set_mode("select"),
       p: () => set_mode("polygon"),
@@ -271,6 +308,9 @@ function key(event) {
       e: () => set_mode("ellipse"),
       l: () => set_mode("line"),
       f: fit,
+      n: new_box,
+      "[": () => select_next(-1),
+      "]": () => select_next(1),
       "+": () => zoom(1 / 1.5),
       "-": () => zoom(1.5),
       " ": () => { space = true },

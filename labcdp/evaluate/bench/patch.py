@@ -14,6 +14,7 @@ from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError
 from ...core.roi import Roi
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
+from ...metrics.regions.limits import LimitVerdict, limit_verdict
 from .observe import ObservedSession
 
 
@@ -35,6 +36,8 @@ class PatchRow:
         From guessed camera parameters; None without a guess.
     calibrated : PatchLuminance
         By the calibrated camera.
+    limits_cd_m2 : (float, float) or None
+        Lowest and highest permitted luminance, if the plan has limits.
     """
 
     region: Roi
@@ -44,6 +47,15 @@ class PatchRow:
     n_readings: int
     calculated_cd_m2: float | None
     calibrated: PatchLuminance
+    limits_cd_m2: tuple[float, float] | None = None
+
+    @property
+    def limit_verdict(self) -> LimitVerdict | None:
+        """Whether the luminance by the camera is within its limits; None without limits."""
+        if self.limits_cd_m2 is None:
+            return None
+        luminance = self.calibrated.luminance_cd_m2
+        return limit_verdict(luminance, self.calibrated.half_width_95_rel * luminance, self.limits_cd_m2)
 
     @property
     def measured_rel(self) -> float:
@@ -68,9 +80,10 @@ def patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration)
         raise CalibrationError(
             f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out with --without {name!r}"
         )
-    region = next(p.region() for p in observed.configuration.target.patches if p.name == name)
+    patch = next(p for p in observed.configuration.target.patches if p.name == name)
     return PatchRow(
-        region=region,
+        region=patch.region(),
+        limits_cd_m2=patch.limits_cd_m2,
         measured_cd_m2=measured.luminance_cd_m2,
         measured_random_rel=measured.random_cd_m2 / measured.luminance_cd_m2,
         meter=observed.meter_scale,

@@ -86,7 +86,8 @@ class CameraTab:
         self._format.param.update(
             options=list(dict.fromkeys([*formats, settings.pixel_format])), value=settings.pixel_format
         )
-        self._rate.param.update(value=settings.frame_rate_hz, disabled=settings.frame_rate_hz is None)
+        rate_hz = settings.frame_rate_hz
+        self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
         self._black.value = settings.black_level
         self._region.value = f"{settings.offset_x}, {settings.offset_y}, {settings.width}, {settings.height}"
         self._filling = False

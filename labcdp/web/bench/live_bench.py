@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, InputError, LabcdpError
 from ...core.frame import Frame
-from ...drivers.meter import Meter
+from ...core.reading import Reading, ReadingSeries
+from ...drivers.meter import Meter, MeterError, MeterLostError
 from ..regions.measurements import Evaluated, Measurements
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .exposure import better_exposure_s
 from .focus import sharpness
 from .live_camera import LiveCamera
-from .measured import BenchOfPage, LiveMeasurements, MeterReading, Target
-from .pair import PairPoint, pair_point
+from .measured import BenchOfPage, LiveMeasurements, MeterReading, Target, meter_reading
+from .pair import PairPoint, cdp_curve, pair_point
 from .plan import with_regions
 from .recording import PageOperator, Recording
 
@@ -38,6 +41,10 @@ TRACE_S = 180.0
 _LOOK_S = 0.5
 #: Attempts to fit the exposure, and time for a frame with the new one.
 _MOST_ATTEMPTS, _ATTEMPT_S = 10, 20.0
+#: Seconds between two curves of the CDP.
+_CURVE_S = 1.0
+#: Longest wait for a meter that was unplugged.
+_METER_S = 60.0
 #: Longest wait for a recording that was stopped.
 _END_S = 120.0
 
@@ -72,6 +79,9 @@ class LiveBench:
         self.target = target
         self.readings: tuple[MeterReading, ...] = ()
         self.trace: tuple[PairPoint, ...] = ()
+        #: Contrasts, and the CDP of the pair at each.
+        self.curve: tuple[NDArray[Any], NDArray[Any]] = (np.empty(0), np.empty(0))
+        self._curve_s = 0.0
         #: Work in progress, what to tell the person, and why there is no cd/m^2 with a calibration.
         self.busy, self.notice, self.mismatch = "", "", ""
         self.paused = False
@@ -132,13 +142,13 @@ class LiveBench:
         self.target = replace(self.target, **changes)  # type: ignore[arg-type]
         self.trace = ()
 
-    def take_reading(self) -> None:
-        """Take a reading of the meter, for the selected region."""
+    def take_readings(self, n: int) -> None:
+        """Take readings of the meter, for the selected region."""
         workspace, meter = self.workspace, self.meter
         if meter is None or self.busy:
             return
         region = workspace.selected or ""
-        self._work("The meter measures …", self._readings(meter, region))
+        self._work("The meter measures …", self._readings(meter, region, n))
 
     def enter_reading(self, luminance_cd_m2: float) -> None:
         """Take a reading that a person typed, of another meter, for the selected region."""
@@ -198,22 +208,37 @@ class LiveBench:
     def _say(self, text: str) -> None:
         self.notice = text
 
-    def _readings(self, meter: Meter, region: str) -> Iterator[str]:
+    def _readings(self, meter: Meter, region: str, n: int) -> Iterator[str]:
         try:
             if self._hands is not None and region:
                 self._hands.point_meter(region)
-            self._note(meter.measure().luminance_cd_m2, region)
+            taken: list[Reading] = []
+            while len(taken) < n:
+                try:
+                    taken.append(meter.measure())
+                except MeterLostError as error:
+                    yield f"The meter is lost and waited for: {error}"
+                    self._reopen(meter, error)
+            self._note(ReadingSeries(tuple(taken)), region)
             yield ""
         except LabcdpError as error:
             yield f"No reading: {error}"
 
-    def _note(self, luminance_cd_m2: float, region: str) -> None:
-        """Add a reading, with what the camera sees there now."""
-        image, camera_cd_m2 = self.workspace.image, None
-        for roi in self.workspace.drawing.rois:
-            if roi.name == region and image.unit == "cd/m^2":
-                camera_cd_m2 = float(image.luminance.select(roi).mean(dtype=float))
-        self.readings = (MeterReading(luminance_cd_m2, region, camera_cd_m2), *self.readings[:19])
+    def _reopen(self, meter: Meter, lost: MeterLostError) -> None:
+        """Wait for a meter that was unplugged; raises `lost` if it does not come back."""
+        until_s = monotonic() + _METER_S
+        while monotonic() < until_s and not self.camera.ended:
+            meter.close()
+            sleep(_LOOK_S)
+            with suppress(MeterError):
+                meter.open()
+                return
+        raise lost
+
+    def _note(self, taken: ReadingSeries | float, region: str) -> None:
+        """Add what the meter says, or a person typed, with what the camera sees there now."""
+        one = meter_reading(taken, region, self.workspace.image, self.workspace.drawing.rois)
+        self.readings = (one, *self.readings[:19])
 
     def _fitting(self) -> Iterator[str]:
         for _ in range(_MOST_ATTEMPTS):
@@ -271,6 +296,14 @@ class LiveBench:
         best = self.focus[1] if selected == self._focus_of else 0.0
         self.focus, self._focus_of = (now, max(now, best)), selected
 
+    def _draw_curve(self, measurements: Measurements) -> None:
+        """Compute, now and then, the CDP of the pair over the contrast to be detected."""
+        pair, point = self.workspace.drawing.pair_rois, self.trace[-1] if self.trace else None
+        if len(pair) < 2 or point is None or monotonic() - self._curve_s < _CURVE_S:
+            return
+        self._curve_s = monotonic()
+        self.curve = cdp_curve(measurements.image.luminance, pair, point.contrast, self.target.epsilon)
+
     def _watch(self) -> None:
         """Hand the newest frame to the page, and tell it when frames are overdue."""
         live, frame, shown = self.camera.live, None, Event()
@@ -282,7 +315,9 @@ class LiveBench:
             began_s, frame = monotonic(), live.frame
             self._focus(frame)
             try:
-                self._server.call(partial(self.workspace.renew, self.measurements(frame)))
+                measurements = self.measurements(frame)
+                self._server.call(partial(self.workspace.renew, measurements))
+                self._draw_curve(measurements)
             except LabcdpError as error:
                 self.notice = str(error)
             # Not faster than the page's thread, and not faster than anybody sees.

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from threading import Condition, Lock, Thread
 from time import monotonic
-from typing import Any, cast
+from typing import cast
 
 from ...core.errors import LabcdpError
 from ...core.frame import Frame
@@ -21,6 +21,7 @@ from ...drivers.camera import (
     IncompleteFrameError,
     Region,
 )
+from .watched import WatchedCamera
 
 #: Pause before a lost, busy or absent camera is looked for again.
 _RETRY_S = 1.0
@@ -182,7 +183,7 @@ class LiveCamera:
         try:
             with self._open, self._camera as camera:
                 self._publish(settings=camera.settings, streaming=True, error="")
-                yield cast(Camera, _Watched(camera, self._receive))
+                yield cast(Camera, WatchedCamera(camera, self._receive))
         finally:
             self._publish(streaming=False, rate_hz=0.0, lent=False)
 
@@ -281,33 +282,3 @@ class LiveCamera:
         with self._changed:
             self._live = replace(self._live, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
-
-
-class _Watched:
-    """A camera whose frames are also shown.
-
-    Parameters
-    ----------
-    camera : Camera
-        Open.
-    show : function
-        Receives each frame.
-    """
-
-    def __init__(self, camera: Camera, show: Callable[[Frame], None]) -> None:
-        self._camera, self._show = camera, show
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._camera, name)
-
-    def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame."""
-        frame = self._camera.snap(timeout_s)
-        self._show(frame)
-        return frame
-
-    def grab(self, *arguments: Any, **options: Any) -> Iterator[Frame]:
-        """Take frames."""
-        for frame in self._camera.grab(*arguments, **options):
-            self._show(frame)
-            yield frame

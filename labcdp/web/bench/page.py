@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
-from time import monotonic
 from typing import Any
 
-import numpy as np
 import panel as pn
-from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span
-from bokeh.plotting import figure
+from bokeh.models import CustomJS
 
 from ...drivers.camera import CameraSettings
 from ..look import TINTED, beside, column, row
@@ -19,14 +16,10 @@ from ..regions.display import DisplayScale
 from ..regions.page import Page
 from ..regions.wording import warning_list
 from .camera_tab import CameraTab
-from .live_bench import TRACE_S, LiveBench
+from .live_bench import LiveBench
+from .plots import Plots
 from .record_tab import RecordTab
 from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
-
-#: Bins of the histogram, and pixels of which it is made.
-_N_BINS, _SAMPLE = 128, 200_000
-#: Seconds between two plots, and points of the trace in one: more slow the images down.
-_PLOT_S, _MOST_POINTS = 0.5, 400
 
 
 class BenchPage:
@@ -58,6 +51,7 @@ class BenchPage:
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
         self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
         self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
+        self._n_readings = pn.widgets.IntInput(name="Readings", value=1, start=1, end=100, width=80)
         self._typed = pn.widgets.TextInput(name="Reading of another meter (cd/m²), with Enter", width=260)
         self._contrast = pn.widgets.TextInput(name="Contrast to detect (%)", placeholder="measured", width=170)
         self._epsilon = pn.widgets.FloatInput(
@@ -65,11 +59,8 @@ class BenchPage:
         )
         if bench.target.contrast is not None:
             self._contrast.value = f"{100 * bench.target.contrast:g}"
-        self._trace_source = ColumnDataSource(data={"t": [], "cdp": [], "low": [], "high": []})
-        self._histogram_source = ColumnDataSource(data={"dn": [], "n": []})
-        self._plotted_s = 0.0
+        self._plots = Plots(bench)
         self._highest = highest
-        self._histogram = self._histogram_figure()
         self._shown: CameraSettings | None = None
         self._filling = False
         self._connect()
@@ -83,14 +74,16 @@ class BenchPage:
 
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
+        plots = [pn.pane.Bokeh(one, sizing_mode="stretch_width", margin=(4, 8)) for one in self._plots.figures]
         live = column(
             row(self._contrast, self._epsilon),
-            pn.pane.Bokeh(self._trace_figure(), sizing_mode="stretch_width", margin=(4, 8)),
+            plots[0],
+            plots[1],
             row(self._exposure, self._gain),
             row(*self._buttons(), self._pause, margin=(0, 3)),
             self._findings,
-            pn.pane.Bokeh(self._histogram, sizing_mode="stretch_width", margin=(4, 8)),
-            row(self._typed),
+            plots[2],
+            row(self._n_readings, self._typed),
             self._table,
         )
         tabs = pn.Tabs(
@@ -120,19 +113,11 @@ class BenchPage:
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
         self._show_control()
-        self._camera.update(bench.camera.live, settings_text(bench.camera.live))
         self._follow_bits()
-        words = bench.busy or bench.notice or bench.mismatch
+        words = " ".join(dict.fromkeys(one for one in (bench.busy, bench.notice or bench.mismatch) if one))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
-        now_s = monotonic()
-        if now_s - self._plotted_s > _PLOT_S:
-            self._plotted_s = now_s
-            points = bench.trace[:: 1 + len(bench.trace) // _MOST_POINTS]
-            self._trace_source.data = {
-                "t": [one.time_s - now_s for one in points],
-                **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
-            }
-            self._histogram_source.data = _histogram(bench.workspace.image.values, self._highest)
+        if self._plots.update(bench):
+            self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 
     def _changed(self) -> None:
         if not self._waits:
@@ -192,7 +177,6 @@ class BenchPage:
         highest = self.bench.highest_dn
         if highest != self._highest:
             self._highest = highest
-            self._histogram.x_range.end = highest
             self._map.show_range(DisplayScale.of_range(highest))
 
     def _request(self, name: str, value: float | None, unit: float) -> None:
@@ -242,7 +226,7 @@ class BenchPage:
         self._filling = False
 
     def _buttons(self) -> list[Any]:
-        actions = {"Fit exposure": self.bench.fit_exposure, "Read meter": self.bench.take_reading}
+        actions = {"Fit exposure": self.bench.fit_exposure, "Read meter": self._take_readings}
         buttons = []
         for name, action in actions.items():
             button = pn.widgets.Button(name=name, margin=(3, 4))
@@ -250,41 +234,8 @@ class BenchPage:
             buttons.append(button)
         return buttons
 
-    def _trace_figure(self) -> Any:
-        plot = figure(
-            sizing_mode="stretch_width",
-            height=130,
-            toolbar_location=None,
-            tools="",
-            y_range=Range1d(-0.02, 1.02),
-            x_range=Range1d(-TRACE_S, 0),
-        )
-        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "s"
-        plot.varea("t", "low", "high", source=self._trace_source, fill_alpha=0.3, fill_color="#0072b2")
-        plot.line("t", "cdp", source=self._trace_source, line_color="#0072b2", line_width=2)
-        plot.add_layout(Span(location=self.bench.target.limit, dimension="width", line_dash="dotted"))
-        return plot
-
-    def _histogram_figure(self) -> Any:
-        plot = figure(
-            sizing_mode="stretch_width",
-            height=110,
-            toolbar_location=None,
-            tools="",
-            x_range=Range1d(0, self._highest),
-            y_axis_type="log",
-        )
-        plot.y_range.start = 0.5
-        plot.xaxis.axis_label, plot.yaxis.axis_label = "DN", "pixels"
-        plot.step("dn", "n", source=self._histogram_source, mode="after", line_color="#555555")
-        return plot
-
-
-def _histogram(values: Any, highest: float) -> dict[str, Any]:
-    step = max(1, round((values.size / _SAMPLE) ** 0.5))
-    counts, edges = np.histogram(values[::step, ::step], bins=_N_BINS, range=(0, highest + 1))
-    # Empty bins are below the axis, which is logarithmic.
-    return {"dn": edges[:-1], "n": np.maximum(counts, 0.1)}
+    def _take_readings(self) -> None:
+        self.bench.take_readings(self._n_readings.value or 1)
 
 
 def _ending(end: Callable[[], None]) -> Callable[[Any], None]:

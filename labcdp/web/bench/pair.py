@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.luminance import LuminanceMap
+from ...core.roi import Roi
+from ...metrics import cdp
 from ...metrics.regions.pair import PairResult
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
 
 #: Share of saturated pixels from which a region's contrast means nothing.
 _SATURATED = 0.001
+#: Range of a curve over the measured contrast, and number of its points.
+_RANGE, _N_POINTS = (0.05, 20.0), 60
 
 
 @dataclass(frozen=True)
@@ -72,3 +81,13 @@ def verdict(below: float, above: float, interval: tuple[float, float], limit: fl
     if low >= limit:
         return "detected"
     return "too weak" if below >= above else "too strong"
+
+
+def cdp_curve(
+    luminance: LuminanceMap, pair: Sequence[Roi], contrast: float, epsilon: float
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return contrasts around the measured one, fractions, and the CDP of two regions at each."""
+    contrasts = np.geomspace(*_RANGE, _N_POINTS) * max(contrast, 0.01)
+    values = [luminance.select(roi) for roi in pair]
+    bright, dark = sorted(values, key=lambda one: float(one.mean()), reverse=True)
+    return contrasts, cdp(bright, dark, contrasts, epsilon).cdp

@@ -13,6 +13,8 @@ from ...session.configuration import Patch, TargetConfiguration
 def with_regions(plan: SessionConfiguration, shapes: Sequence[Shape]) -> SessionConfiguration:
     """Return a plan whose patches are these regions, with the nominal luminances and contrasts of the names it has.
 
+    Limits are those of the region, or of the patch where the region has none.
+
     Raises
     ------
     InputError
@@ -25,12 +27,12 @@ def with_regions(plan: SessionConfiguration, shapes: Sequence[Shape]) -> Session
     for shape in shapes:
         for roi in shape.rois():
             old = known.get(roi.name)
-            nominal = None if old is None else old.nominal_luminance_cd_m2
+            nominal, limits = (None, None) if old is None else (old.nominal_luminance_cd_m2, old.limits_cd_m2)
             if old is None or old.region() != roi:
                 old = Patch(
                     name=roi.name, roi=None, corners=roi.corners, nominal_luminance_cd_m2=nominal, limits_cd_m2=None
                 )
-            drawn.append(old.model_copy(update={"limits_cd_m2": shape.limits_cd_m2}))
+            drawn.append(old.model_copy(update={"limits_cd_m2": shape.limits_cd_m2 or limits}))
     patches = tuple(drawn)
     if patches == plan.target.patches:
         return plan

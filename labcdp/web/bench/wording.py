@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from html import escape
 
-from ...report.digits import exposure, printable, significant, with_half_width
+from ...report.digits import Z_95, exposure, printable, significant, with_half_width
 from .live_bench import LiveBench
 from .live_camera import Live
 from .measured import MeterReading
 from .pair import PairPoint
 
-#: 97.5 % quantile of the normal distribution, for expanded uncertainties.
-_Z_95 = 1.96
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
 
@@ -33,7 +31,7 @@ def camera_card(bench: LiveBench) -> str:
     now, best = bench.focus
     lines += [f"sharpness {100 * now / best:.0f} % of the best"] if best else []
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
-    lines += [live.error] if live.error else []
+    lines += [line for line in (live.error, live.changed) if line]
     return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
 
 
@@ -60,7 +58,7 @@ def contrast_card(bench: LiveBench) -> str:
     if not bench.trace:
         return _card("Measured contrast", "-", "open")
     point: PairPoint = bench.trace[-1]
-    text = with_half_width(100 * point.contrast, 100 * _Z_95 * point.contrast_u)
+    text = with_half_width(100 * point.contrast, 100 * Z_95 * point.contrast_u)
     return _card("Measured contrast", f"{text} %", "open", "U (95 %) of this frame")
 
 
@@ -72,7 +70,8 @@ def meter_card(bench: LiveBench) -> str:
         return _card("Meter", "-", "open", bench.busy or "no reading yet")
     last = bench.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
-    return _card("Meter", f"{significant(last.luminance_cd_m2)} cd/m²", "open", *lines)
+    state = "bad" if last.disagrees else "open"
+    return _card("Meter", f"{significant(last.luminance_cd_m2)} cd/m²", state, *lines)
 
 
 def reading_table(bench: LiveBench) -> str:
@@ -83,12 +82,15 @@ def reading_table(bench: LiveBench) -> str:
     for one in bench.readings:
         camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
+        state = " class='fail'" if one.disagrees else ""
+        series = f"{one.n_readings}, ± {100 * one.scatter_rel:.2g} %" if one.n_readings > 1 else "1"
         rows.append(
             f"<tr><th scope='row'>{_text(one.region) or '-'}</th><td>{significant(one.luminance_cd_m2)}</td>"
-            f"<td>{camera}</td><td>{deviation}</td></tr>"
+            f"<td>{series}</td><td>{camera}</td><td{state}>{deviation}</td></tr>"
         )
     heads = "".join(
-        f"<th scope='col'>{head}</th>" for head in ("region", "meter (cd/m²)", "camera (cd/m²)", "deviation (%)")
+        f"<th scope='col'>{head}</th>"
+        for head in ("region", "meter (cd/m²)", "readings, scatter", "camera (cd/m²)", "deviation (%)")
     )
     return f"<table class='readings'><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
@@ -110,7 +112,8 @@ def settings_text(live: Live) -> str:
 def _deviation(one: MeterReading) -> list[str]:
     if one.deviation is None:
         return []
-    return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %"]
+    beyond = ", beyond the uncertainties" if one.disagrees else ""
+    return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %{beyond}"]
 
 
 def _why(bench: LiveBench) -> str:

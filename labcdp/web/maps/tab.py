@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import panel as pn
-from bokeh.models import ColumnDataSource
+from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
 from ...core.errors import InputError, LabcdpError
@@ -23,10 +23,8 @@ from .export import EXPORTS, export_map
 from .lines import isolines, profile
 from .wording import statistics_table
 
-#: Seconds between two profiles and sets of isolines of a live image.
-_EVERY_S = 1.0
-#: What an empty plot shows, which cannot find a range.
-_NO_PROFILE = {"d": [0, 1], "l": [0, 0], "low": [0, 0], "high": [0, 0]}
+#: Seconds between two profiles, sets of isolines and statistics of a live image.
+_EVERY_S = 0.5
 _VALUES, _COLOURS, _GREY = "Values of the camera", "Luminance in false colours", "Luminance in grey"
 
 
@@ -46,7 +44,7 @@ class MapTab:
         self._dn_scale = page.picture.scale
         self._levels: tuple[float, ...] = ()
         self._ends: tuple[float, ...] = ()
-        self._drawn_s, self._image = 0.0, page.workspace.image
+        self._told_s, self._told_of = 0.0, page.workspace.image
         unit = page.workspace.image.unit_text
         self._shown = pn.widgets.Select(name="Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
         self._kind = pn.widgets.Select(name="Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
@@ -66,8 +64,8 @@ class MapTab:
         )
         self._save = pn.widgets.Button(name="Export", margin=(19, 4))
         self._table = page.text("statistics")
-        self._profile = ColumnDataSource(data=_NO_PROFILE)
-        self._plot = pn.pane.Bokeh(self._new_plot(), sizing_mode="stretch_width", margin=(4, 8), visible=False)
+        self._profile = ColumnDataSource(data={"d": [], "l": [], "low": [], "high": []})
+        self._plot = self._new_plot()
         self._connect()
         page.after_update = self.update
         if coloured:
@@ -80,19 +78,23 @@ class MapTab:
             row(self._shown, self._kind),
             row(self._low, self._high, self._fit),
             row(self._isolines, self._line),
-            self._plot,
+            pn.pane.Bokeh(self._plot, sizing_mode="stretch_width", margin=(4, 8)),
             self._table,
             row(self._limits),
             row(self._file, self._save),
         )
 
     def update(self) -> None:
-        """Refresh statistics, and now and then what is drawn of a live image."""
+        """Refresh statistics and what is drawn; of a live image not with every one, which would slow it down."""
         workspace = self._workspace
+        live = workspace.image is not self._told_of
+        if live and monotonic() - self._told_s < _EVERY_S:
+            return
+        self._told_s, self._told_of = monotonic(), workspace.image
         self._table.object = statistics_table(
             workspace.image, workspace.drawing.shapes, workspace.means, workspace.evaluated, workspace.selected
         )
-        if workspace.image is not self._image and monotonic() - self._drawn_s > _EVERY_S:
+        if live and (self._levels or self._ends):
             self._draw()
 
     def _connect(self) -> None:
@@ -154,8 +156,7 @@ class MapTab:
 
     def _draw(self) -> None:
         """Draw profile and isolines of the image of this moment."""
-        self._drawn_s, image = monotonic(), self._workspace.image
-        self._image, picture = image, self._picture
+        image, picture = self._workspace.image, self._picture
         found = isolines(image.luminance, self._levels) if self._levels else []
         picture.isolines.data = {"xs": [one.x for one in found], "ys": [one.y for one in found]}
         middle = [(one.x[len(one.x) // 2], one.y[len(one.y) // 2], f"{one.level:g}") for one in found]
@@ -169,6 +170,9 @@ class MapTab:
             return
         along = profile(image, ends)
         half = np.nan_to_num(along.expanded)
+        low, high = float((along.luminance - half).min()), float((along.luminance + half).max())
+        self._plot.x_range.end = max(float(along.distance_px[-1]), 1.0)
+        self._plot.y_range.update(start=min(low, 0.0), end=1.05 * high if high > 0 else 1.0)
         self._profile.data = {
             "d": along.distance_px,
             "l": along.luminance,
@@ -201,7 +205,10 @@ class MapTab:
             workspace.run_elsewhere(steps(), workspace.say, workspace.changed)
 
     def _new_plot(self) -> Any:
-        plot = figure(sizing_mode="stretch_width", height=150, toolbar_location=None, tools="")
+        # Ranges of its own: an empty plot cannot find any.
+        ranges = {"x_range": Range1d(0, 1), "y_range": Range1d(0, 1)}
+        options = {"toolbar_location": None, "tools": "", "visible": False}
+        plot = figure(sizing_mode="stretch_width", height=150, **ranges, **options)
         plot.xaxis.axis_label, plot.yaxis.axis_label = "pixels along the line", self._workspace.image.unit_text
         plot.varea("d", "low", "high", source=self._profile, fill_alpha=0.3, fill_color="#0072b2")
         plot.line("d", "l", source=self._profile, line_color="#0072b2")

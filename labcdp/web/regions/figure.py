@@ -216,7 +216,10 @@ class Picture:
             sizing_mode="stretch_both",
             x_range=Range1d(0, width),
             y_range=Range1d(height, 0),
+            # Room for the numbers of the axes: the picture would move under the pointer when they get longer.
             min_border=4,
+            min_border_left=50,
+            min_border_bottom=26,
             border_fill_color=None,
             background_fill_color="#2b2b2b",
             outline_line_color="#999999",
@@ -230,9 +233,6 @@ class Picture:
             plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=self._colours, source=source)
         for bar in self._bars.values():
             plot.add_layout(bar, "right")
-        plot.multi_line("xs", "ys", line_color="white", source=self.isolines)
-        plot.text("x", "y", text="text", text_color="white", text_font_size="11px", source=self.isoline_labels)
-        plot.line("x", "y", line_color="white", line_dash="dashed", line_width=2, source=self.profile_line)
         sources = self._sources
         plot.patches(
             "xs",
@@ -261,6 +261,9 @@ class Picture:
             y_offset=-4,
             source=sources["labels"],
         )
+        plot.multi_line("xs", "ys", line_color="white", source=self.isolines)
+        plot.text("x", "y", text="text", text_color="white", text_font_size="11px", source=self.isoline_labels)
+        plot.line("x", "y", line_color="white", line_dash="dashed", line_width=2, source=self.profile_line)
         return plot
 
 

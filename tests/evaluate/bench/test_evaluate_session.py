@@ -139,3 +139,16 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
 def test_another_black_level_is_refused(observed):
     with pytest.raises(CalibrationError, match=r"black level of .* is 128 DN, but .* has 64 DN"):
         calibrate_session(changed(observed, lambda _, o: replace(o, state=replace(o.state, black_level_dn=128.0))))
+
+
+def test_a_patch_passes_limits_that_hold_all_of_its_interval(evaluation):
+    row = evaluation.patches[0]
+    low, high = row.calibrated.interval_95_cd_m2
+    limits = {"pass": (0.9 * low, 1.1 * high), "undecided": (row.calibrated.luminance_cd_m2, 1.1 * high)}
+    limits |= {"fail": (1.01 * high, 2 * high)}
+    assert {replace(row, limits_cd_m2=one).limit_verdict for one in limits.values()} == set(limits)
+    for verdict, given in limits.items():
+        judged = replace(evaluation, patches=[replace(row, limits_cd_m2=given), *evaluation.patches[1:]])
+        table = session_result(judged, []).table("luminance")
+        assert dict(zip(table["patch"], table["limit_verdict"], strict=True))[row.region.name] == verdict
+    assert "limit_verdict" not in session_result(evaluation, []).table("luminance").data

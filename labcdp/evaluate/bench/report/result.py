@@ -120,6 +120,13 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
 
 def _luminance(patches: Sequence[PatchRow]) -> Table:
     guessed = any(row.calculated_cd_m2 is not None for row in patches)
+    limits = (
+        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.",
+               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[0]),
+        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.",
+               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[1]),
+        Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
+    )  # fmt: skip
     calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
     columns = (
         Column("patch", "patch", value="region.name"),
@@ -138,6 +145,7 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
                value="calibrated.half_width_95_rel"),
+        *(limits if any(row.limits_cd_m2 is not None for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
         Column("exposures", "exposures", "", "Exposures that were used.", shown=False,
                value=lambda row: exposures(row.calibrated.exposures_s)),

@@ -1,0 +1,81 @@
+"""Profile, isolines, scale and export of a luminance map, against what it is made of."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.files.luminance_file import load_luminance
+from labcdp.web.maps.export import export_map
+from labcdp.web.maps.lines import isolines, profile
+from labcdp.web.regions.display import DisplayScale
+from labcdp.web.regions.page_image import PageImage
+
+HEIGHT, WIDTH = 60, 90
+
+
+@pytest.fixture
+def image() -> PageImage:
+    """A plane of 1 to 2 cd/m² from left to right, with 3 % of each pixel alone and 4 % of all together."""
+    light = np.broadcast_to(np.linspace(1, 2, WIDTH), (HEIGHT, WIDTH)).astype(np.float32)
+    invalid = np.zeros((HEIGHT, WIDTH), np.uint8)
+    invalid[0, 0] = Invalid.SATURATED
+    luminance = LuminanceMap(light, np.full_like(light, 0.03), 0.04, invalid)
+    return PageImage("plane", light, False, None, luminance, "cd/m^2")
+
+
+def test_a_profile_reads_the_pixels_along_a_line_with_their_uncertainty(image: PageImage) -> None:
+    along = profile(image, (10.5, 5.5, 40.5, 45.5))
+    assert (along.distance_px[0], along.distance_px[-1]) == (0, 50)
+    columns = np.floor(10.5 + along.distance_px * 0.6).astype(int)
+    assert along.luminance == pytest.approx(image.luminance.luminance_cd_m2[0, columns], abs=0.012)
+    # Both parts are independent: 3 % and 4 % are 5 %.
+    assert along.expanded / along.luminance == pytest.approx(1.96 * 0.05, rel=1e-3)
+    # A map of its parts says the same, and so does the value under the pointer.
+    of_parts = replace(image, part=lambda window: _cut(image.luminance, window))
+    assert profile(of_parts, (10.5, 5.5, 40.5, 45.5)).expanded.tolist() == along.expanded.tolist()
+    assert of_parts.readout(44.2, 3.3) == image.readout(44.2, 3.3) == "x 44, y 3 · 1.49 ± 0.15 cd/m²"
+    # What is outside is left out.
+    assert len(profile(image, (-20, 5, 20, 5)).luminance) == 21
+    with pytest.raises(InputError, match="outside the image"):
+        profile(image, (-20, 5, -2, 5))
+
+
+def _cut(luminance: LuminanceMap, window: tuple[slice, slice]) -> LuminanceMap:
+    return LuminanceMap(
+        luminance.luminance_cd_m2[window], luminance.random_rel[window], 0.04, luminance.invalid[window]
+    )
+
+
+def test_an_isoline_of_a_plane_is_straight(image: PageImage) -> None:
+    (line,) = isolines(image.luminance, [1.5])
+    # The middle of the pixels of 1.5 cd/m².
+    assert line.x == pytest.approx(0.5 * (WIDTH - 1) + 0.5, abs=0.01)
+    assert np.ptp(line.y) == HEIGHT - 1
+    assert isolines(image.luminance, [3.0]) == []
+
+
+@pytest.mark.parametrize("name", ["linear", "logarithm"])
+def test_colours_span_the_range_and_mark_what_is_beyond(image: PageImage, name: str) -> None:
+    scale = DisplayScale(name, 1.25, 1.75, ends_apart=True)  # type: ignore[arg-type]
+    values = np.array([-np.inf, 0.5, 1.25, np.sqrt(1.25 * 1.75) if name == "logarithm" else 1.5, 1.75, 3, np.inf])
+    assert np.abs(scale.to_8_bit(values).astype(int) - [0, 1, 1, 127.5, 254, 254, 255]).max() <= 0.5
+    assert np.isinf(image.light_display[0, 0])
+    assert np.isfinite(image.light_display).sum() == HEIGHT * WIDTH - 1
+
+
+def test_a_map_is_exported_once(image: PageImage, tmp_path: Path) -> None:
+    scale = DisplayScale("linear", 1.0, 2.0)
+    for name in ("map.csv", "map.png", "map.tif", "map.exr"):
+        export_map(image, tmp_path / name, scale)
+    light = image.luminance.luminance_cd_m2
+    assert np.loadtxt(tmp_path / "map.csv", delimiter=",") == pytest.approx(light, rel=1e-5)
+    for name in ("map.tif", "map.exr"):
+        assert np.array_equal(load_luminance(tmp_path / name)[0].luminance_cd_m2, light)
+    with pytest.raises(InputError, match="exists already"):
+        export_map(image, tmp_path / "map.csv", scale)
+    with pytest.raises(InputError, match="relative"):
+        export_map(replace(image, unit="relative"), tmp_path / "other.tif", scale)

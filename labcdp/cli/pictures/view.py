@@ -17,7 +17,7 @@ def view(
     light: PictureLightOptions,
     file: Path = typer.Argument(
         metavar="FILE",
-        help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ, NetCDF), a picture or frame, a video or a "
+        help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ), a picture or frame, a video or a "
         "recorded session.",
     ),
     frame: str | None = typer.Option(None, help="Frame of a video or session, for example 250; default: the first."),

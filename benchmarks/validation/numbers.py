@@ -24,12 +24,11 @@ from labcdp.calibration.emva import characterise_data_set
 from labcdp.evaluate.sweep.thesis.reproduce import FIGURE_3_10, TABLE_5_3, ReproducedRow, reproduce_row
 from labcdp.metrics import DetectionInterval, Distribution, d_prime
 from labcdp.tracking import make_tracker
-from tests.calibration.emva.test_reference_set import PUBLISHED, PUBLISHED_LINEARITY
+from tests.calibration.emva.test_reference_set import NAMES, SETS
 from tests.metrics.test_cdp import NORMAL, closed_form
 
 from .check import Check, absolute, by_noise, not_run, relative
 
-REFERENCE_SET = "EMVA1288_ReferenceSet_001_CCD_12Bit"
 _WORLDS = ("ideal", "patch scatter 0.3 %", "lamp flicker 1 %", "lamp drift 1 %", "PRNU 1 %", "gamma 2.2", "together")
 _VIDEOS = ("shift", "larger", "turned", "heavy noise", "jump 60 px", "fog", "something in front", "leaves the image")
 _CAMERA = {"sensor.prnu_rel": 0.0, "sensor.dsnu_e": 0.0, "sensor.dsnu_e_s": 0.0}
@@ -72,16 +71,16 @@ def exact_arithmetic(regions: int = 200) -> Iterator[Check]:
 
 
 def reference_sets(folder: Path | None) -> Iterator[Check]:
-    """Compare with the published evaluation of EMVA 1288 reference set 001."""
-    place = folder / REFERENCE_SET if folder else None
-    if place is None or not place.is_dir():
-        yield not_run("reference set 001", f"give --emva FOLDER or LABCDP_EMVA_DATA with {REFERENCE_SET} in it")
-        return
-    found = characterise_data_set(place)
-    for name, truth in PUBLISHED.items():
-        yield relative(f"set 001, {name}", truth, getattr(found, name).value, 0.0006, "published with the set")
-    for name, truth in PUBLISHED_LINEARITY.items():
-        yield absolute(f"set 001, {name}", truth, getattr(found, name).value, 1e-5, "published with the set")
+    """Compare with the EMVA's own evaluation of its reference sets."""
+    for name, truths, limit, _ in SETS:
+        place = (folder or Path()) / f"EMVA1288_ReferenceSet_{name}"
+        if not place.is_dir():
+            yield not_run(f"set {name}", f"give --emva FOLDER or LABCDP_EMVA_DATA with {place.name} in it")
+            continue
+        found = characterise_data_set(place)
+        for quantity, truth in zip(NAMES, truths, strict=True):
+            source = "reference implementation, github.com/EMVA1288/emva1288 at 2ed0b40"
+            yield relative(f"set {name}, {quantity}", truth, getattr(found, quantity).value, limit, source)
 
 
 def thesis(seeds: int) -> Iterator[Check]:

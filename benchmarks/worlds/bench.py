@@ -91,9 +91,7 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
     shown = read_patches(after, target.luminance_cd_m2, scales, rng, LIGHT_S, READ_S)
     breathing = 1 + world.breathing_rel * float(rng.normal())
     asked = {"bright": "B", "dark": "D", "contrast": pair.contrast, "epsilon": pair.epsilon}
-    with recorder.record(
-        "use", target, shown, frames=(FRAMES[0], 2), contrast=asked, breathing=breathing, steady=True
-    ) as session:
+    with recorder.record("use", target, shown, frames=(FRAMES[0], 2), contrast=asked, after=breathing) as session:
         evaluation = session.evaluate(calibration).evaluation
     return _compared(device, calibration, evaluation, pair, target, rng)
 
@@ -110,7 +108,7 @@ def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:
     )
     source = 0.8 * BRIGHTEST_CD_M2 * (1 + world.unevenness_rel * pattern / np.std(pattern))
     target = Target({"source": (0, 0, WIDTH, HEIGHT)}, {}, {}, source)
-    return recorder.record("flat", target, (), frames=FLAT_FRAMES, exposures_s=(min(world.exposures_s),), steady=True)
+    return recorder.record("flat", target, (), frames=FLAT_FRAMES, exposures_s=(min(world.exposures_s),), after=1.0)
 
 
 def _compared(

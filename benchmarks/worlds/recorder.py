@@ -50,8 +50,7 @@ class Recorder:
         frames: tuple[int, int],
         exposures_s: Sequence[float] | None = None,
         contrast: dict[str, object] | None = None,
-        breathing: float = 1.0,
-        steady: bool = False,
+        after: float | None = None,
     ) -> labcdp.Session:
         """Record a target: light frames, readings, dark frames.
 
@@ -69,10 +68,9 @@ class Recorder:
             Exposure times; None for those of the world.
         contrast : dict or None
             Contrast to evaluate.
-        breathing : float
-            Factor on the responsivity by focusing anew.
-        steady : bool
-            Whether the lamp is as at the first frame throughout.
+        after : float or None
+            Factor on the responsivity by focusing anew after the calibration, whose lamp then stays as at the first
+            frame; None for the calibration itself.
         """
         world = self.device.world
         exposures_s = exposures_s or world.exposures_s
@@ -82,8 +80,8 @@ class Recorder:
         times = np.linspace(0, LIGHT_S, len(exposures_s) * n_light)
         taken = []
         for exposure_s, second in zip(np.repeat(exposures_s, n_light), times, strict=True):
-            light = target.scene if steady else target.scene * lamp(world, float(second))
-            dn = expose(self.device, light, float(exposure_s), self._rng, breathing)
+            light = target.scene * lamp(world, float(second)) if after is None else target.scene
+            dn = expose(self.device, light, float(exposure_s), self._rng, 1.0 if after is None else after)
             taken.append((self._frame(dn, float(exposure_s), second), "light", None))
         for exposure_s in np.repeat(exposures_s, n_dark):
             dn = expose(self.device, 0.0, float(exposure_s), self._rng)

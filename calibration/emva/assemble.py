@@ -19,7 +19,7 @@ from .photon_transfer import Slope, departure_rel, points_to_fit, require_noise,
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
 from .saturation import Saturation, find_saturation
 from .series import SeriesPoint
-from .snr import dynamic_range, sensitivity_threshold_e, snr_max
+from .snr import sensitivity_threshold_e, snr_max
 
 #: The definitions used.
 DEFINITION = "EMVA 1288 Release 4.0 Linear; LE_min and LE_max after Release 3.1"
@@ -123,8 +123,10 @@ def assemble(
         full_well_e=full_well,
         snr_max=snr_max(full_well, note),
         sensitivity_threshold_e=threshold,
-        sensitivity_threshold_photons=None if qe is None else _over(threshold, qe),
-        dynamic_range=dynamic_range(full_well, threshold, note),
+        sensitivity_threshold_photons=None
+        if qe is None
+        else threshold.over(qe, "photons", "with the quantum efficiency stated"),
+        dynamic_range=full_well.over(threshold, "1", note),
         series=tuple(points),
         darks=tuple(darks),
         findings=unique(findings),
@@ -168,11 +170,5 @@ def _saturation(
     return (
         Quantity(net, relative * net, "DN", "above the dark signal"),
         None if photons is None else Quantity(photons, relative * photons, "photons", "known to half a step"),
-        Quantity(value, hypot(relative, k.standard_uncertainty / k.value) * value, "e-", note),
+        Quantity(value, hypot(relative, k.relative) * value, "e-", note),
     )
-
-
-def _over(threshold_e: Quantity, qe: Quantity) -> Quantity:
-    value = threshold_e.value / qe.value
-    relative = hypot(threshold_e.standard_uncertainty / threshold_e.value, qe.standard_uncertainty / qe.value)
-    return Quantity(value, value * relative, "photons", "with the quantum efficiency stated")

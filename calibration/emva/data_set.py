@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot
 from os import PathLike
 from typing import Any
 
@@ -142,8 +141,7 @@ def _sensitivity(points: Sequence[SeriesPoint], transfer: Transfer) -> Sensitivi
         return Sensitivity(**errors)
     note = f"up to 70 % of saturation; {_WITHOUT_PHOTONS}"
     r = Quantity(fit.value, fit.standard_uncertainty, "DN/photon", note)
-    relative = hypot(r.standard_uncertainty / r.value, k.standard_uncertainty / k.value)
-    qe = Quantity(r.value / k.value, relative * r.value / k.value, "1", f"R / K; {_WITHOUT_PHOTONS}")
+    qe = r.over(k, "1", f"R / K; {_WITHOUT_PHOTONS}")
     return Sensitivity(responsivity=r, quantum_efficiency=qe, **errors)
 
 

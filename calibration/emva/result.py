@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from math import nan
+from math import hypot, nan
 from typing import Literal
 
 import numpy as np
@@ -38,6 +38,16 @@ class Quantity:
     standard_uncertainty: float
     unit: str
     note: str = ""
+
+    @property
+    def relative(self) -> float:
+        """Relative standard uncertainty."""
+        return self.standard_uncertainty / abs(self.value)
+
+    def over(self, other: Quantity, unit: str, note: str = "") -> Quantity:
+        """Ratio to an independent quantity."""
+        value = self.value / other.value
+        return Quantity(value, abs(value) * hypot(self.relative, other.relative), unit, note)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 from typing import Any
 
@@ -38,21 +39,11 @@ def snr(
 
 def sensitivity_threshold_e(dark_noise_dn: Quantity, k: Quantity) -> Quantity:
     """Signal at which SNR is 1: mu_e.min = sigma_y.dark / K + 1/2 (EMVA 1288 Release 4.0 Linear)."""
-    value = dark_noise_dn.value / k.value
-    relative = np.hypot(dark_noise_dn.standard_uncertainty / dark_noise_dn.value, k.standard_uncertainty / k.value)
-    return Quantity(value + 0.5, float(value * relative), "e-")
+    noise = dark_noise_dn.over(k, "e-")
+    return replace(noise, value=noise.value + 0.5)
 
 
 def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
     """SNR at saturation: sqrt(mu_e.sat) (EMVA 1288 Release 4.0 Linear)."""
     value = sqrt(full_well_e.value)
     return Quantity(value, full_well_e.standard_uncertainty / (2 * value), "1", note)
-
-
-def dynamic_range(full_well_e: Quantity, threshold_e: Quantity, note: str = "") -> Quantity:
-    """Saturation over threshold (EMVA 1288 Release 4.0 Linear)."""
-    value = full_well_e.value / threshold_e.value
-    relative = np.hypot(
-        full_well_e.standard_uncertainty / full_well_e.value, threshold_e.standard_uncertainty / threshold_e.value
-    )
-    return Quantity(value, float(value * relative), "1", note)

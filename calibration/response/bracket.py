@@ -63,27 +63,23 @@ class CalibratedCamera(Conversion, Protocol):
     @property
     def state(self) -> CameraState:
         """Camera and settings."""
-        ...
 
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it."""
-        ...
 
     def dark_spread_cd_m2(self, frame: Frame) -> float:
         """Return what dark signal non-uniformity and drift of the black level make of a pixel's luminance."""
-        ...
 
 
 def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> Bracket:
     """Luminance of a still scene from frames at several exposures.
 
     Each pixel is the mean of its exposures with the inverse of their variances as weights, which minimises its
-    variance. Saturated and defect pixels are excluded. The weights follow from the mean luminance, not from each
-    exposure's value, as noise would give low values more weight. For the same reason an exposure is excluded where
-    saturation is expected within three standard deviations of the mean luminance. Common errors are the same in all
-    exposures and are weighted like these; so is the noise of flat field and dark library, treated as one error of a
-    pixel at all exposures. Exposures that differ by more than noise, dark signal non-uniformity and `TOLERANCE_REL`
-    (chi^2) are flagged: something moved or flickered.
+    variance; saturated and defect pixels are excluded. The weights follow from the mean luminance, not from each
+    exposure's value, as noise would give low values more weight; for the same reason an exposure is excluded where
+    saturation is expected within three standard deviations. Common errors are weighted like the exposures; so is the
+    noise of flat field and dark library, one error of a pixel at all exposures. Exposures that differ by more than
+    noise, dark signal non-uniformity and `TOLERANCE_REL` (chi^2) are flagged: something moved or flickered.
 
     Parameters
     ----------
@@ -121,10 +117,7 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Exposure:
-    """A frame, its noise, and the index of the first frame that is alike but for the pixels.
-
-    `luminance_cd_m2` and `variance` are the knots of the pixels' variance over the luminance.
-    """
+    """A frame, the first one alike but for the pixels, and knots of the pixels' variance over the luminance."""
 
     frame: Frame
     first: int

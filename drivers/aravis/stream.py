@@ -10,6 +10,7 @@ from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..host.kernel import RECEIVE_LIMIT_BYTES
 from ..host.sockets import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
 from .frames import FrameCheck, arrival, refusal
@@ -123,7 +124,8 @@ class FrameStream:
         if is_gige:
             self._link.stream_port = self._stream.get_port()
             # Aravis would do so only at the first packet, too late for the first frame.
-            granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
+            several = min(n_buffers * self._payload_bytes, RECEIVE_LIMIT_BYTES)
+            granted = enlarge_receive_buffer(self._stream.get_port(), max(self._payload_bytes, several))
             self._granted_bytes = None if has_packet_sockets() else granted
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
         camera.start_acquisition()

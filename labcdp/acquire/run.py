@@ -73,8 +73,7 @@ def acquire(
 ) -> tuple[Left, ...]:
     """Record the missing parts of a session's plan.
 
-    Frames are written while others are taken, each reading before the next. If the run is interrupted, the data taken
-    so far is recorded, and calling this again takes only the rest.
+    Frames are written while others are taken. After an interruption, calling this again takes only the rest.
 
     Parameters
     ----------
@@ -111,9 +110,8 @@ def acquire(
     _begin(session, camera, meter)
     control = control or Control()
     frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
-    readings = ReadingRecorder(session, meter, operator, report, control)
     frames.warm_up()
-    run = _Run(session, operator, frames, readings)
+    run = _Run(session, operator, frames, ReadingRecorder(session, meter, operator, report, control))
     left: list[Left] = []
     if session.exposures_s is None:
         try:

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
-from math import ceil, cos, isfinite, pi, radians, sin, sqrt
-from numbers import Real
-from typing import Any, ClassVar, TypeAlias
+from dataclasses import dataclass, field
+from math import ceil, cos, pi, radians, sin, sqrt
+from typing import ClassVar, TypeAlias
 
-from ..core.disk.quoting import MOST_QUOTED, quoted
+from ..core.disk.quoting import quoted
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .geometry import require_simple
+from .shape_checks import check_box, check_limits, check_name, number
 
 #: Largest distance of an ellipse from the polygon that stands for it, in pixels, and the most corners that has.
 _SAGITTA_PX = 0.01
 _MOST_CORNERS_OF_ELLIPSE = 4096
 
-#: More regions, corners of one, or corners of all, are refused; and so are coordinates beyond any image.
+#: More regions, corners of one, or corners of all, are refused.
 MOST_REGIONS = 10_000
 MOST_CORNERS = 100_000
 _MOST_CORNERS_OF_ALL = 2_000_000
-_MOST_PX = 1e7
 
 _Corner: TypeAlias = tuple[float, float]
 #: Lowest and highest permitted luminance of a region in cd/m^2.
@@ -55,7 +54,7 @@ class PolygonShape:
 
     def __post_init__(self) -> None:
         check_name(self.name)
-        _check_limits(self)
+        check_limits(self)
         corners = self.corners
         if not (isinstance(corners, Sequence) and 3 <= len(corners) <= MOST_CORNERS):
             raise InputError(
@@ -68,7 +67,7 @@ class PolygonShape:
         key = f"corners[{at}]"
         if not (isinstance(corner, Sequence) and not isinstance(corner, str) and len(corner) == 2):
             raise InputError(f"region {quoted(self.name)}: {key} is {quoted(corner)}: give the two numbers [x, y]")
-        return _number(self.name, f"{key}[0]", corner[0]), _number(self.name, f"{key}[1]", corner[1])
+        return number(self.name, f"{key}[0]", corner[0]), number(self.name, f"{key}[1]", corner[1])
 
     def rois(self) -> tuple[Roi, ...]:
         """Return the polygon as the one region."""
@@ -100,7 +99,7 @@ class _Box:
 
     def __post_init__(self) -> None:
         check_name(self.name)
-        _check_box(self)
+        check_box(self)
 
     def _turned(self, corners: Iterable[_Corner]) -> tuple[_Corner, ...]:
         """Turn corners, given from the middle of the box, and put them where the box is."""
@@ -199,7 +198,7 @@ class GridShape:
 
     def __post_init__(self) -> None:
         check_name(self.name)
-        _check_box(self)
+        check_box(self)
         for key in ("rows", "columns"):
             value: object = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
@@ -279,52 +278,3 @@ def rois_of(shapes: Iterable[Shape]) -> tuple[Roi, ...]:
         if len(roi.corners) <= 4 or roi.area == 0 or roi.name in drawn:
             require_simple(roi)
     return tuple(rois)
-
-
-def check_name(name: object) -> None:
-    """Refuse what is no name for a region: 1 to 100 printable characters, no space at its ends; raises InputError."""
-    good = isinstance(name, str) and 0 < len(name) <= MOST_QUOTED and name == name.strip() and name.isprintable()
-    if not good:
-        raise InputError(
-            f"the name of a region is {quoted(name)}: give 1 to {MOST_QUOTED} printable characters, without spaces at "
-            "its ends"
-        )
-
-
-def _check_box(shape: Any) -> None:
-    """Make the numbers of a shape with a box floats, and refuse what is no finite number or has no size."""
-    for one in fields(shape):
-        if one.name not in ("name", "rows", "columns", "limits_cd_m2"):
-            object.__setattr__(shape, one.name, _number(shape.name, one.name, getattr(shape, one.name)))
-    _check_limits(shape)
-    for key in ("width", "height"):
-        value = getattr(shape, key)
-        if not value > 0:
-            raise InputError(f"region {quoted(shape.name)}: {key} is {value:g}: give a number of pixels above 0")
-
-
-def _check_limits(shape: Any) -> None:
-    given = shape.limits_cd_m2
-    if given is None:
-        return
-    if not (isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2):
-        raise InputError(f"region {quoted(shape.name)}: limits_cd_m2 is {quoted(given)}: give two numbers [low, high]")
-    low, high = (_number(shape.name, "limits_cd_m2", one) for one in given)
-    if not 0 <= low < high:
-        raise InputError(f"region {quoted(shape.name)}: limits_cd_m2 is [{low:g}, {high:g}]: give 0 <= low < high")
-    object.__setattr__(shape, "limits_cd_m2", (low, high))
-
-
-def _number(name: str, key: str, value: object) -> float:
-    if type(value) is not bool and isinstance(value, Real):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = float("inf")
-        if abs(number) <= _MOST_PX:
-            return number
-        if isfinite(number):
-            raise InputError(
-                f"region {quoted(name)}: {key} is {number:g}: give a number from {-_MOST_PX:g} to {_MOST_PX:g}"
-            )
-    raise InputError(f"region {quoted(name)}: {key} is {quoted(value)}: give a finite number")

@@ -28,6 +28,16 @@ _INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
+class Recorded:
+    """Options for a session instead of devices."""
+
+    replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices.")
+    speed: float | None = typer.Option(
+        None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
+    )
+
+
+@dataclass(frozen=True)
 class Again:
     """Options for what of a session is recorded again."""
 
@@ -66,6 +76,7 @@ class Person:
 
 def acquire(
     devices: DeviceOptions,
+    recorded: Recorded,
     person: Person,
     again: Again,
     configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see labcdp init bench."),
@@ -73,16 +84,12 @@ def acquire(
     roi: Path | None = typer.Option(
         None, help="Region file whose regions are the patches of the target.", show_default="those of the configuration"
     ),
-    replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices."),
-    speed: float | None = typer.Option(
-        None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
-    ),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
     from ...session import SessionConfiguration
 
-    choice = devices.choice(replay, speed, person.rehearse)
+    choice = devices.choice(recorded.replay, recorded.speed, person.rehearse)
     operator = person.operator()
     wanted = SessionConfiguration.load(configuration)
     if roi is not None:

@@ -42,27 +42,19 @@ class TwinParameters:
         error is common to R and the readings and cancels.
     dark_current_e_s : Quantity
         Mean dark current at `temperature_c`; 0 if the dark signal does not grow with the exposure.
-    efficiency : Quantity
-        Quantum efficiency times transmittance of the lens: electrons per photon that reaches the lens.
-    full_well_e : Quantity
-        Full well in electrons; the note says if it is only a lower bound.
-    doubling_temperature_c : Quantity
-        Difference of temperature that doubles the dark current.
+    efficiency, full_well_e, doubling_temperature_c : Quantity
+        Quantum efficiency times transmittance of the lens (electrons per photon that reaches the lens); full well in
+        electrons (the note says if it is only a lower bound); difference of temperature that doubles the dark current.
     temperature_c : float
         Temperature of the sensor.
     transmittance : float
         The part of `efficiency` assigned to the lens.
-    bits : int
-        Bits of the converter.
-    pixel_pitch_m : float
-        Distance of pixel centres.
-    gain_db : float
-        Gain of the session.
+    bits, pixel_pitch_m, gain_db : int, float, float
+        Bits of the converter, distance of pixel centres, and gain of the session.
     findings : tuple of Finding
         What the twin cannot represent, or assumes.
     pattern_taken_off_dn : float
-        Standard deviation of a dark pattern that is subtracted from the frames, so that the noise contains only the
-        residual; 0 if none is.
+        Standard deviation of a dark pattern that is subtracted from the frames; 0 if none is.
     """
 
     noise: CameraNoise
@@ -189,13 +181,9 @@ def twin_parameters(
 
     Parameters
     ----------
-    session : Session
-        To read frames from.
-    observed : ObservedSession
-        What `observe_session` returned.
-    calibration : Calibration
-        Of this camera.
-    found : Characterisation
+    session, observed : Session, ObservedSession
+        To read frames from, and what `observe_session` returned.
+    calibration, found : Calibration, Characterisation
         Of this camera.
 
     Raises
@@ -227,8 +215,7 @@ def twin_parameters(
     doubling = found.doubling_temperature_c
     if doubling is None:
         doubling = Quantity(_TYPICAL_DOUBLING_K, nan, "K", "assumed, typical of silicon")
-        assumed = info("twin-doubling-assumed", doubling_k=_TYPICAL_DOUBLING_K, temperature_c=temperature_c)
-        findings.append(assumed)
+        findings.append(info("twin-doubling-assumed", doubling_k=_TYPICAL_DOUBLING_K, temperature_c=temperature_c))
     return TwinParameters(
         noise=noise,
         dark=setting.dark,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from ....calibration.verify.history import CameraHistory, HistoryPoint
 from ....core.finding import Finding, unique, warning
@@ -52,66 +52,65 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
 
 def _cameras(cameras: Sequence[Camera]) -> Table:
     columns = (
-        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1),
-        Column("camera", "camera", "", "Model and serial number, lens and setting."),
-        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras)),
-        Column("n_points", "points", "", "Calibrations and verifications."),
-        Column("first", "first", "", "Time of the first one."),
-        Column("last", "last", "", "Time of the last one."),
-        Column("change_rel", "change of R", "%", "Of the responsivity from first to last.", expanded="expanded_rel"),
-        Column("expanded_rel", "U of change", "%", "U (95 %); the scale of one meter cancels.", shown=False),
-        Column("changed", "changed", "", "Whether the change is more than its U."),
-    )
-    rows = []
-    for number, planes in enumerate(cameras, start=1):
-        for one in planes:
-            change, expanded = one.change_rel or (None, None)
-            verdict = None if change is None or expanded is None else "yes" if abs(change) > expanded else "no"
-            rows.append(
-                {
-                    "number": number,
-                    "camera": history_title(planes),
-                    "plane": one.plane or "",
-                    "n_points": len(one.points),
-                    "first": minute(one.points[0].measured),
-                    "last": minute(one.points[-1].measured),
-                    "change_rel": change,
-                    "expanded_rel": expanded,
-                    "changed": verdict,
-                }
-            )
-    return Table.of_rows("cameras", "Change of the responsivity", columns, rows)
+        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1,
+               value=lambda row: row[0]),
+        Column("camera", "camera", "", "Model and serial number, lens and setting.",
+               value=lambda row: history_title(row[1])),
+        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras),
+               value=lambda row: row[2].plane or ""),
+        Column("n_points", "points", "", "Calibrations and verifications.", value=lambda row: len(row[2].points)),
+        Column("first", "first", "", "Time of the first one.", value=lambda row: minute(row[2].points[0].measured)),
+        Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row[2].points[-1].measured)),
+        Column("change_rel", "change of R", "%", "Of the responsivity from first to last.", expanded="expanded_rel",
+               value=lambda row: row[2].change_rel and row[2].change_rel[0]),
+        Column("expanded_rel", "U of change", "%", "U (95 %); the scale of one meter cancels.", shown=False,
+               value=lambda row: row[2].change_rel and row[2].change_rel[1]),
+        Column("changed", "changed", "", "Whether the change is more than its U.",
+               value=lambda row: row[2].change_rel and _changed(*row[2].change_rel)),
+    )  # fmt: skip
+    rows = [(number, planes, one) for number, planes in enumerate(cameras, start=1) for one in planes]
+    return Table.of_items("cameras", "Change of the responsivity", columns, rows)
+
+
+def _changed(change_rel: float, expanded_rel: float) -> str:
+    return "yes" if abs(change_rel) > expanded_rel else "no"
 
 
 def _history(cameras: Sequence[Camera]) -> Table:
+    """One row for each number of a camera, plane and point."""
     planes = any(len(one) > 1 for one in cameras)
     meters = len({str(point.meter) for camera in cameras for one in camera for point in one.points}) > 1
     columns = (
-        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1),
-        Column("measured", "measured", "", "Time of the last reading."),
-        Column("by", "by", "", "Calibration, or verification with its verdict."),
-        Column("plane", "plane", "", "Colour plane.", shown=planes),
-        Column("weight", "weight", "", "Of the plane in the luminance.", decimals=3, shown=planes),
-        Column(
-            "responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.", expanded="expanded_r"
-        ),
-        Column(
-            "expanded_r", "U of responsivity", RESPONSIVITY, "U (95 %), the scale of the meter included.", shown=False
-        ),
-        Column("expanded_fit_rel", "U without meter scale", "%", "Relative U (95 %), the meter's scale excluded.", 2),
-        Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", expanded="expanded_dark_offset_dn"),
-        Column("expanded_dark_offset_dn", "U of dark offset", "DN", "U (95 %).", shown=False),
-        Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", expanded="expanded_dark_rate_dn_s"),
-        Column("expanded_dark_rate_dn_s", "U of dark rate", "DN/s", "U (95 %).", shown=False),
-        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3),
-        Column("meter", "meter", "", "Model and serial number of the meter.", shown=meters),
-        Column("file", "file", "", "Source file.", shown=False),
-    )
-    rows = [
-        _point(number, one, point) for number, planes in enumerate(cameras, start=1) for one, point in _by_time(planes)
-    ]
+        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1,
+               value=lambda row: row[0]),
+        Column("measured", "measured", "", "Time of the last reading.", value=lambda row: minute(row[2].measured)),
+        Column("by", "by", "", "Calibration, or verification with its verdict.",
+               value=lambda row: "calibration" if row[2].verdict is None else f"verification: {row[2].verdict}"),
+        Column("plane", "plane", "", "Colour plane.", shown=planes, value=lambda row: row[1].plane or ""),
+        Column("weight", "weight", "", "Of the plane in the luminance.", decimals=3, shown=planes,
+               value=lambda row: row[2].weight),
+        Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
+               expanded="expanded_r", value=lambda row: row[2].responsivity and row[2].responsivity[0]),
+        Column("expanded_r", "U of responsivity", RESPONSIVITY, "U (95 %), the scale of the meter included.",
+               shown=False, value=lambda row: (r := row[2].responsivity) and r[0] * r[2]),
+        Column("expanded_fit_rel", "U without meter scale", "%", "Relative U (95 %), the meter's scale excluded.", 2,
+               value=lambda row: row[2].responsivity and row[2].responsivity[1]),
+        Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", expanded="expanded_dark_offset_dn",
+               value=lambda row: row[2].dark_offset_dn[0]),
+        Column("expanded_dark_offset_dn", "U of dark offset", "DN", "U (95 %).", shown=False,
+               value=lambda row: row[2].dark_offset_dn[1]),
+        Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", expanded="expanded_dark_rate_dn_s",
+               value=lambda row: row[2].dark_rate_dn_s and row[2].dark_rate_dn_s[0]),
+        Column("expanded_dark_rate_dn_s", "U of dark rate", "DN/s", "U (95 %).", shown=False,
+               value=lambda row: row[2].dark_rate_dn_s and row[2].dark_rate_dn_s[1]),
+        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value=lambda row: row[2].k_dn_per_e),
+        Column("meter", "meter", "", "Model and serial number of the meter.", shown=meters,
+               value=lambda row: str(row[2].meter)),
+        Column("file", "file", "", "Source file.", shown=False, value=lambda row: row[2].source),
+    )  # fmt: skip
+    rows = [(number, *point) for number, camera in enumerate(cameras, start=1) for point in _by_time(camera)]
     note = "± is U (95 %), the scale error of the meter included."
-    return Table.of_rows("history", "Calibrations and verifications", columns, rows, note)
+    return Table.of_items("history", "Calibrations and verifications", columns, rows, note)
 
 
 def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
@@ -128,25 +127,3 @@ def _by_time(planes: Camera) -> list[tuple[CameraHistory, HistoryPoint]]:
     """Points of all planes, those of one measurement together."""
     points = [(one, point) for one in planes for point in one.points]
     return sorted(points, key=lambda pair: (pair[1].measured, pair[1].source))
-
-
-def _point(number: int, one: CameraHistory, point: HistoryPoint) -> dict[str, Any]:
-    r, own_rel, whole_rel = point.responsivity or (None, None, None)
-    offset, rate = point.dark_offset_dn, point.dark_rate_dn_s or (None, None)
-    return {
-        "number": number,
-        "measured": minute(point.measured),
-        "by": "calibration" if point.verdict is None else f"verification: {point.verdict}",
-        "plane": one.plane or "",
-        "weight": point.weight,
-        "responsivity": r,
-        "expanded_r": None if r is None or whole_rel is None else r * whole_rel,
-        "expanded_fit_rel": own_rel,
-        "dark_offset_dn": offset[0],
-        "expanded_dark_offset_dn": offset[1],
-        "dark_rate_dn_s": rate[0],
-        "expanded_dark_rate_dn_s": rate[1],
-        "k_dn_per_e": point.k_dn_per_e,
-        "meter": str(point.meter),
-        "file": point.source,
-    }

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.files.luminance_file import load_luminance
+from labcdp.web.maps.dataset import dataset_image
 from labcdp.web.maps.export import export_map
 from labcdp.web.maps.lines import isolines, profile
 from labcdp.web.regions.display import DisplayScale
@@ -79,3 +81,12 @@ def test_a_map_is_exported_once(image: PageImage, tmp_path: Path) -> None:
         export_map(image, tmp_path / "map.csv", scale)
     with pytest.raises(InputError, match="relative"):
         export_map(replace(image, unit="relative"), tmp_path / "other.tif", scale)
+
+
+def test_a_map_that_python_saved_is_read(image: PageImage, tmp_path: Path) -> None:
+    export_map(image, tmp_path / "map.tif", DisplayScale("linear", 1.0, 2.0))
+    labcdp.read_image(tmp_path / "map.tif").to_dataset().to_netcdf(tmp_path / "map.nc")
+    read = dataset_image(tmp_path / "map.nc")
+    assert np.array_equal(read.luminance.luminance_cd_m2, image.luminance.luminance_cd_m2)
+    # Without the common 4 %.
+    assert read.readout(44.2, 3.3) == "x 44, y 3 · 1.494 ± 0.088 cd/m²"

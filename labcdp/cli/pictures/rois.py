@@ -107,9 +107,12 @@ def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> Non
 def _image(file: Path, frame: str | None, conversion: PictureConversion, options: PictureOptions) -> PageImage:
     from ...files.picture.read import read_picture
     from ...files.video.selection import Position
+    from ...web.maps.dataset import dataset_image
     from ...web.regions.page_image import PageImage
     from ...web.regions.video_image import is_video, video_image
 
+    if file.suffix.lower() == ".nc":
+        return dataset_image(file)
     if is_video(file):
         return video_image(file, Position.parse(frame or "0", "--frame"), conversion, options)
     return PageImage.of(read_picture(file, options), conversion)

@@ -17,8 +17,8 @@ def view(
     light: PictureLightOptions,
     file: Path = typer.Argument(
         metavar="FILE",
-        help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ, NetCDF), a picture or frame, a video or a "
-        "recorded session.",
+        help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ) or saved from Python (NetCDF), a picture or "
+        "frame, a video or a recorded session.",
     ),
     frame: str | None = typer.Option(None, help="Frame of a video or session, for example 250; default: the first."),
     roi: Path | None = typer.Option(None, help="Region file to start from."),

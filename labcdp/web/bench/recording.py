@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire
 from ...acquire.attempt import no_bare_session
+from ...acquire.operator import AskedOperator
 from ...core.errors import LabcdpError
 from ...drivers.meter import Meter
 from ...session import Session, SessionConfiguration
@@ -43,7 +44,7 @@ class Question:
     findings: tuple[str, ...] = ()
 
 
-class PageOperator:
+class PageOperator(AskedOperator):
     """The person at the bench, asked on the page.
 
     Parameters
@@ -55,7 +56,8 @@ class PageOperator:
     """
 
     def __init__(self, changed: Callable[[], None], hands: Operator | None) -> None:
-        self._changed, self._hands = changed, hands
+        super().__init__(hands)
+        self._changed = changed
         self._condition = Condition()
         self._question: Question | None = None
         self._answer: str | None = None
@@ -79,29 +81,9 @@ class PageOperator:
             self._ended = True
             self._condition.notify_all()
 
-    def cover_lens(self) -> None:
-        """Ask for the cap."""
-        self._ask(Question("Cover the lens."))
-        if self._hands is not None:
-            self._hands.cover_lens()
-
-    def uncover_lens(self) -> None:
-        """Ask for a free lens."""
-        self._ask(Question("Uncover the lens and light the target."))
-        if self._hands is not None:
-            self._hands.uncover_lens()
-
-    def point_meter(self, patch: str) -> None:
-        """Ask for the meter to be pointed."""
-        self._ask(Question(f"Point the luminance meter at the centre of patch {patch}.", patch))
-        if self._hands is not None:
-            self._hands.point_meter(patch)
-
-    def show_patch(self, patch: str) -> None:
-        """Ask for the next patch."""
-        self._ask(Question(f"Place patch {patch} in front of camera and luminance meter.", patch))
-        if self._hands is not None:
-            self._hands.show_patch(patch)
+    def request(self, step: str, patch: str = "") -> None:
+        """Ask for a step."""
+        self._ask(Question(f"{step}.", patch))
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
         """Ask whether to repeat a unit."""

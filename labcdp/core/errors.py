@@ -13,6 +13,10 @@ class ConfigurationError(InputError):
     """A configuration file has an unknown key, or a value of the wrong type, unit or range."""
 
 
+class PredictionError(InputError):
+    """A chain cannot be predicted without random numbers, but it can be simulated."""
+
+
 class SessionError(LabcdpError):
     """A recorded session is missing a file, was altered, or is in use."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import InputError, PredictionError
 from ..camera_model import CameraModel
 from ..chain import Chain
 from ..isp import ToneCurve
@@ -125,11 +125,13 @@ def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
             if chain.of_sensor(name, own) == stage:
                 if isinstance(sensor, Sensor):
                     return sensor, name
-                raise InputError(
+                raise PredictionError(
                     f"sensor {own!r} is no EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
                 )
     known = [chain.of_sensor(name, own) for own, _ in chain.sensors for name in chain.recorded_names]
-    raise InputError(f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}")
+    raise PredictionError(
+        f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}"
+    )
 
 
 def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
@@ -141,7 +143,7 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
         return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[place],)))
     curves = [one for name, one in chain.behind if names.index(name) <= place]
     if len(curves) > 1 or not all(isinstance(curve, ToneCurve) for curve in curves):
-        raise InputError(f"{stage} is behind other stages than one tone curve: simulate, or give an earlier stage")
+        raise PredictionError(f"{stage} is behind other stages than one tone curve: simulate, or give an earlier stage")
     curve = curves[0] if curves else None
     return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, ToneCurve) else None)
 
@@ -163,7 +165,7 @@ def _levels(scenes: Sequence[Scene]) -> tuple[FloatArray, FloatArray, tuple[int,
         )
     names = [level.name for level in cells[0]]
     if any([level.name for level in levels] != names for levels in cells):
-        raise InputError("the scenes have different regions: sweep over their luminance only, or simulate")
+        raise PredictionError("the scenes have different regions: sweep over their luminance only, or simulate")
     luminances = np.array([[level.luminance_cd_m2 for level in levels] for levels in cells])
     shares = np.array([[level.share for level in levels] for levels in cells])
     dark, bright = pairs[0]
@@ -178,7 +180,7 @@ def _veil_lx(front: Signal, cells: int) -> FloatArray:
     slope = (luminance[:, 2] - luminance[:, 0]) / scale
     middle = (luminance[:, 2] + luminance[:, 0]) / 2
     if not np.allclose(luminance[:, 1], middle, rtol=1e-9, atol=1e-9 * np.abs(luminance).max()):
-        raise InputError("a stage before the sensor is not linear in luminance: simulate instead")
+        raise PredictionError("a stage before the sensor is not linear in luminance: simulate instead")
     # What is subtracted cannot be negative; where nothing is, rounding could make it so.
     veil: FloatArray = np.maximum(-luminance[:, 0] / slope, 0.0)
     return veil

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import PredictionError
 from ..chain import Chain
 from ..optics import Optics
 from ..scene.checkerboard import Checkerboard
@@ -54,12 +54,12 @@ def mixed_pair(
 
     Raises
     ------
-    InputError
+    PredictionError
         If the optics are of another kind.
     """
     optics = next((stage for _, stage in chain.before if isinstance(stage, Optics)), None)
     if optics is None:
-        raise InputError(
+        raise PredictionError(
             "the scene is sampled finer than the pixels, which needs the standard optics: simulate instead"
         )
     found: dict[Any, list[tuple[FloatArray, FloatArray]]] = {}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...chain import Chain
-from ...core.errors import InputError
+from ...core.errors import InputError, PredictionError
 from ..sweep.axis import Axis
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Sweep
@@ -19,8 +19,13 @@ from .grid import Grid, map_grid, responsivity_grid
 from .rows import Named, values_of
 from .thing import Thing, read_things
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 #: Luminances at which chains are compared unless others are given: from starlight to a sunlit road sign.
 LUMINANCES = Axis("scene.luminance_cd_m2", tuple(np.geomspace(0.001, 1e5, 121).tolist()))
+#: How often ends of usable ranges are refined, and points between those around an end each time.
+_REFINEMENTS, _POINTS = 2, 32
 #: Longest text of a setting.
 _LONGEST = 60
 
@@ -133,28 +138,45 @@ def compare_things(
     if question is not None:
         raise InputError(f"parameters, contrast and tolerance are options for chains, {things[0].name} is a {kind}")
     if kind == "sweep":
-        return _maps(things, [thing.content for thing in things])
+        maps = [thing.content for thing in things]
+        return _maps(things, maps, [analyse_map(dataset) for dataset in maps])
     rows, unmatched = _rows(things)
     return Comparison(things, rows, unmatched, responsivity_grid(things) if kind == "calibration" else None)
 
 
 def _chains(things: tuple[Thing, ...], question: Question, progress: Callable[[int, int], None] | None) -> Comparison:
     """Predict all chains without random numbers, on the optical axis, as `labcdp.Chain.sweep` does."""
-    maps, changed = [], []
+    maps, analyses, changed = [], [], []
     for thing in things:
         chain: Chain = thing.content.with_(**question.changes) if question.changes else thing.content
         wanted = Sweep(chain, question.axes, True, None, question.contrast, question.epsilon)
         try:
             maps.append(run_sweep(wanted, None, progress))
         except InputError as error:
-            raise InputError(f"{thing.name}: {error}; or compare simulated maps of labcdp sweep") from error
+            instead = "; or compare simulated maps of labcdp sweep" if isinstance(error, PredictionError) else ""
+            raise InputError(f"{thing.name}: {error}{instead}") from error
+        analyses.append(_refined(wanted, maps[-1]))
         changed.append(replace(thing, settings=chain.document))
-    return replace(_maps(tuple(changed), maps), question=question)
+    return replace(_maps(tuple(changed), maps, analyses), question=question)
 
 
-def _maps(things: tuple[Thing, ...], maps: Sequence[Any]) -> Comparison:
-    grid = map_grid(things, maps)
-    return Comparison(things, grid=grid, analyses=tuple(analyse_map(dataset) for dataset in maps))
+def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
+    """Analyse a prediction, over the luminance alone with more points around each end of its usable ranges."""
+    from xarray import concat
+
+    analysis, (axis, *others) = analyse_map(found), sweep.axes
+    for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
+        brackets = {end.bracket for one in analysis.usable_ranges[0].intervals for end in one.ends}
+        inner = [np.linspace(low, high, _POINTS + 2)[1:-1] for low, high in sorted(brackets) if low < high]
+        if inner:
+            more = run_sweep(replace(sweep, axes=(replace(axis, values=np.concatenate(inner)),)))
+            found = concat([found, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)
+            analysis = analyse_map(found)
+    return analysis
+
+
+def _maps(things: tuple[Thing, ...], maps: Sequence[Dataset], analyses: Sequence[MapAnalysis]) -> Comparison:
+    return Comparison(things, grid=map_grid(things, maps), analyses=tuple(analyses))
 
 
 def _rows(things: tuple[Thing, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:

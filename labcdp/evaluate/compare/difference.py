@@ -27,15 +27,23 @@ class Uncertain:
     common : mapping of str to array_like of float
         Part of the uncertainty by each error that other values may have, too: its standard uncertainty over the whole,
         0 to 1, by what identifies the error, for example a meter and its state.
+    sources : tuple of str
+        In place of `common` what the uncertainty is by, if the parts are not known.
     """
 
     value: ArrayLike
     below: ArrayLike = 0.0
     above: ArrayLike = 0.0
     common: Mapping[str, ArrayLike] = field(default_factory=dict)
+    sources: tuple[str, ...] = ()
 
     def correlation(self, other: Uncertain) -> NDArray[np.float64]:
-        """Return the coefficient of correlation: sum of the products of the parts by errors that both have."""
+        """Return the coefficient of correlation: sum of the products of the parts by errors that both have.
+
+        If the parts are not known, it is 1 if all sources are the same, 0 if none is, and nan otherwise.
+        """
+        if n_same := len({*self.sources} & {*other.sources}):
+            return np.array(1.0 if n_same == len({*self.sources, *other.sources}) else np.nan)
         shared = [np.multiply(part, other.common[name]) for name, part in self.common.items() if name in other.common]
         total: NDArray[np.float64] = np.clip(np.sum(np.broadcast_arrays(0.0, *shared), axis=0), 0.0, 1.0)
         return total

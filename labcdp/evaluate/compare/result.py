@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from math import isfinite
 from typing import Any
 
@@ -12,12 +13,15 @@ from ...core.finding import Finding, info, warning
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...report.cells import cell_text
-from ..sweep.maps.ranges import UsableInterval
+from ..sweep.maps.axes import MapAxis
+from ..sweep.maps.map import MapAnalysis
+from ..sweep.maps.ranges import End
 from ..sweep.report.labels import axis_name, axis_unit, ends_text, plain
 from ..sweep.report.result import ranges_table
 from .compare import Compared, Comparison
 from .difference import Uncertain
 from .grid import Grid
+from .thing import Thing
 
 #: Share of values without a difference that differ significantly by chance.
 _BY_CHANCE = 0.05
@@ -27,6 +31,10 @@ _MOST_CELLS, _PRINTED = 200_000, 30
 _FEW = 3
 #: Settings without which CDPs of maps answer different questions.
 _QUESTION = ("contrast", "epsilon", "scene.contrast")
+#: Digits of ends of usable ranges that are refined, and of those interpolated between grid points.
+_REFINED, _INTERPOLATED = 3, 2
+#: Relative distance of the points around an end beyond which the one that is high enough is a bound only.
+_KNOWN = 0.01
 #: Difference of the halves of a symmetric interval by rounding, relative to its width.
 _ASYMMETRY = 1e-6
 
@@ -81,25 +89,16 @@ def _of_responsivities(found: Comparison, grid: Grid) -> Iterator[Finding]:
 def _of_maps(found: Comparison) -> Iterator[Finding]:
     grid = found.grid
     assert grid is not None
-    axis, level = grid.axes[-1], found.analyses[0].level
-    named = list(zip([thing.name for thing in found.things], map(_widest, found.analyses), strict=True))
-    usable = [(name, one) for name, one in named if one is not None]
-    none = [f"{name} nowhere" for name, one in named if one is None]
-    unit = axis_unit(axis)
-    if usable and axis.is_luminance and len(grid.axes) == 1:
-        (best, first), *rest = sorted(usable, key=lambda pair: pair[1].low)
-        others = [f"to {plain(one.low)} by {name}" for name, one in rest]
-        if len(rest) == 1:
-            others = [f"{others[0]}, {plain(rest[0][1].low / first.low)} times as much"]
-        yield info(
-            "compare-darkest", best, level=level, low=first.low, unit=unit, bound="≤ " if first.ends[0].is_open else "",
-            others=[*others, *none],
-        )  # fmt: skip
-    elif usable:
-        (best, first), *rest = sorted(usable, key=lambda pair: pair[1].width, reverse=True)
-        others = [f"{name} {ends_text(axis, one)} {unit}".rstrip() for name, one in rest]
-        span = f"{ends_text(axis, first)} {unit}".rstrip()
-        yield info("compare-ranges", best, axis=axis_name(axis), level=level, range=span, others=[*others, *none])
+    axis, analyses = grid.axes[-1], found.analyses
+    if any(one.widest for one in analyses):
+        dark = axis.is_luminance and len(grid.axes) == 1
+        refined = found.question is not None and dark
+        values = {"level": analyses[0].level, "how": "" if refined else " (interpolated between grid points)"}
+        if dark:
+            texts = list(_lows(found, axis, _REFINED if refined else _INTERPOLATED))
+            yield info("compare-darkest", lows=texts, **values)
+        else:
+            yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(found, axis)), **values)
     if len(found.things) > _FEW:
         return
     for thing, one in zip(found.things[1:], grid.differences, strict=True):
@@ -110,8 +109,41 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
             yield info("compare-maps-significant", thing.name, first=found.things[0].name, share=share)
 
 
-def _widest(analysis: Any) -> UsableInterval | None:
-    return None if analysis.widest is None else analysis.widest.widest
+def _lows(found: Comparison, axis: MapAxis, n_digits: int) -> Iterator[str]:
+    """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
+    all_intervals = [(thing.name, one.usable_ranges[0].intervals) for thing, one in _pairs(found)]
+    usable = sorted(((name, own) for name, own in all_intervals if own), key=lambda pair: pair[1][0].low)
+    unit, ends = f" {axis_unit(axis)}", [own[0].ends[0] for _, own in usable]
+    for number, (name, own) in enumerate(usable):
+        gaps = [f"{plain(a.high, n_digits)} to {plain(b.low, n_digits)}" for a, b in pairwise(own)]
+        ratio = plain(ends[number].place / ends[0].place, n_digits) if number and len(usable) == 2 else "1"
+        yield "".join((
+            "to " if number else "",
+            f"≤ {plain(ends[number].place)}" if _bound(ends[number]) else plain(ends[number].place, n_digits),
+            f"{'' if number else unit} by {name}",
+            f" (with {'a gap' if len(gaps) == 1 else 'gaps'} from {', '.join(gaps)})" if gaps else "",
+            f", {ratio} times as much" if ratio != "1" and not any(map(_bound, ends)) else "",
+        ))  # fmt: skip
+    yield from (f"{name} nowhere" for name, own in all_intervals if not own)
+
+
+def _spans(found: Comparison, axis: MapAxis) -> Iterator[str]:
+    """Yield the widest range of each, the widest first."""
+    widest = [(thing.name, one.widest and one.widest.widest) for thing, one in _pairs(found)]
+    usable = sorted(((name, one) for name, one in widest if one), key=lambda pair: pair[1].width, reverse=True)
+    for name, one in usable:
+        yield f"{ends_text(axis, one, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
+    yield from (f"{name} nowhere" for name, one in widest if not one)
+
+
+def _pairs(found: Comparison) -> Iterator[tuple[Thing, MapAnalysis]]:
+    return zip(found.things, found.analyses, strict=True)
+
+
+def _bound(end: End) -> bool:
+    """Whether a lower end may be well below its place."""
+    below, above = end.bracket
+    return end.is_open or not (end.resolved or above - below < _KNOWN * above)
 
 
 def _assumptions(found: Comparison) -> Iterator[Finding]:

@@ -11,7 +11,7 @@ from ...calibration.verify.history import histories
 from ...core.errors import InputError
 from ..bench.calibration.quantities import RESPONSIVITY
 from .difference import Uncertain
-from .thing import Thing
+from .thing import Thing, damaged
 
 #: Part of the uncertainty that other values may have, too: by what identifies it, the share of the variance.
 _Shares: TypeAlias = dict[str, float]
@@ -50,8 +50,8 @@ def values_of(thing: Thing) -> dict[str, Named]:
     of = {"session": _session, "picture": _picture, "characterisation": _characterisation, "calibration": _calibration}
     try:
         return {one.quantity: one for one in of[thing.kind](thing)}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"the results {thing.name} are damaged ({error!r}): run the command again") from error
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(damaged(thing.name)) from error
 
 
 def _session(thing: Thing) -> Iterator[Named]:
@@ -63,7 +63,7 @@ def _session(thing: Thing) -> Iterator[Named]:
         text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
         yield Named(text, "", _cdp(row, frames, calibration), True)
     for row in {row["pair"]: row for row in tables["contrasts"]["rows"]}.values():
-        value = _symmetric(row["camera_contrast"], row["expanded_camera_contrast"], {frames: 1.0})
+        value = _symmetric(row["camera_contrast"], row["expanded_camera_contrast"], {}, (frames, calibration))
         yield Named(f"contrast of {row['pair']}", "%", value)
 
 
@@ -80,7 +80,7 @@ def _picture(thing: Thing) -> Iterator[Named]:
         ends = [_percent(below) if below == above else f"{_percent(below)}, {_percent(above)}"]
         yield Named(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", "", _cdp(row, picture, calibration), True)
     for row in {row["pair"]: row for row in rows}.values():
-        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], {picture: 1.0})
+        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], {}, (picture, calibration))
         yield Named(f"contrast of {row['pair']}", "%", value)
 
 
@@ -107,9 +107,9 @@ def _calibration(thing: Thing) -> Iterator[Named]:
             yield Named(f"overall system gain K{plane}", "DN/e⁻", _symmetric(point.k_dn_per_e, None, {}))
 
 
-def _symmetric(value: Any, expanded: Any, shares: _Shares) -> Uncertain:
+def _symmetric(value: Any, expanded: Any, shares: _Shares, sources: tuple[str, ...] = ()) -> Uncertain:
     u = _number(expanded)
-    return Uncertain(_number(value), u, u, _roots(shares))
+    return Uncertain(_number(value), u, u, _roots(shares), sources)
 
 
 def _cdp(row: Mapping[str, Any], pixels: str, calibration: str) -> Uncertain:

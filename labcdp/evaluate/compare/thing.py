@@ -163,8 +163,13 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
             Thing(kind, one if several else name, {**content, "number": number}, inputs, settings, simulated)
             for number, one in enumerate(pictures, start=1)
         ]
-    except (KeyError, TypeError, ValueError, AttributeError):
-        raise InputError(f"{name} lacks a part of the results of labcdp {command}: run the command again") from None
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise InputError(damaged(name)) from None
+
+
+def damaged(name: str) -> str:
+    """Say that results lack what results of their command have."""
+    return f"the results {name} are damaged or of another version of labcdp: evaluate again"
 
 
 def _session(name: str, session: Session) -> list[Thing]:

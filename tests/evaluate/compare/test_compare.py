@@ -7,16 +7,18 @@ from math import hypot
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from scipy.optimize import brentq
 
 import labcdp
 from labcdp.calibration.errors.expanded import expanded_rel
 from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.report.result import session_result
-from labcdp.evaluate.compare.compare import compare_things
+from labcdp.evaluate.compare.compare import Question, compare_things
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
 from labcdp.report.envelope import envelope, schema
+from labcdp.report.findings import finding_text
 
 LUMINANCES = np.geomspace(0.5, 300, 12)
 
@@ -69,9 +71,15 @@ def test_chains_equal_the_sweep_of_each(chains):
         assert np.array_equal(values, sweep["cdp"].values)
     expected = sweeps[1]["cdp"].values - sweeps[0]["cdp"].values
     assert dataset["difference"].values[1] == pytest.approx(expected, abs=1e-12)
-    ranges = [sweep.labcdp.usable_range() for sweep in sweeps]
-    rows = found.to_dict()["tables"]["usable_ranges"]["rows"]
-    assert [row["low"] for row in rows] == [float(one["low"]) for one in ranges]
+    for chain, row in zip(chains, found.to_dict()["tables"]["usable_ranges"]["rows"], strict=True):
+
+        def excess(luminance, chain=chain):
+            one = chain.sweep(exact=True, scene__luminance_cd_m2=[luminance], contrast=1.0, epsilon=0.6)
+            return one["cdp"].item() - 0.9
+
+        for end in ("low", "high"):
+            if row[f"{end}_end"] == "CDP crosses":
+                assert row[end] == pytest.approx(brentq(excess, 0.99 * row[end], 1.01 * row[end], rtol=1e-5), rel=1e-4)
     # The maps of the sweeps say the same.
     again = labcdp.compare(*sweeps).to_dataset()
     assert np.array_equal(again["difference"].values, dataset["difference"].values, equal_nan=True)
@@ -82,6 +90,27 @@ def test_chains_equal_the_sweep_of_each(chains):
     assert "compare-question-differs" in codes(
         labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison
     )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "lows"),
+    [
+        # Usable from 2, not from 5 to 6, and from 2.5; the widest interval is that from 6.
+        ([0.85, 0.95, 0.95, 0.95, 0.9, 0.8, 1.0, 1.0], [0.8, 0.85, 0.95, 1.0, 1.0, 1.0, 1.0, 0.8],
+         ["1.5 cd/m² by a (with a gap from 5 to 6.5)", "to 2.5 by b, 1.7 times as much"]),
+        ([1.0] * 8, [0.95] * 8, ["≤ 1 cd/m² by a", "to ≤ 1 by b"]),
+        ([1.0] * 8, [0.85] + [0.95] * 7, ["≤ 1 cd/m² by a", "to 1.5 by b"]),
+        # Where CDP rises by more than 0.2 the end is anywhere up to the grid point.
+        ([0.0, *[1.0] * 7], [0.0] * 8, ["≤ 2 cd/m² by a", "b nowhere"]),
+    ],
+)  # fmt: skip
+def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
+    sweep = chains[0].sweep(exact=True, scene__luminance_cd_m2=np.arange(1.0, 9.0))
+    maps = [sweep.assign(cdp=sweep["cdp"].copy(data=np.array(cdp))) for cdp in (first, second)]
+    maps = [one.assign_attrs(title=name) for name, one in zip("ab", maps, strict=True)]
+    (said, *_) = compare_result(compare_things(maps)).findings
+    assert said.values["lows"] == lows
+    assert "between grid points" in finding_text(said)
 
 
 def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation, characterised):
@@ -143,6 +172,30 @@ def test_cdp_of_sessions_by_one_calibration_differ_by_their_pixels_alone(results
     assert by_another.z == pytest.approx(0.02 / hypot(0.005, 0.005))
 
 
+def test_contrasts_by_common_frames_or_a_common_calibration_have_no_significance(results):
+    """Their U is not stated by source, so that what cancels is unknown."""
+
+    def changed(factor, frames, calibration):
+        content = deepcopy(results)
+        (row, *_) = content["tables"]["contrasts"]["rows"]
+        row["camera_contrast"] *= factor
+        content["tables"]["contrasts"]["rows"] = [row]
+        for item in content["tables"]["provenance"]["rows"]:
+            if item["item"].startswith("SHA-256"):
+                item["value"] = frames if "frames" in item["item"] else calibration
+        return Written(content)
+
+    first = changed(1.0, "1", "a")
+    for second, differs in (
+        (changed(1.5, "1", "b"), "unknown"),
+        (changed(1.5, "2", "a"), "unknown"),
+        (changed(1.5, "2", "b"), "yes"),
+        (changed(1.0, "1", "b"), "no"),
+    ):
+        rows = compare_result(compare_things([first, second])).table("differences").rows()
+        assert [row["differs"] for row in rows if row["quantity"].startswith("contrast")] == [differs]
+
+
 def test_characterisations_side_by_side_with_z(characterised, tmp_path):
     found = compare_things([characterised(3.0, "0" * 64), characterised(3.4, "1" * 64), characterised(3.1, "2" * 64)])
     rows = [row for row in compare_result(found).table("differences").rows() if row["quantity"] == "read noise"]
@@ -162,11 +215,14 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results, character
         (["no such file", chains[0]], "^no such file does not exist: give chains, maps"),
         (["thesis-2018", "manta-g505"], "^thesis-2018: .*; or compare simulated maps of labcdp sweep$"),
         ([Written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
-        ([Written({"kind": "evaluate"}), chains[0]], "lacks a part of the results of labcdp evaluate"),
+        ([Written({"kind": "evaluate"}), chains[0]], "damaged or of another version of labcdp: evaluate again$"),
+        ([Written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
     ]
     for things, message in cases:
         with pytest.raises(InputError, match=message):
             compare_things(things)
+    with pytest.raises(InputError, match=r"^manta-g505 \(1\): a contrast is not above 0 .* \(1.0 is 100 %\)$"):
+        compare_things([chains[0], chains[1]], Question(contrast=0.0))
     with pytest.raises(InputError, match="options for chains"):
         labcdp.compare(Written(results), Written(results), contrast=1.0)
     empty = deepcopy(results)

@@ -84,9 +84,11 @@ def at_text(at: At, axes: dict[str, MapAxis]) -> str:
     return ", ".join(f"{axis_name(axes[name])} {value_text(axes[name], at[name])}" for name in varied)
 
 
-def ends_text(axis: MapAxis, interval: UsableInterval) -> str:
-    """Write the ends of an interval; an end of the map is a bound."""
-    ends = [plain(float(shown(axis, value)), 4 if axis.is_contrast else 3) for value in (interval.low, interval.high)]
+def ends_text(axis: MapAxis, interval: UsableInterval, n_digits: int = 4) -> str:
+    """Write the ends of an interval, with up to a number of digits; an end of the map is a bound."""
+    most = 4 if axis.is_contrast else 3
+    digits = [most if end.is_open else min(most, n_digits) for end in interval.ends]
+    ends = [plain(float(shown(axis, end.place)), n) for end, n in zip(interval.ends, digits, strict=True)]
     low, high = (sign if end.is_open else "" for sign, end in zip("≤≥", interval.ends, strict=True))
     return f"{low and f'{low} '}{ends[0]} to {high and f'{high} '}{ends[1]}"
 

@@ -167,7 +167,11 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
     analysis, (axis, *others) = analyse_map(found), sweep.axes
     for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
         brackets = {end.bracket for one in analysis.usable_ranges[0].intervals for end in one.ends}
-        inner = [np.linspace(low, high, _POINTS + 2)[1:-1] for low, high in sorted(brackets) if low < high]
+        inner = [
+            (np.geomspace if low > 0 else np.linspace)(low, high, _POINTS + 2)[1:-1]
+            for low, high in sorted(brackets)
+            if low < high
+        ]
         if inner:
             more = run_sweep(replace(sweep, axes=(replace(axis, values=np.concatenate(inner)),)))
             found = concat([found, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)

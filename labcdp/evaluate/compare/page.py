@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,9 +83,14 @@ def _cards(found: Comparison) -> Iterator[Card]:
             if one is None or one.widest is None:
                 yield Card(thing.name, "none", f"CDP nowhere ≥ {analysis.level:g}", state="bad")
                 continue
-            several = len(analysis.usable_ranges) > 1 or len(one.intervals) > 1
-            detail = f"{axis_unit(axis)}, {'widest ' if several else ''}range with CDP ≥ {analysis.level:g}"
-            yield Card(thing.name, ends_text(axis, one.widest), detail)
+            detail = f"{axis_unit(axis)}, {{}}range with CDP ≥ {analysis.level:g}"
+            if len(analysis.usable_ranges) > 1:
+                yield Card(thing.name, ends_text(axis, one.widest), detail.format("widest "))
+                continue
+            lowest, highest = one.intervals[0], one.intervals[-1]
+            gap = "" if lowest is highest else ", with gaps" if len(one.intervals) > 2 else ", with a gap"
+            whole = replace(lowest, ends=(lowest.ends[0], highest.ends[1]))
+            yield Card(thing.name, ends_text(axis, whole), detail.format("") + gap)
         return
     for thing in found.things[1 : _MOST_CARDS + 1]:
         own = [row for row in found.rows if row.name == thing.name]

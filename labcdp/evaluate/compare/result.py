@@ -93,7 +93,7 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
     if any(one.widest for one in analyses):
         dark = axis.is_luminance and len(grid.axes) == 1
         refined = found.question is not None and dark
-        values = {"level": analyses[0].level, "how": "" if refined else " (interpolated between grid points)"}
+        values = {"level": analyses[0].level, "how": "" if refined else " (between grid points)"}
         if dark:
             texts = list(_lows(found, axis, _REFINED if refined else _INTERPOLATED))
             yield info("compare-darkest", lows=texts, **values)

@@ -29,7 +29,7 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
     Raises
     ------
     InputError
-        If the address is not one of a network of this computer, or another device has it.
+        If the address is not one of a device in a network of this computer, or another device has it.
     CameraNotFoundError
         If no such camera answers there.
     CameraError
@@ -46,6 +46,10 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
         raise InputError(f"{address} is in no network of this computer: choose one of {listing}")
     if any(one.address.ip == address for one in known):
         raise InputError(f"{address} is an address of this computer: choose another one")
+    network = interface.address.network
+    # A network of 31 bits has neither (RFC 3021).
+    if network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
+        raise InputError(f"{address} is the network's or the broadcast address of {network}: choose one in between")
     try:
         return _set_address(interface, serial, address)
     except OSError as error:

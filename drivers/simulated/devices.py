@@ -107,8 +107,8 @@ class SimulatedBenchFile(Table):
         """
         return validated(cls, read_toml(path, "a simulated bench"), str(path))
 
-    def devices(self, folder: Path = Path()) -> BenchDevices:
-        """Make the devices; a chain file is sought in `folder`.
+    def devices(self, file: Path | None = None) -> BenchDevices:
+        """Make the devices; a chain file is sought in the folder of `file`, which this was read from.
 
         Raises
         ------
@@ -116,7 +116,9 @@ class SimulatedBenchFile(Table):
             If the chain or a parameter of its sensor cannot be used.
         """
         named = self.camera.chain
-        chain = Chain.load(folder / named if named.endswith(".toml") else named)
+        chain = Chain.load((file or Path()).parent / named if named.endswith(".toml") else named)
+        if file is not None:
+            chain = replace(chain, source=f"{file} with {chain.source}")
         camera = chain.with_(**{f"sensor.{key}": value for key, value in self.sensor.items()}).camera()
         low, high = feature("BlackLevel")["range"]
         if camera.sensor.bits != SENSOR_BITS or not low <= camera.sensor.black_level_dn <= high:

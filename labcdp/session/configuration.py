@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from ..core.disk import parse_toml, read_toml
 from ..core.disk.toml_text import toml_text
 from ..core.errors import ConfigurationError, InputError
+from ..core.pixel_format import PIXEL_FORMATS
 from ..core.roi import Roi
 from .bench_tables import (
     CameraConfiguration,
@@ -184,6 +185,17 @@ class SessionConfiguration(Table):
     plan: PlanConfiguration = Field(description="a [plan] table")
     conditions: ConditionsConfiguration | None = Field(None, description="a [conditions] table")
     guess: GuessConfiguration | None = Field(None, description="a [guess] table")
+
+    @model_validator(mode="after")
+    def _saturation_within_format(self) -> Self:
+        stated, name = self.camera.saturation_dn, self.plan.pixel_format
+        # A format that is not known is refused when the camera is opened.
+        known = PIXEL_FORMATS.get(name)
+        if stated is not None and known is not None and stated > 2**known.bit_depth - 1:
+            raise ValueError(
+                f"camera.saturation_dn is {stated:g} DN: give a value up to {2**known.bit_depth - 1}, the end of {name}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _contrasts_of_patches(self) -> Self:

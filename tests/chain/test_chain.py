@@ -263,7 +263,7 @@ def test_camera_takes_windscreen_optics_and_sensor_of_the_chain() -> None:
     assert (camera.windscreen, camera.optics) == tuple(stage for _, stage in chain.before)
     assert camera.sensor is chain.sensors[0][1]
     scene = chain.scene.luminance_map()
-    dn = camera.expose(camera.electron_rate(scene), 0.01, temperature_c=25.0, seed=5, exposure_index=0)
+    dn = camera.sensor.expose(camera.electron_rate(scene), 0.01, temperature_c=25.0, seed=5, exposure_index=0)
     np.testing.assert_array_equal(dn, chain.run(5)["sensor"].values)
 
 

@@ -98,17 +98,17 @@ def with_part(chain: Chain, name: str, part: Any) -> Chain:
 
 
 def numeric_fields() -> list[tuple[str, str, str]]:
-    found = []
+    """Each number of each kind of stage, in the first chain that has it."""
+    found: dict[tuple[type, str, bool], tuple[str, str, str]] = {}
     for preset in ("full", *preset_names()):
         chain = Chain.from_toml(text_of(preset))
         for name, part in parts(chain).items():
             for field in fields(part):
-                value = getattr(part, field.name)
-                if isinstance(value, int | float) and field.name not in SIZE:
-                    found.append((preset, name, field.name))
-            if name == "exposure":
-                found.append((preset, name, "exposure_s"))
-    return found
+                value, key = getattr(part, field.name), field.name
+                if key == "exposure_s" or (isinstance(value, int | float) and key not in SIZE):
+                    bracket = isinstance(value, tuple) and len(value) > 1
+                    found.setdefault((type(part), key, bracket), (preset, name, key))
+    return list(found.values())
 
 
 def other(value: Any, factor: float) -> Any:

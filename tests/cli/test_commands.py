@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from labcdp.cli.app import app
 from labcdp.cli.ending import unwinding
@@ -51,6 +52,15 @@ def test_help_names_every_command_and_each_has_json(labcdp):
         assert name in text
         assert "--json" in {option for parameter in command.params for option in parameter.opts}, name
     assert labcdp("--version").stdout == f"labcdp {version('labcdp')}\n"
+
+
+def test_help_shows_all_that_is_declared(monkeypatch):
+    """Rich takes a word in brackets for markup and leaves it out."""
+    monkeypatch.setenv("COLUMNS", "2000")
+    for name, command in typer.main.get_command(app).commands.items():
+        shown = "".join(CliRunner().invoke(app, [name, "--help"]).output.split())
+        for text in (command.help, *(getattr(parameter, "help", None) for parameter in command.params)):
+            assert "".join((text or "").split()) in shown, name
 
 
 def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):

@@ -67,11 +67,12 @@ class DeviceChoice:
         for option, given, needed, there in needs:
             if given and not there:
                 raise InputError(f"{option} requires {needed}: give both or neither")
+        simulating = "--rehearse" if self.rehearse else "--simulated" if self.bench is None else "--simulated-bench"
         excluded = (
-            ("--simulated", self.simulated, "--replay", self.replay is not None),
-            ("--camera", self.camera is not None, "--simulated", self.simulated),
+            (simulating, self.simulated, "--replay", self.replay is not None),
+            ("--camera", self.camera is not None, simulating, self.simulated),
             ("--camera", self.camera is not None, "--replay", self.replay is not None),
-            ("--meter", self.meter is not None, "--simulated", self.simulated),
+            ("--meter", self.meter is not None, simulating, self.simulated),
             ("--meter", self.meter is not None, "--replay", self.replay is not None),
             ("--transcript", self.transcript is not None, "--replay", self.replay is not None),
         )

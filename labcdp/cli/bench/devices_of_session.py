@@ -165,7 +165,7 @@ def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Co
 
     faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
     described = simulated_bench_file(choice.bench)
-    devices = described.devices(Path() if choice.bench is None else choice.bench.parent)
+    devices = described.devices(choice.bench)
     with (
         SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
         ExitStack() as stack,

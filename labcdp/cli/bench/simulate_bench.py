@@ -50,8 +50,7 @@ def simulate_bench(
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     else:
         loaded = SessionConfiguration.load(configuration)
-    folder = Path() if simulated_bench is None else simulated_bench.parent
-    devices = simulated_bench_file(simulated_bench, seed).devices(folder)
+    devices = simulated_bench_file(simulated_bench, seed).devices(simulated_bench)
     bench = SimulatedBench(loaded, devices.specimen(_specimen(address)))
     schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
     parse_schedule(schedule, str(faults))

@@ -46,7 +46,7 @@ def init(
     sensor: Path | None = typer.Option(
         None,
         help="For a chain: EMVA 1288 results for its sensor, of labcdp characterise (results.json or folder) or of a "
-        "data sheet (TOML with a table [emva1288]); the preset gives the rest.",
+        "data sheet (TOML with a table emva1288); the preset gives the rest.",
     ),
     force: bool = FORCE_OPTION,
     as_json: bool = JSON_OPTION,

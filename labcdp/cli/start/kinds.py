@@ -129,7 +129,7 @@ def toml(path: Path) -> Description:
     if "emva1288" in content:
         return "EMVA 1288 data sheet", {}, [], ["init chain my.toml --sensor {file}"]
     if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
-        camera = SimulatedBenchFile.load(path).devices(path.parent)
+        camera = SimulatedBenchFile.load(path).devices(path)
         commands = ["acquire PLAN rehearsal --simulated-bench {file}"]
         return "simulated bench", {"camera": f"{camera.vendor} {camera.model}"}, [], commands
     specification = CameraSpecification.load(path)

@@ -10,7 +10,7 @@ from ...calibration.frames.planes import plane_of
 from ...core.errors import InputError
 from ...core.frame import PLANES, Frame
 from ...core.roi import Roi
-from ...session import FrameRecord, MeterCertificate, Role, Session, SessionConfiguration
+from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 
 Report = Callable[[int, int], None]
 _Key = TypeVar("_Key")
@@ -49,6 +49,12 @@ def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) ->
     unknown = sorted(set(asked) - set(known))
     if unknown:
         raise InputError(f"there is no patch {unknown[0]!r} {purpose}: choose from {', '.join(known)}")
+
+
+def measured_in(session: Session, calibration: AnyCalibration) -> bool:
+    """Whether a calibration is of this session, also if parts of it were taken again since."""
+    measured = calibration.provenance.measured
+    return any(isinstance(one, ReadingRecord) and one.reading.timestamp == measured for one in session.records)
 
 
 def lens_of(configuration: SessionConfiguration) -> LensIdentity:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
-from ...core.finding import Finding, unique
+from ...core.finding import Finding, unique, warning
 from ...core.luminance import LuminanceMap
 from ...core.spectral.mismatch import mismatch_findings
 from ...core.spectral.table import ONLY, SpectralTable
@@ -15,7 +15,7 @@ from ...session import ContrastConfiguration, Session, SessionConfiguration
 from .contrast import ContrastRow, contrast_row
 from .observe import ObservedSession
 from .patch import PatchRow, patch_row
-from .recorded import lens_of, require_patches
+from .recorded import lens_of, measured_in, require_patches
 from .target_map import target_map
 
 
@@ -86,6 +86,8 @@ def evaluate_session(
     """
     pairs = observed.configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(observed.configuration, calibration)
+    if measured_in(session, calibration) and not calibration.provenance.comes_from(observed.input_sha256):
+        findings = [warning("calibration-before-retake", str(session.path)), *findings]
     rows = [patch_row(name, observed, calibration) for name in observed.names]
     luminance = {row.region.name: row for row in rows}
     require_patches(

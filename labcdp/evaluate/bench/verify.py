@@ -12,7 +12,7 @@ from ...core.errors import CalibrationError
 from ...session import MeterCertificate, Session
 from .corrections import corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
-from .recorded import Report, certificate_of, require_patches
+from .recorded import Report, certificate_of, measured_in, require_patches
 from .session import mismatch
 
 
@@ -59,7 +59,7 @@ def verify_session(
     names = [patch.name for patch in session.configuration.target.patches]
     require_patches(patches, names, "to verify with")
     without = [name for name in names if patches and name not in patches]
-    if calibration.provenance.comes_from(input_sha256(session)):
+    if measured_in(session, calibration) or calibration.provenance.comes_from(input_sha256(session)):
         raise CalibrationError(
             f"the calibration was made from session {session.path}, which cannot verify it: measure again in a new "
             "session"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import sqrt
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import Field, create_model
 
 from ...calibration.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
@@ -15,6 +16,8 @@ from ...core.disk import read_json, read_toml
 from ...core.disk.toml_text import toml_text
 from ...core.errors import ConfigurationError, InputError
 from ...report.envelope import SCHEMA
+from ...session.bench_tables import Number, Positive, Table
+from ...session.validation import validated
 
 AnyChain = TypeVar("AnyChain", bound=Chain)
 
@@ -34,18 +37,27 @@ _MEASURED = {
     "prnu_rel": "prnu_rel",
     "full_well_e": "full_well_e",
 }
-#: What data sheets state instead of a key of the sensor; see `_of_sheet`.
-_STATED = (
-    "wavelength_nm",
-    "saturation_photons",
-    "snr_max_db",
-    "dark_noise_dn",
-    "sensitivity_threshold_photons",
-    "dynamic_range_db",
-)
+_RESULTS = "EMVA 1288 results"
 
 
-def with_emva1288(chain: AnyChain, path: Path) -> tuple[AnyChain, tuple[str, ...]]:
+class _Stated(Table):
+    """What data sheets state instead of a key of the sensor; see `_of_sheet`."""
+
+    wavelength_nm: Number | None = Field(None, ge=100, le=3000, description="a wavelength from 100 to 3000 nm")
+    saturation_photons: Positive | None = Field(None, le=1e9, description="a number above 0, up to 1e9 photons")
+    # The full well of a chain ends at 1e7 e-.
+    snr_max_db: Positive | None = Field(None, le=70, description="a number above 0, up to 70 dB")
+    dark_noise_dn: Positive | None = Field(None, le=65535, description="a number above 0, up to 65535 DN")
+    sensitivity_threshold_photons: Positive | None = Field(None, le=1e6, description="a number above 0, up to 1e6")
+    dynamic_range_db: Positive | None = Field(None, le=200, description="a number above 0, up to 200 dB")
+
+
+#: The sensor itself judges the values of its own keys.
+_OF_SENSOR: dict[str, Any] = {one.name: (Any, None) for one in fields(Sensor)}
+_Sheet: type[_Stated] = create_model("_Sheet", __base__=_Stated, **_OF_SENSOR)
+
+
+def with_emva1288(chain: AnyChain, path: Path) -> tuple[AnyChain, dict[str, str]]:
     """Put EMVA 1288 results in the place of the values of a chain's sensor.
 
     Parameters
@@ -57,8 +69,8 @@ def with_emva1288(chain: AnyChain, path: Path) -> tuple[AnyChain, tuple[str, ...
 
     Returns
     -------
-    (Chain, tuple of str)
-        The chain, and the keys of its sensor that come from the results.
+    (Chain, dict of str to str)
+        The chain, and by the keys of its sensor that are not the chain's own where their values come from.
 
     Raises
     ------
@@ -70,26 +82,28 @@ def with_emva1288(chain: AnyChain, path: Path) -> tuple[AnyChain, tuple[str, ...
         raise InputError(f"{chain.name or 'the chain'} has no single sensor of type emva1288: take another preset")
     folder = path / "results.json"
     file = folder if folder.is_file() else path
-    values = _of_sheet(file, sensors[0]) if file.suffix.lower() == ".toml" else _of_results(file)
+    values, notes = (_of_sheet if file.suffix.lower() == ".toml" else _of_results)(file, sensors[0])
     changes = {f"sensor.{name}": value for name, value in values.items()}
-    return chain.with_(**changes, name=file.parent.name if file.name == "results.json" else file.stem), tuple(values)
+    name = file.parent.name if file.name == "results.json" else file.stem
+    made = replace(chain, source=f"{file} with {chain.source}").with_(**changes, name=name)
+    return made, dict.fromkeys(values, _RESULTS) | notes
 
 
 def chain_text(preset: str, path: Path) -> str:
     """Return a preset with the sensor of EMVA 1288 results as chain file, each value of the sensor with its origin."""
-    chain, keys = with_emva1288(Chain.load(preset), path)
+    chain, origins = with_emva1288(Chain.load(preset), path)
     chain = chain.with_(description=f"Sensor after EMVA 1288 by {path.name}; all else of the preset {preset}")
     lines = [f"# The preset {preset} with the sensor of EMVA 1288 results."]
     table = ""
     for line in toml_text(chain.document).splitlines():
         table = line.strip("[]") if line.startswith("[") else table
         key, equals, _ = line.partition(" = ")
-        origin = "EMVA 1288 results" if key in keys else f"preset {preset}"
+        origin = origins.get(key, f"preset {preset}")
         lines.append(f"{line}  # {origin}" if table == "sensor" and equals and key != "type" else line)
     return "\n".join(lines) + "\n"
 
 
-def _of_results(path: Path) -> dict[str, Any]:
+def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
     content = read_json(path, "results of labcdp characterise")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA or content.get("kind") != "characterise":
         raise InputError(f"{path} holds no results of labcdp characterise: give these, or a TOML with [emva1288]")
@@ -98,54 +112,81 @@ def _of_results(path: Path) -> dict[str, Any]:
         rows = {row["key"]: row["value"] for row in content["tables"]["characterisation"]["rows"]}
         known = {name: rows[key] for key, name in _MEASURED.items() if rows.get(key) is not None}
         # The root of a variance below 0 is given as negative: no more than temporal noise leaves.
-        values = {name: max(float(value), 0.0) for name, value in known.items()}
+        values: dict[str, Any] = {name: max(float(value), 0.0) for name, value in known.items()}
         # A chain states K at 0 dB.
         values["k_dn_per_e"] /= 10 ** (float(made["gain_db"]) / 20)
-        whole = {name: int(made[name]) for name in ("bits", "width", "height")}
-        temperature_c = made.get("temperature_c")
-    except (KeyError, TypeError, ValueError) as error:
+        values |= {name: int(made[name]) for name in ("bits", "width", "height")}
+        if made.get("temperature_c") is not None:
+            values["reference_temperature_c"] = float(made["temperature_c"])
+        wells_e = {
+            "the results": values.get("full_well_e", 0.0),
+            "the converter's end at 0 dB": _range_dn(sensor, values) / values["k_dn_per_e"],
+            "the preset": sensor.full_well_e,
+        }
+        limited = made["saturation_limit"] != "full well"
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise InputError(f"{path} lacks a part of the results of labcdp characterise: run it again") from error
     if not values.get("dark_current_e_s"):
         values["dsnu_e_s"] = 0.0
-    return {**whole, **values, **({} if temperature_c is None else {"reference_temperature_c": float(temperature_c)})}
+    if not limited:
+        return values, {}
+    origin = max(wells_e, key=lambda name: wells_e[name])
+    note = f"lower limit in the {_RESULTS} ({wells_e['the results']:.0f} e-): that of {origin}"
+    return values | {"full_well_e": wells_e[origin]}, {"full_well_e": note}
 
 
-def _of_sheet(path: Path, sensor: Sensor) -> dict[str, Any]:
+def _of_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the values of a data sheet, by the relations of EMVA 1288 Release 4.0 Linear.
 
     mu_e.sat = eta mu_p.sat = SNR_max^2, DR = mu_e.sat / mu_e.min, mu_e.min = eta mu_p.min = sigma_y.dark / K + 1/2,
     and the variance of the read noise is (sigma_y.dark^2 - 1/12) / K^2.
     """
     table = read_toml(path, "values of a data sheet").get("emva1288")
-    names = (*(one.name for one in fields(Sensor)), *_STATED)
     if not isinstance(table, dict):
         raise ConfigurationError(f"{path} has no table [emva1288]: give the values of the data sheet there")
-    for name, value in table.items():
-        if name not in names:
-            raise ConfigurationError(f"{path}: [emva1288] has the key {name!r}: give some of {', '.join(names)}")
-        if name in _STATED and (isinstance(value, bool) or not isinstance(value, int | float) or not value > 0):
-            raise ConfigurationError(f"{path}: {name} is {value!r}: give a number above 0")
-    values: dict[str, Any] = {name: value for name, value in table.items() if name not in _STATED}
-    eta: Any = values.get("quantum_efficiency")
-    photons = [name for name in ("saturation_photons", "sensitivity_threshold_photons") if name in table]
-    if (photons or "wavelength_nm" in table) and not isinstance(eta, float):
-        raise ConfigurationError(f"{path}: {(*photons, 'wavelength_nm')[0]} needs quantum_efficiency as one number")
-    if "saturation_photons" in table:
-        values.setdefault("full_well_e", eta * table["saturation_photons"])
-    if "snr_max_db" in table:
-        values.setdefault("full_well_e", 10 ** (table["snr_max_db"] / 10))
-    k = values.get("k_dn_per_e", sensor.k_dn_per_e)
-    threshold_e = None
-    if "sensitivity_threshold_photons" in table:
-        threshold_e = eta * table["sensitivity_threshold_photons"]
-    elif "dynamic_range_db" in table:
-        threshold_e = values.get("full_well_e", sensor.full_well_e) / 10 ** (table["dynamic_range_db"] / 20)
-    dark_dn = table.get("dark_noise_dn", None if threshold_e is None else k * (threshold_e - 0.5))
+    source = f"{path}, table [emva1288]"
+    stated = validated(_Sheet, table, source)
+    values: dict[str, Any] = {name: value for name, value in table.items() if name in _OF_SENSOR}
+    typed = _with(sensor, values, source)
+    eta: Any = typed.quantum_efficiency if "quantum_efficiency" in values else None
+    for name in ("saturation_photons", "sensitivity_threshold_photons", "wavelength_nm"):
+        if name in table and not isinstance(eta, float):
+            raise ConfigurationError(f"{source}: {name} needs quantum_efficiency as one number")
+    if stated.saturation_photons is not None:
+        values.setdefault("full_well_e", eta * stated.saturation_photons)
+    if stated.snr_max_db is not None:
+        values.setdefault("full_well_e", 10 ** (stated.snr_max_db / 10))
+    notes = {}
+    if "k_dn_per_e" not in values and values.keys() & {"full_well_e", "bits", "black_level_dn"}:
+        values["k_dn_per_e"] = _range_dn(sensor, values) / values.get("full_well_e", sensor.full_well_e)
+        notes["k_dn_per_e"] = "assumed: the converter ends at the full well"
+    typed = _with(sensor, values, source)
+    k, threshold_e = typed.k_dn_per_e, None
+    if stated.sensitivity_threshold_photons is not None:
+        threshold_e = eta * stated.sensitivity_threshold_photons
+    elif stated.dynamic_range_db is not None:
+        threshold_e = typed.full_well_e / 10 ** (stated.dynamic_range_db / 20)
+    dark_dn = stated.dark_noise_dn
+    if dark_dn is None and threshold_e is not None:
+        dark_dn = k * max(threshold_e - 0.5, 0.0)
     if dark_dn is not None:
-        values.setdefault("read_noise_e", sqrt(max(max(dark_dn, 0.0) ** 2 - ROUNDING_DN2, 0.0)) / k)
-    if "wavelength_nm" in table and not isinstance(sensor.quantum_efficiency, float | int):
-        values["quantum_efficiency"] = _through(sensor, float(table["wavelength_nm"]), eta, path)
-    return values
+        values.setdefault("read_noise_e", sqrt(max(dark_dn**2 - ROUNDING_DN2, 0.0)) / k)
+    if stated.wavelength_nm is not None and not isinstance(sensor.quantum_efficiency, float):
+        values["quantum_efficiency"] = _through(sensor, stated.wavelength_nm, eta, path)
+    return values, notes
+
+
+def _with(sensor: Sensor, values: dict[str, Any], source: str) -> Sensor:
+    try:
+        return replace(sensor, **values)
+    except InputError as error:
+        raise ConfigurationError(f"{source}: {error}") from error
+
+
+def _range_dn(sensor: Sensor, values: dict[str, Any]) -> float:
+    """Range of the converter above the black level, of the values or else of the sensor."""
+    bits, black_dn = (values.get(name, getattr(sensor, name)) for name in ("bits", "black_level_dn"))
+    return float(2**bits - 1 - black_dn)
 
 
 def _through(sensor: Sensor, wavelength_nm: float, eta: float, path: Path) -> list[list[float]]:

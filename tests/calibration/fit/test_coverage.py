@@ -10,7 +10,7 @@ from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 
 #: One patch is drawn for each calibration, as the scale error ties all its patches together; the calibrations are the
 #: independent units.
-N_CALIBRATIONS = 150
+N_CALIBRATIONS = 100
 EXPOSURES_S = (0.001, 0.008, 0.064)
 LUMINANCES = np.geomspace(0.5, 2000, 12)
 
@@ -47,26 +47,23 @@ def one_calibration(rng, camera_class, meter_class, setup, case):
 )
 def test_coverage(camera_class, meter_class, setup, case):
     rng = np.random.default_rng(20260101)
-    inside = []
+    inside, by_random_part = [], []
     for _ in range(N_CALIBRATIONS):
         truth, patch = one_calibration(rng, camera_class, meter_class, setup, case)
         low, high = patch.interval_95_cd_m2
         inside.append(low <= truth <= high)
+        by_random_part.append(
+            abs(truth / patch.luminance_cd_m2 - 1) <= 1.96 * np.hypot(patch.random_rel, patch.fit_rel)
+        )
+    if case[0] > 5 * case[1]:
+        # The meter's scale is what the interval is made of.
+        assert np.mean(by_random_part) < 0.6
     assert np.mean(inside) == pytest.approx(0.95, abs=3 * sqrt(0.95 * 0.05 / N_CALIBRATIONS))
-
-
-def test_the_random_part_alone_would_not_cover(camera_class, meter_class, setup):
-    rng, inside, n = np.random.default_rng(1), [], 50
-    for _ in range(n):
-        truth, patch = one_calibration(rng, camera_class, meter_class, setup, (0.02, 0.002, (400, 4)))
-        random_rel = np.hypot(patch.random_rel, patch.fit_rel)
-        inside.append(abs(truth / patch.luminance_cd_m2 - 1) <= 1.96 * random_rel)
-    assert np.mean(inside) < 0.6
 
 
 def test_coverage_over_four_decades(camera_class, meter_class, setup):
     """Luminances and contrasts from 0.05 cd/m^2 on, where the meter's last digit is 20 % of the reading."""
-    rng, n = np.random.default_rng(20260102), 250
+    rng, n = np.random.default_rng(20260102), 100
     exposures_s, luminances = (0.001, 0.005, 0.03, 0.2), np.geomspace(0.05, 500, 10)
     inside, contrasts, errors = [], [], []
     for _ in range(n):

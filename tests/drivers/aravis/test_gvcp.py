@@ -113,6 +113,8 @@ def test_a_camera_of_another_network_is_given_an_address(camera_elsewhere):
         ("50-2", "127.9.9.9", CameraNotFoundError, r"no camera 50-2 answers at lo; found: 50-1 at 10\.9\.8\.7"),
         ("50-1", "192.0.2.1", InputError, r"192\.0\.2\.1 is in no network of this computer"),
         ("50-1", "127.0.0.1", InputError, r"127\.0\.0\.1 is an address of this computer"),
+        ("50-1", "127.0.0.0", InputError, r"127\.0\.0\.0 is the network's or the broadcast address of 127\.0\.0\.0/8"),
+        ("50-1", "127.255.255.255", InputError, "the broadcast address of"),
         ("50-1", "x", InputError, "the address is 'x': give an IPv4 address"),
     ],
 )

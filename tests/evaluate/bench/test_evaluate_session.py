@@ -11,6 +11,7 @@ from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.report.result import session_result
 from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.verify import verify_session
 from labcdp.report.envelope import envelope_json
 from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.bench_tables import SpectraConfiguration
@@ -52,6 +53,18 @@ def test_results_are_repeated_exactly(recorded, evaluation):
     again = evaluate_session(recorded, observed, calibrate_session(observed))
     assert envelope_json(session_result(again)) == envelope_json(session_result(evaluation))
     assert evaluation.simulated == ["camera Manta_G-505B", "luminance meter LS-110", "target"]
+
+
+def test_a_calibration_from_before_parts_were_taken_again_is_no_check(recorded, evaluation, tmp_path):
+    shutil.copytree(recorded.path, tmp_path / "s")
+    with Session.open(tmp_path / "s", writable=True) as session:
+        session.supersede(session.readings()[-1:], "taken again")
+        found = evaluate_session(session, observe_session(session), evaluation.calibration)
+        with pytest.raises(CalibrationError, match="cannot verify it"):
+            verify_session(session, evaluation.calibration)
+    codes = {finding.code for finding in session_result(found).findings}
+    assert {"calibration-before-retake", "not-checked"} <= codes
+    assert "checked-by-another-measurement" not in codes
 
 
 def test_patches_shown_one_by_one_give_what_they_give_in_one_image(recorded, evaluation, tmp_path):

@@ -1,6 +1,9 @@
 """The sensor of a chain from EMVA 1288 results: what is stated comes back, by the relations of the standard."""
 
-from math import sqrt
+import json
+import re
+from dataclasses import replace
+from math import log10, sqrt
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.camera.result import result
 from labcdp.evaluate.camera.sensor import chain_text, with_emva1288
-from labcdp.report.envelope import envelope_json
+from labcdp.report.envelope import SCHEMA, envelope_json
 
 
 @pytest.fixture
@@ -29,6 +32,11 @@ def camera():
     return labcdp.Chain.load("imx250")
 
 
+def _frame(sensor, electrons):
+    frame = sensor.expose(electrons / 1e-3, 1e-3, 0.0, temperature_c=25.0, seed=1, exposure_index=0)
+    return frame.astype(float)
+
+
 def test_what_a_sheet_states_is_what_the_sensor_has(camera, sheet):
     """SNR is 1 at the stated threshold, and the stated largest one at saturation."""
     text = "quantum_efficiency = 0.6\nk_dn_per_e = 0.4\nsnr_max_db = 40.0\nsensitivity_threshold_photons = 10.0"
@@ -43,11 +51,54 @@ def test_what_a_sheet_states_is_what_the_sensor_has(camera, sheet):
     assert sensor.pixel_pitch_m == camera.sensors[0][1].pixel_pitch_m
 
 
+def test_a_sheet_without_k_gives_a_camera_that_has_its_ratios(sheet):
+    """Photon transfer of simulated frames (dark, half, full) gives the stated SNR_max = sqrt(mu_e.sat) and DR."""
+    path = sheet("bits = 12\nsnr_max_db = 40.3\ndynamic_range_db = 71.2\nwidth = 300\nheight = 300")
+    sensor = labcdp.Chain.load("manta-g505").with_emva1288(path).sensors[0][1]
+    sensor = replace(sensor, dsnu_e=0.0, dsnu_e_s=0.0, prnu_rel=0.0)
+    frames = [_frame(sensor, e) for e in (0.0, 5000.0, 1e6)]
+    (dark, dark_variance), (half, variance), (full, _) = ((one.mean(), one.var()) for one in frames)
+    k = (variance - dark_variance) / (half - dark)
+    # K and sigma_y.dark are known to sqrt(2 / N) and sqrt(1 / (2 N)).
+    k_rel = sqrt(2 / frames[0].size)
+    assert 20 * log10(sqrt((full - dark) / k)) == pytest.approx(40.3, abs=4 * 10 / np.log(10) * k_rel)
+    threshold_e = sqrt(dark_variance) / k + 0.5
+    assert 20 * log10((full - dark) / k / threshold_e) == pytest.approx(71.2, abs=4 * 20 / np.log(10) * k_rel)
+    assert "# assumed: the converter ends at the full well" in chain_text("manta-g505", path)
+
+
+@pytest.mark.parametrize(
+    ("preset", "limit", "full_well_e", "comment"),
+    [
+        ("manta-g505", "converter", 7000.0, r"lower limit in the EMVA 1288 results \(1682 e-\): that of the preset"),
+        ("small", "not reached", 4031 / 0.6, r"lower limit .*: that of the converter's end at 0 dB"),
+        ("manta-g505", "full well", 1682.0, "EMVA 1288 results"),
+    ],
+)
+def test_a_converter_that_ends_first_at_a_gain_does_not_limit_the_chain(tmp_path, preset, limit, full_well_e, comment):
+    """At 12 dB the converter of the manta-g505 ends at a quarter of its range in electrons at 0 dB."""
+    values = {"k_dn_per_e": 0.6 * 10 ** (12 / 20), "black_level_dn": 64.0, "full_well_e": 1682.0}
+    made = {"gain_db": 12.0, "bits": 12, "width": 300, "height": 300, "saturation_limit": limit}
+    rows = [{"key": key, "value": value} for key, value in values.items()]
+    tables = {"characterisation": {"rows": rows}}
+    document = {"schema": SCHEMA, "kind": "characterise", "configuration": made, "tables": tables}
+    (tmp_path / "results.json").write_text(json.dumps(document))
+    if preset == "small":
+        preset = str(tmp_path / "small.toml")
+        labcdp.Chain.load("manta-g505").with_(sensor__full_well_e=500.0).save(preset)
+    sensor = labcdp.Chain.load(preset).with_emva1288(tmp_path).sensors[0][1]
+    assert sensor.full_well_e == pytest.approx(full_well_e)
+    assert re.search(rf"full_well_e = .*  # {comment}\n", chain_text(preset, tmp_path))
+    assert (_frame(sensor, 1e6).max() == 4095) == (limit != "full well")
+
+
 def test_quantum_efficiency_at_a_wavelength_scales_the_shape(camera, sheet):
     found = camera.with_emva1288(sheet("quantum_efficiency = 0.335\nwavelength_nm = 525")).sensors[0][1]
     before, after = (np.array(one.quantum_efficiency) for one in (camera.sensors[0][1], found))
     assert after[:, 0].tolist() == before[:, 0].tolist()
     assert after[:, 1] == pytest.approx(before[:, 1] / 2, abs=1e-4)
+    whole = camera.with_emva1288(sheet("quantum_efficiency = 1\nwavelength_nm = 525")).sensors[0][1]
+    assert max(eta for _, eta in whole.quantum_efficiency) == 1
 
 
 def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
@@ -74,15 +125,24 @@ def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("full_wel_e = 1.0", r"\[emva1288\] has the key 'full_wel_e': give some of"),
-        ("snr_max_db = 'a'", "snr_max_db is 'a': give a number above 0"),
+        ("full_wel_e = 1.0", r"\[emva1288\]: full_wel_e is not a known key: did you mean full_well_e"),
+        ("snr_max_db = 'a'", "snr_max_db is 'a': give a number above 0, up to 70 dB"),
+        ("snr_max_db = inf", "snr_max_db is inf dB: give"),
+        ("snr_max_db = 100000\ndynamic_range_db = 100000", "snr_max_db is 100000 dB: give"),
+        ("dynamic_range_db = 100000", "dynamic_range_db is 100000 dB: give a number above 0, up to 200 dB"),
+        ("k_dn_per_e = 0\ndark_noise_dn = 3.0", "k_dn_per_e is 0: give a number from 1e-06"),
+        ("k_dn_per_e = '0.5'\ndark_noise_dn = 3.0", "k_dn_per_e is '0.5': give a number"),
+        ("full_well_e = 'big'\ndynamic_range_db = 60", "full_well_e is 'big': give a number"),
+        ("black_level_dn = 4095\ndark_noise_dn = 3.0", "k_dn_per_e is 0.0: give"),
+        ("quantum_efficiency = 64\nwavelength_nm = 525", "quantum_efficiency is 64: give a fraction"),
+        ("saturation_photons = 1e9\nquantum_efficiency = 1", r"full_well_e is 1000000000\.0: give"),
         ("saturation_photons = 9000.0", "saturation_photons needs quantum_efficiency as one number"),
         ("quantum_efficiency = 0.9\nwavelength_nm = 780", "does not fit the shape of the preset"),
-        ("full_well_e = -1.0", "full_well_e"),
+        ("full_well_e = -1.0", r"full_well_e is -1\.0: give"),
     ],
 )
 def test_bad_sheets_are_refused(camera, sheet, text, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=rf"sheet\.toml.*{message}"):
         camera.with_emva1288(sheet(text))
 
 

@@ -208,6 +208,8 @@ def _provenance(evaluation: SessionEvaluation) -> Table:
 def _check(evaluation: SessionEvaluation) -> Finding:
     """Return whether the deviations between camera and meter are an independent check of the calibration."""
     calibration = evaluation.calibration
+    if any(one.code == "calibration-before-retake" for one in evaluation.findings):
+        return info("not-checked")
     if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
         return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))
     fitted = {row.patch for row in calibration.residuals}

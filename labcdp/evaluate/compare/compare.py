@@ -173,7 +173,8 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
             if low < high
         ]
         if inner:
-            more = run_sweep(replace(sweep, axes=(replace(axis, values=np.concatenate(inner)),)))
+            values = tuple(np.concatenate(inner).tolist())
+            more = run_sweep(replace(sweep, axes=(replace(axis, values=values),)))
             found = concat([found, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)
             analysis = analyse_map(found)
     return analysis

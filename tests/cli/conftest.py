@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import cv2
@@ -61,7 +62,8 @@ def inputs(tmp_path_factory):
     app(["calibrate", str(folder / "s"), "--output", str(folder / "c")], standalone_mode=False)
     # As if it was made from another session: its own one verifies nothing.
     calibration = load(folder / "c" / "calibration.json")
-    provenance = replace(calibration.provenance, input_sha256="0" * 64)
+    earlier = calibration.provenance.measured - timedelta(days=1)
+    provenance = replace(calibration.provenance, input_sha256="0" * 64, measured=earlier)
     (folder / "c" / "calibration.json").unlink()
     save(replace(calibration, provenance=provenance), folder / "c" / "calibration.json")
     return folder

@@ -42,7 +42,7 @@ def one_calibration(rng, camera_class, meter_class, setup, case):
     [
         pytest.param((0.02, 0.002, (400, 4)), id="the meter's scale dominates"),
         pytest.param((0.0, 0.002, (16, 2)), id="the meter has no bias, random errors only"),
-        pytest.param((0.02, 0.03, (16, 2)), id="scale and random errors alike"),
+        pytest.param((0.02, 0.03, (16, 2)), id="scale and random errors alike", marks=pytest.mark.long),
     ],
 )
 def test_coverage(camera_class, meter_class, setup, case):

@@ -25,9 +25,11 @@ def test_an_unplugged_meter_closes_without_a_trace(bench):
     assert not os.path.exists(folder)
 
 
-def test_the_threads_of_the_schedule_end_with_the_bench(small_configuration):
-    before = set(threading.enumerate())
+def test_the_timers_of_the_schedule_end_with_the_bench(small_configuration):
+    def timers():
+        return [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+
     with SimulatedBench(small_configuration, BenchDevices.standard(), (400, 480)) as bench:
         bench.schedule("at 1 h meter drop\nat 2 h meter remote\nlight -5% in 3 h")
-        assert set(threading.enumerate()) > before
-    assert set(threading.enumerate()) <= before
+        assert timers()
+    assert timers() == []

@@ -25,7 +25,7 @@ PAGES = sorted(
 #: Pages whose commands run in one folder, one after the other.
 RUN = ("README.md", "docs/tutorial/bench.md", "docs/howto/choose-a-sensor.md")
 #: Commands that serve a page until Ctrl-C.
-SERVE = ("bench", "rois")
+SERVE = ("bench", "rois", "view")
 
 
 def blocks(page, language):

@@ -116,8 +116,8 @@ def test_readings_from_a_file_or_typed_by_hand(labcdp, running_bench, bench, tmp
     done = labcdp("acquire", file, "file", stdin="\n\n\n")
     assert done.returncode == 0, done.stderr
     assert luminances(tmp_path / "file") == [256.0, 256.1]
-    # Uncover, point, two readings that do not go together: again; two of which the first has a slip, cover, be told
-    # that nobody has covered the simulated lens, uncover.
+    # Uncover, point, two readings that disagree: repeat; two of which the first has a typing error; cover, keep the
+    # frames although the simulated lens is still uncovered, uncover.
     hand = bench(meter=f'entry = "by hand"\n{ANOTHER}')
     done = labcdp("acquire", hand, "hand", stdin="\n\n256\n280\ny\n\n25x\n256\n256,5\n\n\n\n")
     assert done.returncode == 0, done.stderr

@@ -50,10 +50,10 @@ class Wire:
     def camera(self, patience_s=0.0):
         return AravisCamera(ADDRESS, patience_s=patience_s)
 
-    def suffer(self, fault):
+    def run_fault(self, fault):
         self._bench.run_command(fault)
 
-    def mend(self):
+    def recover(self):
         self._bench.run_command("recover")
 
 
@@ -95,7 +95,7 @@ class Foreign(Wire):
         self._process.kill()
         self._process.wait()
 
-    def suffer(self, fault):
+    def run_fault(self, fault):
         what, _, seconds = fault.partition(" for ")
         assert what == "vanish"
         self._process.kill()
@@ -104,7 +104,7 @@ class Foreign(Wire):
             self._timers.append(threading.Timer(float(seconds.removesuffix(" s")), self.__enter__))
             self._timers[-1].start()
 
-    def mend(self):
+    def recover(self):
         self.__enter__()
 
 
@@ -115,15 +115,15 @@ def transport(request, aravis_tools, small_configuration):
 
 
 #: Aravis' simulator has no faults.
-with_faults = pytest.mark.parametrize("transport", [Wire, InProcess], ids=["wire", "in process"], indirect=True)
+with_own_simulator = pytest.mark.parametrize("transport", [Wire, InProcess], ids=["wire", "in process"], indirect=True)
 
 
 @contextmanager
-def suffering(transport, fault):
+def with_fault(transport, fault):
     """Have a fault in the context, and none afterwards."""
     with ExitStack() as stack:
-        stack.callback(transport.mend)
-        transport.suffer(fault)
+        stack.callback(transport.recover)
+        transport.run_fault(fault)
         yield
 
 
@@ -178,7 +178,7 @@ def test_what_it_cannot_do_is_refused_and_changes_nothing(transport, settings):
 
 @pytest.mark.parametrize("patience_s", [0.0, 0.5])
 def test_a_lost_camera_is_an_error_until_it_is_opened_again(transport, patience_s):
-    with transport.camera(patience_s) as camera, suffering(transport, "vanish"):
+    with transport.camera(patience_s) as camera, with_fault(transport, "vanish"):
         for use in (camera.snap, camera.snap, lambda: camera.configure(exposure_s=0.002)):
             with pytest.raises(CameraLostError, match=r": .*then open it again"):
                 use()
@@ -191,7 +191,7 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         before = camera.configure(exposure_s=0.005, gain_db=transport.gain_db)
         frames = camera.grab(8)
         taken = [next(frames) for _ in range(2)]
-        transport.suffer("vanish for 1 s")
+        transport.run_fault("vanish for 1 s")
         taken += frames
         (gap,) = camera.gaps
         assert camera.settings == before
@@ -215,12 +215,12 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         ("second controller", CameraLostError),
     ],
 )
-@with_faults
+@with_own_simulator
 def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, fault, error):
     camera = transport.camera().open()
     frames = camera.grab(100, timeout_s=1.0)
     next(frames)
-    with suffering(transport, fault), pytest.raises(error) as raised:
+    with with_fault(transport, fault), pytest.raises(error) as raised:
         list(frames)
     assert len(str(raised.value).splitlines()) == 1
     assert ": " in str(raised.value)
@@ -229,13 +229,13 @@ def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, faul
         assert camera.snap().shape == SHAPE
 
 
-@with_faults
+@with_own_simulator
 def test_incomplete_frames_are_reported_and_taken_again(transport):
     refused = []
     with transport.camera() as camera:
         frames = camera.grab(4, on_refused=refused.append)
         whole = [next(frames)]
-        with suffering(transport, "wrong size"), pytest.raises(IncompleteFrameError):
+        with with_fault(transport, "wrong size"), pytest.raises(IncompleteFrameError):
             list(frames)
         whole += camera.grab(3)
     # After so many in a row there is no hope.
@@ -245,7 +245,7 @@ def test_incomplete_frames_are_reported_and_taken_again(transport):
     assert {frame.shape for frame in whole} == {SHAPE}
 
 
-@with_faults
+@with_own_simulator
 def test_a_camera_of_another_program_is_busy(transport):
-    with suffering(transport, "second controller"), pytest.raises(CameraBusyError, match="another program"):
+    with with_fault(transport, "second controller"), pytest.raises(CameraBusyError, match="another program"):
         transport.camera().open()

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from ...core.clock import Clock
-from ...core.computer.threads import FinishedThread
+from ...core.computer.threads import InterruptSafeThread
 from ...core.errors import SessionError
 from ...core.frame import Frame
 from ...session import Role, Session
@@ -91,7 +91,7 @@ class FrameWriter:
         self._ended_s = 0.0
         self._closing = False
         self._error: BaseException | None = None
-        self._thread = FinishedThread(self._write, "labcdp frame writer")
+        self._thread = InterruptSafeThread(self._write, "labcdp frame writer")
 
     def __enter__(self) -> Self:
         """Start the thread."""

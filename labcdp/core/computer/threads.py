@@ -14,10 +14,10 @@ _Result = TypeVar("_Result")
 LONG = 2**16
 
 
-class FinishedThread:
-    """A thread whose end can be waited for although a signal comes meanwhile.
+class InterruptSafeThread:
+    """A thread whose end can be awaited even if a signal arrives meanwhile.
 
-    `threading.Thread.join` takes a thread for ended when Ctrl-C interrupts it, although it runs (CPython up to 3.12).
+    If Ctrl-C interrupts `threading.Thread.join`, CPython up to 3.12 treats the thread as ended although it still runs.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from queue import Empty, Full, Queue
 from typing import TypeVar
 
-from ...core.computer.threads import FinishedThread
+from ...core.computer.threads import InterruptSafeThread
 
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
@@ -51,7 +51,7 @@ def ahead(items: Iterable[_In]) -> Generator[_In, None, None]:
             if close is not None:
                 close()
 
-    thread = FinishedThread(make, "labcdp video")
+    thread = InterruptSafeThread(make, "labcdp video")
     thread.start()
     try:
         while True:

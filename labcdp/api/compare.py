@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.notebook import html_table
-from ..evaluate.compare.compare import LUMINANCES, Question, compare_things
+from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.sweep.axis import Axis
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    *things: Any,
+    *subjects: Any,
     contrast: float | None = None,
     epsilon: float = 0.5,
     progress: Callable[[int, int], None] | None = None,
@@ -33,7 +33,7 @@ def compare(
 
     Parameters
     ----------
-    *things : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
+    *subjects : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
         At least two of one kind; each is compared with the first. A path is a preset, or a file or folder that
         ``labcdp compare`` takes.
     contrast : float or None
@@ -52,13 +52,13 @@ def compare(
     Raises
     ------
     InputError
-        If things cannot be read or compared.
+        If subjects cannot be read or compared.
     """
-    sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in things]
+    sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
     asked = contrast is not None or epsilon != 0.5 or varied
     question = Question(varied or (LUMINANCES,), None, contrast, float(epsilon)) if asked else None
-    return Comparison(compare_things(sources, question, progress))
+    return Comparison(compare_subjects(sources, question, progress))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,26 +83,26 @@ class Comparison:
         return envelope(compare_result(self.comparison))
 
     def to_dataset(self) -> Dataset:
-        """Return values and differences: of curves and maps over thing and axes, else a row for each quantity."""
+        """Return values and differences: of curves and maps over subject and axes, else a row for each quantity."""
         import xarray as xr
 
         grid = self.comparison.grid
         if grid is None:
             return compare_result(self.comparison).table("differences").to_dataset()
-        dims = ["thing", *(axis.name for axis in grid.axes)]
+        dims = ["subject", *(axis.name for axis in grid.axes)]
         values = np.stack([np.asarray(one.value) for one in grid.values])
         unknown = np.full_like(values[:1], np.nan)
         data = {
             name: (dims, np.concatenate([unknown, *(getattr(one, part)[None] for one in grid.differences)]))
             for name, part in (("difference", "value"), ("difference_low", "low"), ("difference_high", "high"))
         }
-        coordinates: dict[str, Any] = {"thing": [thing.name for thing in self.comparison.things]}
+        coordinates: dict[str, Any] = {"subject": [subject.name for subject in self.comparison.subjects]}
         coordinates |= {axis.name: axis.values for axis in grid.axes}
         attributes = {"title": grid.quantity, "relative": int(grid.relative)}
         return xr.Dataset({"value": (dims, values), **data}, coordinates, attributes)
 
     def __repr__(self) -> str:
-        names = ", ".join(thing.name for thing in self.comparison.things)
+        names = ", ".join(subject.name for subject in self.comparison.subjects)
         return f"<labcdp.Comparison of {self.comparison.kind}s {names}: {self.answer}>"
 
     def _repr_html_(self) -> str:

@@ -44,7 +44,9 @@ class Again:
     replace_damaged: bool = typer.Option(
         False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
     )
-    retake: list[str] = typer.Option([], help="Patch, 'light frames' or 'dark frames' to take again; may be repeated.")
+    retake: list[str] = typer.Option(
+        [], help="Part to record again: a patch, 'light frames' or 'dark frames'; may be repeated."
+    )
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def devices(
     set_address: str | None = typer.Option(
         None,
         metavar="SERIAL=ADDRESS",
-        help="First give this camera an address of a network of this computer, until it is switched off.",
+        help="First assign this camera an address in one of this computer's networks, until it is switched off.",
     ),
     as_json: bool = JSON_OPTION,
 ) -> None:

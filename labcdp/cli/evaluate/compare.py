@@ -53,7 +53,7 @@ def compare(
     context: typer.Context,
     question: QuestionOptions,
     results: Results,
-    things: list[str] = typer.Argument(
+    subjects: list[str] = typer.Argument(
         metavar="A B...",
         help="Chains (presets or files), maps of sweeps, sessions, calibrations, or results of labcdp evaluate, image "
         "or characterise; files or folders of results. Each is compared with the first.",
@@ -67,14 +67,14 @@ def compare(
 
     Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
     """
-    from ...evaluate.compare.compare import compare_things
+    from ...evaluate.compare.compare import compare_subjects
     from ...evaluate.compare.page import write_comparison
     from ...evaluate.compare.result import compare_result
 
     asked = question.asked()
-    with results.folder(context, things[0]) as folder:
+    with results.folder(context, subjects[0]) as folder:
         with progress_bars() as bars:
-            found = compare_things(things, asked, lambda done, total: bars.update("Cells", done, total))
+            found = compare_subjects(subjects, asked, lambda done, total: bars.update("Cells", done, total))
         result = compare_result(found)
         write_comparison(found, result, folder)
     results.show(result, folder)

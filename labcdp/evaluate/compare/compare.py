@@ -1,4 +1,4 @@
-"""Compare things of one kind: each with the first."""
+"""Compare subjects of one kind: each with the first."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..sweep.run import run_sweep
 from .difference import Difference, difference
 from .grid import Grid, map_grid, responsivity_grid
 from .rows import Named, values_of
-from .thing import Thing, read_things
+from .subject import Subject, read_subjects
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -54,12 +54,12 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A value of one thing beside that of the first.
+    """A value of one subject beside that of the first.
 
     Parameters
     ----------
     name : str
-        The thing.
+        The subject.
     first, other : Named
         The values.
     difference : Difference
@@ -78,12 +78,12 @@ class Comparison:
 
     Parameters
     ----------
-    things : tuple of Thing
+    subjects : tuple of Subject
         At least two.
     rows : tuple of Compared
         Values compared one by one.
     unmatched : tuple of str
-        Quantities that only some things have.
+        Quantities that only some subjects have.
     grid : Grid or None
         Curves or maps on the same axes.
     analyses : tuple of MapAnalysis
@@ -92,7 +92,7 @@ class Comparison:
         Of chains.
     """
 
-    things: tuple[Thing, ...]
+    subjects: tuple[Subject, ...]
     rows: tuple[Compared, ...] = ()
     unmatched: tuple[str, ...] = ()
     grid: Grid | None = None
@@ -101,21 +101,21 @@ class Comparison:
 
     @property
     def kind(self) -> str:
-        """Kind of the things."""
-        return self.things[0].kind
+        """Kind of the subjects."""
+        return self.subjects[0].kind
 
     @property
     def settings(self) -> dict[str, list[str]]:
-        """Settings in which the things differ, as text of each."""
-        flat = [dict(_flat(thing.settings)) for thing in self.things]
+        """Settings in which the subjects differ, as text of each."""
+        flat = [dict(_flat(subject.settings)) for subject in self.subjects]
         rows = {name: [one.get(name, "") for one in flat] for one in flat for name in one}
         return {name: texts for name, texts in rows.items() if len(set(texts)) > 1}
 
 
-def compare_things(
+def compare_subjects(
     sources: Sequence[Any], question: Question | None = None, progress: Callable[[int, int], None] | None = None
 ) -> Comparison:
-    """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_things`.
+    """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
 
     Parameters
     ----------
@@ -129,34 +129,36 @@ def compare_things(
     Raises
     ------
     InputError
-        If things cannot be read or compared, or there is a question but no chain.
+        If subjects cannot be read or compared, or there is a question but no chain.
     """
-    things = read_things(sources)
-    kind = things[0].kind
+    subjects = read_subjects(sources)
+    kind = subjects[0].kind
     if kind == "chain":
-        return _chains(things, question or Question(), progress)
+        return _chains(subjects, question or Question(), progress)
     if question is not None:
-        raise InputError(f"parameters, contrast and tolerance are options for chains, {things[0].name} is a {kind}")
+        raise InputError(f"parameters, contrast and tolerance are options for chains, {subjects[0].name} is a {kind}")
     if kind == "sweep":
-        maps = [thing.content for thing in things]
-        return _maps(things, maps, [analyse_map(dataset) for dataset in maps])
-    rows, unmatched = _rows(things)
-    return Comparison(things, rows, unmatched, responsivity_grid(things) if kind == "calibration" else None)
+        maps = [subject.content for subject in subjects]
+        return _maps(subjects, maps, [analyse_map(dataset) for dataset in maps])
+    rows, unmatched = _rows(subjects)
+    return Comparison(subjects, rows, unmatched, responsivity_grid(subjects) if kind == "calibration" else None)
 
 
-def _chains(things: tuple[Thing, ...], question: Question, progress: Callable[[int, int], None] | None) -> Comparison:
+def _chains(
+    subjects: tuple[Subject, ...], question: Question, progress: Callable[[int, int], None] | None
+) -> Comparison:
     """Predict all chains without random numbers, on the optical axis, as `labcdp.Chain.sweep` does."""
     maps, analyses, changed = [], [], []
-    for thing in things:
-        chain: Chain = thing.content.with_(**question.changes) if question.changes else thing.content
+    for subject in subjects:
+        chain: Chain = subject.content.with_(**question.changes) if question.changes else subject.content
         wanted = Sweep(chain, question.axes, True, None, question.contrast, question.epsilon)
         try:
             maps.append(run_sweep(wanted, None, progress))
         except InputError as error:
             instead = "; or compare simulated maps of labcdp sweep" if isinstance(error, PredictionError) else ""
-            raise InputError(f"{thing.name}: {error}{instead}") from error
+            raise InputError(f"{subject.name}: {error}{instead}") from error
         analyses.append(_refined(wanted, maps[-1]))
-        changed.append(replace(thing, settings=chain.document))
+        changed.append(replace(subject, settings=chain.document))
     return replace(_maps(tuple(changed), maps, analyses), question=question)
 
 
@@ -180,21 +182,21 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
     return analysis
 
 
-def _maps(things: tuple[Thing, ...], maps: Sequence[Dataset], analyses: Sequence[MapAnalysis]) -> Comparison:
-    return Comparison(things, grid=map_grid(things, maps), analyses=tuple(analyses))
+def _maps(subjects: tuple[Subject, ...], maps: Sequence[Dataset], analyses: Sequence[MapAnalysis]) -> Comparison:
+    return Comparison(subjects, grid=map_grid(subjects, maps), analyses=tuple(analyses))
 
 
-def _rows(things: tuple[Thing, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:
-    first, *others = (values_of(thing) for thing in things)
+def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:
+    first, *others = (values_of(subject) for subject in subjects)
     rows = [
-        Compared(thing.name, first[name], other[name], difference(first[name].value, other[name].value))
+        Compared(subject.name, first[name], other[name], difference(first[name].value, other[name].value))
         for name in first
-        for thing, other in zip(things[1:], others, strict=True)
+        for subject, other in zip(subjects[1:], others, strict=True)
         if name in other
     ]
     if not rows:
         ours, theirs = (", ".join(list(one)[:3]) for one in (first, others[0]))
-        raise InputError(f"{things[0].name} and {things[1].name} have no quantity in common ({ours}; {theirs})")
+        raise InputError(f"{subjects[0].name} and {subjects[1].name} have no quantity in common ({ours}; {theirs})")
     every = dict.fromkeys(name for one in (first, *others) for name in one)
     return tuple(rows), tuple(name for name in every if not all(name in one for one in (first, *others)))
 

@@ -27,7 +27,7 @@ _MOST_ROWS, _MOST_COLUMNS = 30, 3
 
 def comparison_figure(found: Comparison) -> bytes | None:
     """Draw a comparison as PNG; None if its axis has no numbers."""
-    grid, names = found.grid, [printable(thing.name) for thing in found.things]
+    grid, names = found.grid, [printable(subject.name) for subject in found.subjects]
     if grid is None:
         return _values(found, names)
     if not grid.axes[-1].numeric:
@@ -44,7 +44,7 @@ def _values(found: Comparison, names: Sequence[str]) -> bytes:
     axes = figure.add_subplot()
     step = 0.5 / len(names)
     for number, name in enumerate(names):
-        rows = [row for row in found.rows if number == 0 or row.name == found.things[number].name]
+        rows = [row for row in found.rows if number == 0 or row.name == found.subjects[number].name]
         places, values, sides = [], [], []
         for row in rows:
             if row.first.quantity not in drawn or (number == 0 and not cdps):
@@ -123,7 +123,7 @@ def _draw(
 
 
 def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
-    """Name and place of the curves of each thing, at the values of the other axes; as many as there are colours."""
+    """Name and place of the curves of each subject, at the values of the other axes; as many as there are colours."""
     axes = {axis.name: axis for axis in grid.axes}
     found = [
         (at_text({a.name: a.values[i].item() for a, i in zip(grid.axes[:-1], place, strict=True)}, axes), place)
@@ -133,7 +133,7 @@ def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def _maps(grid: Grid, names: Sequence[str]) -> bytes:
-    """Draw the map of each thing, then the differences from the first; of further axes at their first values."""
+    """Draw the map of each subject, then the differences from the first; of further axes at their first values."""
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
     at = at_text({axis.name: axis.values[0].item() for axis in grid.axes[:-2]}, {axis.name: axis for axis in grid.axes})

@@ -1,4 +1,4 @@
-"""Curves and maps of several things on the same axes: CDP of sweeps, responsivity of calibrations."""
+"""Curves and maps of several subjects on the same axes: CDP of sweeps, responsivity of calibrations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.table import Z_95
 from ..sweep.maps.axes import MapAxis, map_axis, map_layout, sections
 from .difference import Difference, Uncertain, difference
-from .thing import Thing
+from .subject import Subject
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -28,7 +28,7 @@ _SIGNALS = 101
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A quantity of all things at the same places.
+    """A quantity of all subjects at the same places.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ class Grid:
     axes : tuple of MapAxis
         The last one is drawn across, the one before up if it has numbers.
     values : tuple of Uncertain
-        Of each thing, of the shape of the axes.
+        Of each subject, of the shape of the axes.
     differences : tuple of Difference
-        Of each other thing from the first, of the same shape.
+        Of each other subject from the first, of the same shape.
     relative : bool
         Whether the differences are relative to the first.
     """
@@ -57,7 +57,7 @@ class Grid:
         return 2 if y is not None and y.numeric and y.values.size > 1 else 1
 
 
-def map_grid(things: Sequence[Thing], maps: Sequence[Dataset]) -> Grid:
+def map_grid(subjects: Sequence[Subject], maps: Sequence[Dataset]) -> Grid:
     """Return CDP over the axes that all maps have.
 
     Raises
@@ -68,8 +68,8 @@ def map_grid(things: Sequence[Thing], maps: Sequence[Dataset]) -> Grid:
     layout = map_layout(maps[0])
     single = [str(name) for name in maps[0]["cdp"].dims if name not in (*layout.others, *layout.spanned)]
     names = [*single, *layout.others, *layout.spanned]
-    for thing, dataset in zip(things, maps, strict=True):
-        _require_axes(things[0].name, maps[0], thing.name, dataset)
+    for subject, dataset in zip(subjects, maps, strict=True):
+        _require_axes(subjects[0].name, maps[0], subject.name, dataset)
     values = tuple(_cdp(dataset, names) for dataset in maps)
     differences = tuple(difference(values[0], other) for other in values[1:])
     return Grid("CDP", tuple(map_axis(maps[0], name) for name in names), values, differences, relative=False)
@@ -102,7 +102,7 @@ def _alike(a: MapAxis, b: MapAxis) -> bool:
     return bool(np.allclose(a.values, b.values, rtol=_ROUNDING, atol=0) if a.numeric else (a.values == b.values).all())
 
 
-def responsivity_grid(things: Sequence[Thing]) -> Grid:
+def responsivity_grid(subjects: Sequence[Subject]) -> Grid:
     """Return R(n) = n / (L t) over the DN n above dark that all calibrations cover, by plane if they have planes.
 
     Raises
@@ -110,11 +110,11 @@ def responsivity_grid(things: Sequence[Thing]) -> Grid:
     InputError
         If some are of planes and some are not, or their signals do not overlap.
     """
-    cameras = [_planes(thing.content) for thing in things]
+    cameras = [_planes(subject.content) for subject in subjects]
     names = [plane.state.plane for plane in cameras[0]]
-    for thing, planes in zip(things, cameras, strict=True):
+    for subject, planes in zip(subjects, cameras, strict=True):
         if [plane.state.plane for plane in planes] != names:
-            raise InputError(f"{things[0].name} and {thing.name} have other colour planes: compare alike sensors")
+            raise InputError(f"{subjects[0].name} and {subject.name} have other colour planes: compare alike sensors")
     ranges = [plane.range_net_dn for planes in cameras for plane in planes]
     low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
     if low >= high:

@@ -40,7 +40,7 @@ def write_comparison(found: Comparison, result: Result, folder: Destination) -> 
         results.json, report.html, results.xlsx and figures/comparison.png.
     """
     png = comparison_figure(found)
-    names = ", ".join(thing.name for thing in found.things)
+    names = ", ".join(subject.name for subject in found.subjects)
     figures = [] if png is None else [ReportFigure("comparison.png", png, _caption(found), f"Comparison of {names}.")]
     return write_files(folder, "compare", result_files(result, _page(found, result, figures), figures))
 
@@ -75,29 +75,29 @@ def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Pag
 def _cards(found: Comparison) -> Iterator[Card]:
     """Yield the usable range of each map, or how many values differ and which one most."""
     if found.grid is not None and found.analyses:
-        if len(found.things) > _MOST_CARDS:
+        if len(found.subjects) > _MOST_CARDS:
             return
         axis = found.grid.axes[-1]
-        for thing, analysis in zip(found.things, found.analyses, strict=True):
+        for subject, analysis in zip(found.subjects, found.analyses, strict=True):
             one = analysis.widest
             if one is None or one.widest is None:
-                yield Card(thing.name, "none", f"CDP nowhere ≥ {analysis.level:g}", state="bad")
+                yield Card(subject.name, "none", f"CDP nowhere ≥ {analysis.level:g}", state="bad")
                 continue
             detail = f"{axis_unit(axis)}, {{}}range with CDP ≥ {analysis.level:g}"
             if len(analysis.usable_ranges) > 1:
-                yield Card(thing.name, ends_text(axis, one.widest), detail.format("widest "))
+                yield Card(subject.name, ends_text(axis, one.widest), detail.format("widest "))
                 continue
             lowest, highest = one.intervals[0], one.intervals[-1]
             gap = "" if lowest is highest else ", with gaps" if len(one.intervals) > 2 else ", with a gap"
             whole = replace(lowest, ends=(lowest.ends[0], highest.ends[1]))
-            yield Card(thing.name, ends_text(axis, whole), detail.format("") + gap)
+            yield Card(subject.name, ends_text(axis, whole), detail.format("") + gap)
         return
-    for thing in found.things[1 : _MOST_CARDS + 1]:
-        own = [row for row in found.rows if row.name == thing.name]
+    for subject in found.subjects[1 : _MOST_CARDS + 1]:
+        own = [row for row in found.rows if row.name == subject.name]
         n = sum(bool(row.difference.significant) for row in own)
         state: State = "bad" if n else "good"
-        verdict, detail = "differs" if n else "", f"values differ significantly from {found.things[0].name}"
-        yield Card(thing.name, f"{n} of {len(own)}", detail, verdict=verdict, state=state)
+        verdict, detail = "differs" if n else "", f"values differ significantly from {found.subjects[0].name}"
+        yield Card(subject.name, f"{n} of {len(own)}", detail, verdict=verdict, state=state)
     known = [row for row in found.rows if np.isfinite(row.difference.z)]
     most = max(known, key=lambda row: abs(float(row.difference.z)), default=None)
     if most is not None and most.difference.z:
@@ -105,5 +105,5 @@ def _cards(found: Comparison) -> Iterator[Card]:
 
 
 def _caption(found: Comparison) -> str:
-    first = found.things[0].name
+    first = found.subjects[0].name
     return f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."

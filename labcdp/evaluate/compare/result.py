@@ -21,7 +21,7 @@ from ..sweep.report.result import ranges_table
 from .compare import Compared, Comparison
 from .difference import Uncertain
 from .grid import Grid
-from .thing import Thing
+from .subject import Subject
 
 #: Share of values without a difference that differ significantly by chance.
 _BY_CHANCE = 0.05
@@ -41,7 +41,7 @@ _ASYMMETRY = 1e-6
 
 def compare_result(found: Comparison) -> Result:
     """Return all numbers of a comparison; its first findings are the answer."""
-    names = [thing.name for thing in found.things]
+    names = [subject.name for subject in found.subjects]
     tables = [*_ranges(found), *_differences(found), *_cells(found.grid, names), *_settings(found)]
     question = {} if found.question is None else {
         "contrast": found.question.contrast,
@@ -54,9 +54,9 @@ def compare_result(found: Comparison) -> Result:
         " and ".join(names) if len(names) == 2 else f"{names[0]} and {len(names) - 1} others",
         tuple(tables),
         (*answer(found), *_assumptions(found)),
-        tuple(one for thing in found.things for one in thing.inputs),
+        tuple(one for subject in found.subjects for one in subject.inputs),
         {"kind": found.kind, "names": names, **question},
-        simulated=any(thing.simulated for thing in found.things),
+        simulated=any(subject.simulated for subject in found.subjects),
     )
 
 
@@ -74,16 +74,16 @@ def answer(found: Comparison) -> tuple[Finding, ...]:
         return (info("compare-agree", n=len(found.rows)),)
     row = max(significant, key=lambda row: abs(float(row.difference.z)))
     values = {"n": len(found.rows), "n_different": len(significant), "by_chance": _BY_CHANCE * len(found.rows)}
-    of = {"quantity": row.first.quantity, "difference": difference_text(row), "first": found.things[0].name}
+    of = {"quantity": row.first.quantity, "difference": difference_text(row), "first": found.subjects[0].name}
     return (info("compare-differ", row.name, **values, **of, z=float(row.difference.z)),)
 
 
 def _of_responsivities(found: Comparison, grid: Grid) -> Iterator[Finding]:
-    for thing, one in zip(found.things[1:], grid.differences, strict=True):
+    for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
         share = float(np.mean(one.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
         ends = {"lowest": float(one.value.min()), "highest": float(one.value.max())}
-        yield info(code, thing.name, first=found.things[0].name, share=share, **ends)
+        yield info(code, subject.name, first=found.subjects[0].name, share=share, **ends)
 
 
 def _of_maps(found: Comparison) -> Iterator[Finding]:
@@ -99,19 +99,19 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
             yield info("compare-darkest", lows=texts, **values)
         else:
             yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(found, axis)), **values)
-    if len(found.things) > _FEW:
+    if len(found.subjects) > _FEW:
         return
-    for thing, one in zip(found.things[1:], grid.differences, strict=True):
+    for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
         below, above = (max(float(np.nanmax(sign * one.value)), 0.0) for sign in (-1, 1))
-        yield info("compare-maps-differ", thing.name, first=found.things[0].name, below=below, above=above)
+        yield info("compare-maps-differ", subject.name, first=found.subjects[0].name, below=below, above=above)
         if np.isfinite(one.z).any() and np.any(one.low < one.high):
             share = float(np.mean(one.significant))
-            yield info("compare-maps-significant", thing.name, first=found.things[0].name, share=share)
+            yield info("compare-maps-significant", subject.name, first=found.subjects[0].name, share=share)
 
 
 def _lows(found: Comparison, axis: MapAxis, n_digits: int) -> Iterator[str]:
     """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
-    all_intervals = [(thing.name, one.usable_ranges[0].intervals) for thing, one in _pairs(found)]
+    all_intervals = [(subject.name, one.usable_ranges[0].intervals) for subject, one in _pairs(found)]
     usable = sorted(((name, own) for name, own in all_intervals if own), key=lambda pair: pair[1][0].low)
     unit, ends = f" {axis_unit(axis)}", [own[0].ends[0] for _, own in usable]
     for number, (name, own) in enumerate(usable):
@@ -129,15 +129,15 @@ def _lows(found: Comparison, axis: MapAxis, n_digits: int) -> Iterator[str]:
 
 def _spans(found: Comparison, axis: MapAxis) -> Iterator[str]:
     """Yield the widest range of each, the widest first."""
-    widest = [(thing.name, one.widest and one.widest.widest) for thing, one in _pairs(found)]
+    widest = [(subject.name, one.widest and one.widest.widest) for subject, one in _pairs(found)]
     usable = sorted(((name, one) for name, one in widest if one), key=lambda pair: pair[1].width, reverse=True)
     for name, one in usable:
         yield f"{ends_text(axis, one, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
     yield from (f"{name} nowhere" for name, one in widest if not one)
 
 
-def _pairs(found: Comparison) -> Iterator[tuple[Thing, MapAnalysis]]:
-    return zip(found.things, found.analyses, strict=True)
+def _pairs(found: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
+    return zip(found.subjects, found.analyses, strict=True)
 
 
 def _bound(end: End) -> bool:
@@ -198,7 +198,7 @@ def difference_text(row: Compared) -> str:
 def _differences(found: Comparison) -> Iterator[Table]:
     if not found.rows:
         return
-    first, *others = (thing.name for thing in found.things)
+    first, *others = (subject.name for subject in found.subjects)
     columns = (
         Column("quantity", "quantity"),
         Column("name", "of", meaning="What is compared with the first.", shown=len(others) > 1),
@@ -232,8 +232,8 @@ def _ranges(found: Comparison) -> Iterator[Table]:
         axes = {axis.name: axis for axis in found.grid.axes}
         tables = [ranges_table(analysis, axes) for analysis in found.analyses]
         rows = [
-            {"name": thing.name, **row}
-            for thing, table in zip(found.things, tables, strict=True)
+            {"name": subject.name, **row}
+            for subject, table in zip(found.subjects, tables, strict=True)
             for row in table.rows()
         ]
         columns = (Column("name", "of"), *tables[0].columns)
@@ -262,7 +262,7 @@ def _settings(found: Comparison) -> Iterator[Table]:
     settings = found.settings
     if not settings:
         return
-    names = [thing.name for thing in found.things]
+    names = [subject.name for subject in found.subjects]
     columns = [Column("setting", "setting"), *(Column(f"value_{n}", name) for n, name in enumerate(names, start=1))]
     rows = [
         {"setting": name, **{f"value_{n}": text for n, text in enumerate(texts, start=1)}}

@@ -11,7 +11,7 @@ from ...calibration.verify.history import histories
 from ...core.errors import InputError
 from ..bench.calibration.quantities import RESPONSIVITY
 from .difference import Uncertain
-from .thing import Thing, damaged
+from .subject import Subject, damaged
 
 #: Part of the uncertainty that other values may have, too: by what identifies it, the share of the variance.
 _Shares: TypeAlias = dict[str, float]
@@ -19,7 +19,7 @@ _Shares: TypeAlias = dict[str, float]
 
 @dataclass(frozen=True)
 class Named:
-    """A value that is compared with the one of the same quantity of another thing.
+    """A value that is compared with the one of the same quantity of another subject.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class Named:
     probability: bool = False
 
 
-def values_of(thing: Thing) -> dict[str, Named]:
-    """Return the values of a thing by their quantity.
+def values_of(subject: Subject) -> dict[str, Named]:
+    """Return the values of a subject by their quantity.
 
     Raises
     ------
@@ -49,13 +49,13 @@ def values_of(thing: Thing) -> dict[str, Named]:
     """
     of = {"session": _session, "picture": _picture, "characterisation": _characterisation, "calibration": _calibration}
     try:
-        return {one.quantity: one for one in of[thing.kind](thing)}
+        return {one.quantity: one for one in of[subject.kind](subject)}
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(damaged(thing.name)) from error
+        raise InputError(damaged(subject.name)) from error
 
 
-def _session(thing: Thing) -> Iterator[Named]:
-    tables = thing.content["tables"]
+def _session(subject: Subject) -> Iterator[Named]:
+    tables = subject.content["tables"]
     provenance = {row["item"]: row["value"] for row in tables["provenance"]["rows"]}
     frames = f"frames {provenance['SHA-256 of frames and readings']}"
     calibration = f"calibration {provenance['SHA-256 of those of the calibration']}"
@@ -67,10 +67,10 @@ def _session(thing: Thing) -> Iterator[Named]:
         yield Named(f"contrast of {row['pair']}", "%", value)
 
 
-def _picture(thing: Thing) -> Iterator[Named]:
-    tables, number = thing.content["tables"], thing.content["number"]
+def _picture(subject: Subject) -> Iterator[Named]:
+    tables, number = subject.content["tables"], subject.content["number"]
     (sha256,) = (row["sha256"] for row in tables["pictures"]["rows"] if row["number"] == number)
-    calibrations = [one["sha256"] for one in thing.content["inputs"] if one["role"] == "calibration"]
+    calibrations = [one["sha256"] for one in subject.content["inputs"] if one["role"] == "calibration"]
     picture, calibration = f"picture {sha256}", f"calibration {calibrations[0] if calibrations else sha256}"
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
@@ -84,16 +84,16 @@ def _picture(thing: Thing) -> Iterator[Named]:
         yield Named(f"contrast of {row['pair']}", "%", value)
 
 
-def _characterisation(thing: Thing) -> Iterator[Named]:
-    data = {f"{one['role']} {one['sha256']}": 1.0 for one in thing.content["inputs"][:1]}
-    for row in thing.content["tables"]["characterisation"]["rows"]:
+def _characterisation(subject: Subject) -> Iterator[Named]:
+    data = {f"{one['role']} {one['sha256']}": 1.0 for one in subject.content["inputs"][:1]}
+    for row in subject.content["tables"]["characterisation"]["rows"]:
         unit = "%" if row["unit"] == "1" else str(row["unit"] or "")
         yield Named(str(row["quantity"]), unit, _symmetric(row["value"], row["expanded_value"], data))
 
 
-def _calibration(thing: Thing) -> Iterator[Named]:
-    data = f"data {thing.content.provenance.input_sha256}"
-    for history in histories({thing.name: thing.content}, {}):
+def _calibration(subject: Subject) -> Iterator[Named]:
+    data = f"data {subject.content.provenance.input_sha256}"
+    for history in histories({subject.name: subject.content}, {}):
         (point,) = history.points
         plane = f" of plane {history.plane}" if history.plane else ""
         assert point.responsivity is not None

@@ -44,7 +44,7 @@ class MapTab:
         self._dn_scale = page.picture.scale
         self._levels: tuple[float, ...] = ()
         self._ends: tuple[float, ...] = ()
-        self._told_s, self._told_of = 0.0, page.workspace.image
+        self._refreshed_s, self._refreshed_for = 0.0, page.workspace.image
         unit = page.workspace.image.unit_text
         self._shown = pn.widgets.Select(name="Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
         self._kind = pn.widgets.Select(name="Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
@@ -87,10 +87,10 @@ class MapTab:
     def update(self) -> None:
         """Refresh statistics and what is drawn; of a live image not with every one, which would slow it down."""
         workspace = self._workspace
-        live = workspace.image is not self._told_of
-        if live and monotonic() - self._told_s < _EVERY_S:
+        live = workspace.image is not self._refreshed_for
+        if live and monotonic() - self._refreshed_s < _EVERY_S:
             return
-        self._told_s, self._told_of = monotonic(), workspace.image
+        self._refreshed_s, self._refreshed_for = monotonic(), workspace.image
         self._table.object = statistics_table(
             workspace.image, workspace.drawing.shapes, workspace.means, workspace.evaluated, workspace.selected
         )
@@ -135,7 +135,7 @@ class MapTab:
         kind: ScaleName = self._kind.value
         high = float(self._high.value or 1.0)
         low = min(float(self._low.value or 0.0), 0.999 * high)
-        # Not more decades than the colours can tell.
+        # No more decades than the colours can show.
         return DisplayScale(kind, max(low, high / LARGEST_RATIO) if kind == "logarithm" else low, high, ends_apart=True)
 
     def _fit_scale(self) -> None:

@@ -39,7 +39,7 @@ def later():
 
 
 @pytest.fixture
-def mend_when_missed(camera_on_loopback):
+def recover_when_missed(camera_on_loopback):
     """End the camera's trouble a little after the driver has begun to wait for it."""
     timers = []
 
@@ -86,7 +86,7 @@ def test_loss_during_a_grab_is_noticed_soon_and_nothing_left_behind(camera_on_lo
 
 
 @pytest.mark.parametrize("trouble", _LOST, ids=["frozen", "gone"])
-def test_a_grab_is_restored_after_a_loss_with_all_settings(camera_on_loopback, mend_when_missed, caplog, trouble):
+def test_a_grab_is_restored_after_a_loss_with_all_settings(camera_on_loopback, recover_when_missed, caplog, trouble):
     with open_camera("127.0.0.1", patience_s=9) as camera:
         camera.configure(binning=(2, 2), pixel_format="Mono8", region=Region(4, 2, 16, 12))
         camera.set_feature("ExposureTimeAbs", 3000)
@@ -109,7 +109,7 @@ def test_a_grab_is_restored_after_a_loss_with_all_settings(camera_on_loopback, m
     assert "its settings are restored" in warnings[-1]
 
 
-def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, mend_when_missed):
+def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, recover_when_missed):
     """A camera keeps settings until it is switched off, and a program that reads them relies on them."""
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level=50)
@@ -127,7 +127,7 @@ def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_lo
     assert {(frame.pixel_format, frame.gain_db, frame.bit_depth) for frame in taken} == {("Mono8", 6.0, 8)}
 
 
-def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, mend_when_missed):
+def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, recover_when_missed):
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:

@@ -14,7 +14,7 @@ from labcdp.calibration.errors.expanded import expanded_rel
 from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.report.result import session_result
-from labcdp.evaluate.compare.compare import Question, compare_things
+from labcdp.evaluate.compare.compare import Question, compare_subjects
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
 from labcdp.report.envelope import envelope, schema
@@ -108,15 +108,15 @@ def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
     sweep = chains[0].sweep(exact=True, scene__luminance_cd_m2=np.arange(1.0, 9.0))
     maps = [sweep.assign(cdp=sweep["cdp"].copy(data=np.array(cdp))) for cdp in (first, second)]
     maps = [one.assign_attrs(title=name) for name, one in zip("ab", maps, strict=True)]
-    (said, *_) = compare_result(compare_things(maps)).findings
+    (said, *_) = compare_result(compare_subjects(maps)).findings
     assert said.values["lows"] == lows
     assert "between grid points" in finding_text(said)
 
 
 def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation, characterised):
     same = characterised(3.0, "0" * 64)
-    for thing in (chains[0], Written(results), evaluation.calibration, same):
-        found = compare_things([thing, thing])
+    for subject in (chains[0], Written(results), evaluation.calibration, same):
+        found = compare_subjects([subject, subject])
         differences = [row.difference for row in found.rows] + list(found.grid.differences if found.grid else ())
         assert differences
         for one in differences:
@@ -134,7 +134,7 @@ def test_calibrations_with_one_meter_differ_by_the_fit_alone(evaluation):
     changed = replace(fit, responsivity_dn_s_cd_m2=1.003 * fit.responsivity_dn_s_cd_m2)
     provenance = replace(first.provenance, input_sha256="1" * 64)
     second = replace(first, responsivity=changed, provenance=provenance)
-    found = compare_things([first, second])
+    found = compare_subjects([first, second])
     (difference,) = found.grid.differences
     assert difference.value == pytest.approx(np.full(101, 0.003))
     net_dn = found.grid.axes[-1].values
@@ -145,8 +145,8 @@ def test_calibrations_with_one_meter_differ_by_the_fit_alone(evaluation):
     assert np.log1p(difference.high) - np.log1p(difference.value) == pytest.approx(np.sqrt(2) * np.array(own))
     assert difference.significant.all()
     other = replace(second, meter_scale=replace(meter, meter=replace(meter.meter, serial="2")))
-    assert not compare_things([first, other]).grid.differences[0].significant.any()
-    row = compare_result(compare_things([first, other])).table("differences").rows()
+    assert not compare_subjects([first, other]).grid.differences[0].significant.any()
+    row = compare_result(compare_subjects([first, other])).table("differences").rows()
     (r, *_) = row
     assert r["expanded_difference"] == pytest.approx(hypot(r["expanded_first"], r["expanded_value"]))
 
@@ -166,7 +166,7 @@ def test_cdp_of_sessions_by_one_calibration_differ_by_their_pixels_alone(results
 
     first = changed(0.80, 0.003, 0.005, "a", "1")
     by_one, by_another = (
-        compare_things([first, changed(0.82, 0.003, 0.005, name, "2")]).rows[0].difference for name in "ab"
+        compare_subjects([first, changed(0.82, 0.003, 0.005, name, "2")]).rows[0].difference for name in "ab"
     )
     assert by_one.z == pytest.approx(0.02 / hypot(0.003, 0.003))
     assert by_another.z == pytest.approx(0.02 / hypot(0.005, 0.005))
@@ -192,12 +192,12 @@ def test_contrasts_by_common_frames_or_a_common_calibration_have_no_significance
         (changed(1.5, "2", "b"), "yes"),
         (changed(1.0, "1", "b"), "no"),
     ):
-        rows = compare_result(compare_things([first, second])).table("differences").rows()
+        rows = compare_result(compare_subjects([first, second])).table("differences").rows()
         assert [row["differs"] for row in rows if row["quantity"].startswith("contrast")] == [differs]
 
 
 def test_characterisations_side_by_side_with_z(characterised, tmp_path):
-    found = compare_things([characterised(3.0, "0" * 64), characterised(3.4, "1" * 64), characterised(3.1, "2" * 64)])
+    found = compare_subjects([characterised(3.0, "0" * 64), characterised(3.4, "1" * 64), characterised(3.1, "2" * 64)])
     rows = [row for row in compare_result(found).table("differences").rows() if row["quantity"] == "read noise"]
     assert [row["z"] for row in rows] == pytest.approx([0.4 * Z_95 / hypot(0.2, 0.2), 0.1 * Z_95 / hypot(0.2, 0.2)])
     assert [row["differs"] for row in rows] == ["yes", "no"]
@@ -210,7 +210,7 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results, character
     maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
     cases = [
         (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
-        ([chains[0], Written(results)], r"^manta-g505 is a chain, but .* is a session: compare things of one kind$"),
+        ([chains[0], Written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
         ([chains[0]], "^there is nothing to compare with: give at least two$"),
         (["no such file", chains[0]], "^no such file does not exist: give chains, maps"),
         (["thesis-2018", "manta-g505"], "^thesis-2018: .*; or compare simulated maps of labcdp sweep$"),
@@ -218,14 +218,14 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results, character
         ([Written({"kind": "evaluate"}), chains[0]], "damaged or of another version of labcdp: evaluate again$"),
         ([Written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
     ]
-    for things, message in cases:
+    for subjects, message in cases:
         with pytest.raises(InputError, match=message):
-            compare_things(things)
+            compare_subjects(subjects)
     with pytest.raises(InputError, match=r"^manta-g505 \(1\): a contrast is not above 0 .* \(1.0 is 100 %\)$"):
-        compare_things([chains[0], chains[1]], Question(contrast=0.0))
+        compare_subjects([chains[0], chains[1]], Question(contrast=0.0))
     with pytest.raises(InputError, match="options for chains"):
         labcdp.compare(Written(results), Written(results), contrast=1.0)
     empty = deepcopy(results)
     empty["tables"]["contrasts"]["rows"] = []
     with pytest.raises(InputError, match="have no quantity in common"):
-        compare_things([Written(results), Written(empty)])
+        compare_subjects([Written(results), Written(empty)])

@@ -37,8 +37,8 @@ _HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of 
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
-    """One of the things that are compared.
+class Subject:
+    """One of what is compared.
 
     Parameters
     ----------
@@ -64,38 +64,38 @@ class Thing:
     simulated: bool
 
 
-def read_things(sources: Sequence[Any]) -> tuple[Thing, ...]:
+def read_subjects(sources: Sequence[Any]) -> tuple[Subject, ...]:
     """Recognise and read what is compared.
 
     Parameters
     ----------
     sources : sequence
         Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
-        are as many things.
+        are as many subjects.
 
     Raises
     ------
     InputError
         If one cannot be read or is nothing that can be compared, if they are of different kinds, or less than two.
     """
-    found = [thing for source in sources for thing in _read(source)]
-    kinds = {thing.kind: thing.name for thing in reversed(found)}
+    found = [subject for source in sources for subject in _read(source)]
+    kinds = {subject.kind: subject.name for subject in reversed(found)}
     if len(kinds) > 1:
         (one, a), (other, b), *_ = reversed(kinds.items())
-        raise InputError(f"{a} is a {one}, but {b} is a {other}: compare things of one kind")
+        raise InputError(f"{a} is a {one}, but {b} is a {other}: give several of one kind")
     if len(found) < 2:
         raise InputError("there is nothing to compare with: give at least two")
-    return tuple(replace(thing, name=name) for thing, name in zip(found, _names(found), strict=True))
+    return tuple(replace(subject, name=name) for subject, name in zip(found, _names(found), strict=True))
 
 
-def _names(things: Sequence[Thing]) -> list[str]:
+def _names(subjects: Sequence[Subject]) -> list[str]:
     """Last parts of the names, whole names where those are equal, and numbers where these are, too."""
-    last = [Path(thing.name).name or thing.name for thing in things]
-    names = last if len(set(last)) == len(last) else [thing.name for thing in things]
+    last = [Path(subject.name).name or subject.name for subject in subjects]
+    names = last if len(set(last)) == len(last) else [subject.name for subject in subjects]
     return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
 
 
-def _read(source: Any) -> list[Thing]:
+def _read(source: Any) -> list[Subject]:
     if isinstance(source, str | Path):
         return _file(str(source), Path(source))
     if isinstance(source, Chain):
@@ -112,7 +112,7 @@ def _read(source: Any) -> list[Thing]:
     raise InputError(f"{type(source).__name__} cannot be compared: {_HINT}")
 
 
-def _file(text: str, path: Path) -> list[Thing]:
+def _file(text: str, path: Path) -> list[Subject]:
     if not path.exists() and text in preset_names():
         digest = sha256(preset_text(text).encode()).hexdigest()
         return [_chain(text, Chain.load(text), (InputFile("preset", text, digest),))]
@@ -137,7 +137,7 @@ def _file(text: str, path: Path) -> list[Thing]:
     raise InputError(f"{text} cannot be compared: {_HINT}")
 
 
-def _document(name: str, path: Path) -> list[Thing]:
+def _document(name: str, path: Path) -> list[Subject]:
     content = read_json(path, "results or a calibration of labcdp")
     if isinstance(content, dict) and content.get("format") == "labcdp-calibration":
         return [_calibration(name, load_any(path), (InputFile.of("calibration", path),))]
@@ -146,7 +146,7 @@ def _document(name: str, path: Path) -> list[Thing]:
     return _results(name, path, content, (InputFile.of("results", path),))
 
 
-def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[InputFile, ...]) -> list[Thing]:
+def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[InputFile, ...]) -> list[Subject]:
     command = str(content.get("kind"))
     if command not in _OF_COMMAND:
         raise InputError(f"{name} holds results of labcdp {command}, which cannot be compared: {_HINT}")
@@ -156,11 +156,11 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
     try:
         settings, simulated = dict(content["configuration"]), bool(content["simulated"])
         if kind != "picture":
-            return [Thing(kind, name, content, inputs, settings, simulated)]
+            return [Subject(kind, name, content, inputs, settings, simulated)]
         pictures = [str(row["picture"]) for row in content["tables"]["pictures"]["rows"]]
         several = len(pictures) > 1
         return [
-            Thing(kind, one if several else name, {**content, "number": number}, inputs, settings, simulated)
+            Subject(kind, one if several else name, {**content, "number": number}, inputs, settings, simulated)
             for number, one in enumerate(pictures, start=1)
         ]
     except (LookupError, TypeError, ValueError, AttributeError):
@@ -172,25 +172,25 @@ def damaged(name: str) -> str:
     return f"the results {name} are damaged or of another version of labcdp: evaluate again"
 
 
-def _session(name: str, session: Session) -> list[Thing]:
+def _session(name: str, session: Session) -> list[Subject]:
     """Evaluate a session with its own calibration."""
     calibration, observed = calibrate_recorded([session])
     result: Result = session_result(evaluate_session(session, observed, calibration), [session_input(session)])
     return _results(name, session.path, envelope(result), result.inputs)
 
 
-def _chain(name: str, chain: Chain, inputs: tuple[InputFile, ...]) -> Thing:
-    return Thing("chain", name, chain, inputs, chain.document, True)
+def _chain(name: str, chain: Chain, inputs: tuple[InputFile, ...]) -> Subject:
+    return Subject("chain", name, chain, inputs, chain.document, True)
 
 
-def _map(name: str, dataset: Any, inputs: tuple[InputFile, ...]) -> Thing:
+def _map(name: str, dataset: Any, inputs: tuple[InputFile, ...]) -> Subject:
     check_map(dataset)
     text = str(dataset.attrs.get("chain", ""))
     asked = {key: dataset.attrs[key] for key in ("contrast", "epsilon", "stage", "method") if key in dataset.attrs}
-    return Thing("sweep", name, dataset, inputs, {**asked, **parse_toml(text)}, True)
+    return Subject("sweep", name, dataset, inputs, {**asked, **parse_toml(text)}, True)
 
 
-def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile, ...]) -> Thing:
+def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile, ...]) -> Subject:
     state, camera = calibration.state, calibration.state.camera
     settings = {
         "camera": str(camera),
@@ -202,4 +202,4 @@ def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile
         "meter state": calibration.meter_scale.state,
         "measured": f"{calibration.provenance.measured:%Y-%m-%d %H:%M}",
     }
-    return Thing("calibration", name, calibration, inputs, settings, camera.simulated)
+    return Subject("calibration", name, calibration, inputs, settings, camera.simulated)

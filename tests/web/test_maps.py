@@ -37,7 +37,7 @@ def test_a_profile_reads_the_pixels_along_a_line_with_their_uncertainty(image: P
     # Both parts are independent: 3 % and 4 % are 5 %.
     assert along.expanded / along.luminance == pytest.approx(1.96 * 0.05, rel=1e-3)
     # A map of its parts says the same, and so does the value under the pointer.
-    of_parts = replace(image, part=lambda window: _cut(image.luminance, window))
+    of_parts = replace(image, light=lambda window: _cut(image.luminance, window))
     assert profile(of_parts, (10.5, 5.5, 40.5, 45.5)).expanded.tolist() == along.expanded.tolist()
     assert of_parts.readout(44.2, 3.3) == image.readout(44.2, 3.3) == "x 44, y 3 · 1.49 ± 0.15 cd/m²"
     # What is outside is left out.

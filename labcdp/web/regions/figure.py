@@ -195,7 +195,7 @@ class Picture:
     def _step(self) -> int:
         """Pixels of the image, along each side, per displayed pixel."""
         if self.of_light:
-            return self.image.luminance.step
+            return self.image.step
         return 1 if self.image.colour_filter is None else 2
 
     def _put(self, source: ColumnDataSource, part: Tile) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.finding import Finding, unique
-from ...core.luminance import Invalid, LuminanceMap, Window
+from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...report.digits import Z_95, significant, with_half_width
 from .shape_edit import ImageSize
 
@@ -45,14 +45,12 @@ class PageImage:
         Whether the values are DN.
     colour_filter : str or None
         Colour filter pattern of a Bayer frame.
-    luminance : LuminanceMap
-        Luminance, in `unit`.
+    light : LuminanceMap, or function of a window
+        Luminance, in `unit`; or what converts some rows and columns of its map, so that nothing else is.
     unit : str
         ``cd/m^2``, or ``relative`` for an uncalibrated camera.
     findings : tuple of Finding
         Findings of the conversion.
-    part : function of a window, or None
-        Converts some rows and columns of the map, where that is faster than the whole one's uncertainty.
     saturation_dn : float or None
         DN from which a pixel is saturated; None if only the map says it.
     simulated : bool
@@ -63,10 +61,9 @@ class PageImage:
     values: NDArray[Any]
     is_dn: bool
     colour_filter: str | None
-    luminance: LuminanceMap
+    light: LuminanceMap | Callable[[Window], LuminanceMap]
     unit: str
     findings: tuple[Finding, ...] = ()
-    part: Callable[[Window], LuminanceMap] | None = None
     saturation_dn: float | None = None
     simulated: bool = False
 
@@ -81,7 +78,7 @@ class PageImage:
             values=values,
             is_dn=frame is not None,
             colour_filter=None if frame is None else frame.colour_filter,
-            luminance=conversion.luminance(picture),
+            light=conversion.luminance(picture),
             unit=conversion.unit_of(picture),
             findings=unique(conversion.findings(picture)),
             simulated=frame is not None and frame.camera.simulated,
@@ -89,15 +86,16 @@ class PageImage:
 
     @classmethod
     def of_frame(cls, name: str, frame: Frame, conversion: PictureConversion) -> PageImage:
-        """Convert a frame; raises CalibrationError if it is not of the calibrated camera, setting or size."""
+        """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera, setting or size."""
+        convert = partial(conversion.convert, frame)
+        convert((slice(0, 1), slice(0, 1)))
         return cls(
             name=name,
             values=frame.dn,
             is_dn=True,
             colour_filter=frame.colour_filter,
-            luminance=conversion.convert(frame),
+            light=convert,
             unit=conversion.unit,
-            part=partial(conversion.convert, frame),
             saturation_dn=frame.saturation_dn,
             simulated=frame.camera.simulated,
         )
@@ -106,6 +104,18 @@ class PageImage:
     def size(self) -> ImageSize:
         """Width and height in pixels."""
         return self.values.shape[1], self.values.shape[0]
+
+    @cached_property
+    def luminance(self) -> LuminanceMap:
+        """Luminance of all pixels, in `unit`."""
+        return self.light if isinstance(self.light, LuminanceMap) else self.light(WHOLE)
+
+    @property
+    def step(self) -> int:
+        """Pixels of the image, along each side, for one of the map."""
+        if isinstance(self.light, LuminanceMap):
+            return self.light.step
+        return 1 if self.colour_filter is None else 2
 
     @cached_property
     def display(self) -> NDArray[Any]:
@@ -122,23 +132,27 @@ class PageImage:
         """Displayed luminance, shape of the map: infinite where saturated, minus infinity where negative."""
         light = np.array(self.luminance.luminance_cd_m2, dtype=np.float32)
         light[light < 0] = -np.inf
-        light[self.saturated if self.luminance.step == 1 else self._saturated_light] = np.inf
+        light[self.saturated if self.step == 1 else self._saturated_light] = np.inf
         return light
 
     def light_at(
         self, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the luminance of pixels of the map, and its expanded uncertainty U (95 %): nan if it is not known."""
-        top, left = int(rows.min()), int(columns.min())
-        window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
-        whole = self.luminance
-        part = whole if self.part is None else self.part(window)
-        at = (rows, columns) if self.part is None else (rows - top, columns - left)
+        part, at = self._part_with(rows, columns)
         value = np.asarray(part.luminance_cd_m2[at], dtype=np.float64)
         relative = [np.broadcast_to(one, part.shape)[at] for one in (part.random_rel, part.common_rel, part.slow_rel)]
         slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
         u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
         return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
+
+    def _part_with(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[LuminanceMap, tuple[NDArray[Any], ...]]:
+        """Return a map that has these pixels of the whole one, and where."""
+        if isinstance(self.light, LuminanceMap):
+            return self.light, (rows, columns)
+        top, left = int(rows.min()), int(columns.min())
+        window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
+        return self.light(window), (rows - top, columns - left)
 
     @cached_property
     def saturated(self) -> NDArray[np.bool_]:
@@ -147,7 +161,7 @@ class PageImage:
             saturated: NDArray[np.bool_] = np.greater_equal(self.values, self.saturation_dn)
             return saturated
         flags = self._saturated_light
-        step = self.luminance.step
+        step = self.step
         if step == 1:
             return flags
         full: NDArray[np.bool_] = np.zeros(self.values.shape, dtype=np.bool_)
@@ -178,15 +192,13 @@ class PageImage:
             parts.append(f"DN {int(value)}{self._colour(row, column)}")
         elif self.unit != "cd/m^2":
             parts.append(f"value {float(value):.6g}")
-        at = tuple(
-            min(place // self.luminance.step, n - 1)
-            for place, n in zip((row, column), self.luminance.shape, strict=True)
-        )
-        value, expanded = (float(one[0]) for one in self.light_at(*(np.array([place]) for place in at)))
+        at = tuple(min(place, n - n % self.step - 1) // self.step for place, n in ((row, height), (column, width)))
+        place = [np.array([one]) for one in at]
+        value, expanded = (float(one[0]) for one in self.light_at(*place))
         light = with_half_width(value, expanded) if isfinite(expanded) else significant(value)
         parts.append(f"{light} cd/m²" if self.unit == "cd/m^2" else f"light {light}")
-        one = tuple(slice(place, place + 1) for place in at)
-        flags = int((self.luminance.invalid[one] if self.part is None else self.part((one[0], one[1])).invalid)[0, 0])
+        part, within = self._part_with(*place)
+        flags = int(part.invalid[within][0])
         parts += [text for reason, text in _REASONS.items() if flags & reason]
         return " · ".join(parts)
 

@@ -58,7 +58,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion, options
         values=frame.dn,
         is_dn=True,
         colour_filter=frame.colour_filter,
-        luminance=conversion.convert(frame),
+        light=conversion.convert(frame),
         unit=conversion.unit,
         simulated=frame.camera.simulated,
         findings=unique((*source.findings, *conversion_findings(conversion, source))),

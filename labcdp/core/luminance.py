@@ -182,9 +182,7 @@ class LuminanceMap:
 
     def scaled(self, roi: Roi) -> Roi:
         """Region of the image in pixels of the map."""
-        if self.step == 1:
-            return roi
-        return Roi(roi.name, tuple((x / self.step, y / self.step) for x, y in roi.corners))
+        return roi.divided(self.step)
 
     def select(self, roi: Roi) -> NDArray[np.floating[Any]]:
         """Luminances of a region of the image, shape (n,); raises InputError as `Roi.select`."""

@@ -80,6 +80,10 @@ class Roi:
         """Return the region `dx` pixels further right and `dy` further down."""
         return Roi(self.name, tuple((x + dx, y + dy) for x, y in self.corners))
 
+    def divided(self, step: int) -> Roi:
+        """Region in pixels of a map, each of which stands for `step` x `step` pixels of the image."""
+        return self if step == 1 else Roi(self.name, tuple((x / step, y / step) for x, y in self.corners))
+
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Rows and columns of an image of `shape` (height, width) that hold the whole region.
 

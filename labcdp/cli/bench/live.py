@@ -160,7 +160,7 @@ def _serve(
     server = Server(address, port)
     live = LiveBench(LiveCamera(camera, settings, prepare), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
-    workspace = Workspace(live.measurements(frame), files, _start(files, devices.plan), server.elsewhere)
+    workspace = Workspace(live.measurements(live.images.image(frame)), files, _start(files, devices.plan), server.elsewhere)
     tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)
     site = Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S, lambda: live.results)
 
@@ -230,7 +230,7 @@ def _result(live: LiveBench, roi: Path) -> Result:
     )
     rows = [
         {"region": one.region, "meter_cd_m2": one.luminance_cd_m2, "camera_cd_m2": one.camera_cd_m2}
-        for one in reversed(live.readings)
+        for one in reversed(live.desk.readings)
     ]
     tables = (quantity_table("frames", "Frames", received), Table.of_rows("readings", "Readings", columns, rows))
     return Result("bench", str(roi), tables, configuration={"roi": str(roi)})

@@ -68,7 +68,11 @@ def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
     InputError
         If the region lies outside the image, contains no pixel or a non-finite one.
     """
-    region = RegionPixels.of(luminance, roi)
+    return result_of_region(RegionPixels.of(luminance, roi))
+
+
+def result_of_region(region: RegionPixels) -> RegionResult:
+    """Evaluate one region as `evaluate_region`."""
     errors = [*region.common, *region.own]
     ratio = snr(region.distribution)
     changed = [[snr(region.changed(sign * x)).value for sign in (1, -1)] for x in errors if x.ndim]

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from time import monotonic
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...core.roi import Roi
+from .live_camera import LiveCamera
 
 #: Where the brightest pixels should be, as a share of the converter's range.
 TARGET = 0.8
@@ -15,6 +20,8 @@ _GOOD = (0.7, 0.9)
 _BRIGHTEST = 0.99
 #: Step while pixels are saturated and nothing can be computed.
 _STEP = 0.25
+#: Attempts to fit the exposure, time for a frame with the new one, and how often it is looked for.
+_MOST_ATTEMPTS, _ATTEMPT_S, _LOOK_S = 10, 20.0, 0.5
 
 
 def better_exposure_s(
@@ -48,3 +55,33 @@ def better_exposure_s(
     factor = _STEP if share > 0.99 else TARGET * highest / max(brightest, 1.0)
     wanted_s = float(np.clip(exposure_s * factor, *limits_s))
     return None if np.isclose(wanted_s, exposure_s, rtol=0.01) else wanted_s
+
+
+def fit_exposure(camera: LiveCamera, rois: Callable[[], Sequence[Roi]]) -> Iterator[str]:
+    """Change the exposure of a camera until the brightest region, or the image, fills the range; yield what failed."""
+    for _ in range(_MOST_ATTEMPTS):
+        live = camera.live
+        if live.frame is None or live.settings is None:
+            break
+        frame = live.frame
+        inside = [roi.select(frame.dn) for roi in rois()] or [frame.dn.ravel()]
+        brightest = max(inside, key=lambda values: float(values.mean()))
+        better_s = better_exposure_s(brightest, frame.exposure_s, frame.bit_depth, live.exposure_range_s)
+        if better_s is None:
+            yield ""
+            return
+        camera.request(exposure_s=better_s)
+        if not _has_another_exposure(camera, frame.exposure_s):
+            yield "The exposure cannot be fitted: the camera does not take it"
+            return
+    yield "The exposure cannot be fitted: there is too much or too little light"
+
+
+def _has_another_exposure(camera: LiveCamera, exposure_s: float) -> bool:
+    """Wait for a frame with another exposure; False if none comes."""
+    until_s = monotonic() + _ATTEMPT_S
+    while (live := camera.live).frame is None or live.frame.exposure_s == exposure_s:
+        if live.error or monotonic() > until_s:
+            return False
+        camera.wait_for_news(live, _LOOK_S)
+    return True

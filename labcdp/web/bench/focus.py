@@ -2,10 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.roi import Roi
+
+#: Largest side of the middle of an image, where no region is meant.
+_MIDDLE_PX = 600
+
+
+@dataclass(frozen=True)
+class Focus:
+    """Sharpness of a region, and the largest of the same region so far.
+
+    Parameters
+    ----------
+    region : str
+        Its name; empty for the middle of the image.
+    now, best : float
+        As of `sharpness`.
+    """
+
+    region: str = ""
+    now: float = 0.0
+    best: float = 0.0
+
+    def after(self, values: NDArray[Any], roi: Roi | None) -> Focus:
+        """Return the focus after another image: of a region, or of the middle."""
+        rows, columns = (_middle(length) for length in values.shape)
+        if roi is not None:
+            try:
+                rows, columns = roi.window((values.shape[0], values.shape[1]))
+            except InputError:
+                rows = slice(0)
+        name, now = "" if roi is None else roi.name, sharpness(values[rows, columns])
+        return Focus(name, now, max(now, self.best if name == self.region else 0.0))
+
+
+def _middle(length: int) -> slice:
+    side = min(length // 2, _MIDDLE_PX)
+    return slice((length - side) // 2, (length + side) // 2)
 
 
 def sharpness(values: NDArray[Any]) -> float:

@@ -10,7 +10,7 @@ from ...acquire import Operator
 from ...core.reading import ReadingSeries
 from ...core.roi import Roi
 from ...drivers.meter import Meter
-from ...metrics.regions.region import evaluate_region
+from ...metrics.regions.region import result_of_region
 from ...report.digits import Z_95
 from ...session import SessionConfiguration
 from ..regions.drawing import Drawing
@@ -105,7 +105,7 @@ def meter_reading(taken: ReadingSeries | float, region: str, image: PageImage, r
     camera, camera_u = None, None
     for roi in rois:
         if roi.name == region and image.unit == "cd/m^2":
-            found = evaluate_region(image.luminance, roi)
+            found = result_of_region(image.pixels(roi))
             camera, camera_u = found.mean, found.standard_uncertainty
     if isinstance(taken, float):
         return MeterReading(taken, region, camera, None, camera_u)

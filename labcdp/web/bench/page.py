@@ -37,9 +37,9 @@ class BenchPage:
         self.bench = bench
         self._regions = Page(bench.workspace, document, self._may_change)
         self._picture, html = self._regions.picture, self._regions.text
-        highest = bench.highest_dn
+        highest = bench.images.highest_dn
         self._picture.show_scale(DisplayScale.of_range(highest))
-        self._picture.mark_ends()
+        self._picture.go_live()
         self._map = MapTab(self._regions, False)
         names = ("strip", "table", "notice", "findings")
         self._strip, self._table, self._notice, self._findings = map(html, names)
@@ -64,13 +64,17 @@ class BenchPage:
         self._shown: CameraSettings | None = None
         self._filling = False
         self._connect()
-        for end in (bench.camera.look(), bench.workspace.listen(self._changed), self._leave):
+        for end in (bench.camera.look(), bench.images.listen(self._image_came), self._leave):
             document.on_session_destroyed(_ending(end))
-        self._document, self._waits = document, False
+        self._document, self._image_waits = document, False
         #: What only the controlling page may use.
         self._controls: list[Any] = []
         self._controlled = True
-        self._picture.link.on_change("tab", lambda _attr, _old, _new: self._arrive())
+        link = self._picture.link
+        link.on_change("tab", lambda _attr, _old, _new: self._arrive())
+        link.on_change("drawn", lambda _attr, _old, _new: self._show_newest())
+        link.on_change("pointer", lambda _attr, _old, new: self._point(new))
+        self._regions.after_update.append(self.update)
 
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
@@ -101,11 +105,10 @@ class BenchPage:
 
     def update(self) -> None:
         """Refresh the tab."""
-        self._waits = False
         bench = self.bench
         cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
-        if self._pause.value != bench.paused:
-            self._filling, self._pause.value = True, bench.paused
+        if self._pause.value != bench.images.paused:
+            self._filling, self._pause.value = True, bench.images.paused
             self._filling = False
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
         self._show_settings(bench.camera.live.settings)
@@ -114,22 +117,31 @@ class BenchPage:
         self._table.object = reading_table(bench)
         self._show_control()
         self._follow_bits()
-        words = " ".join(dict.fromkeys(one for one in (bench.busy, bench.notice or bench.mismatch) if one))
+        words = " ".join(dict.fromkeys(one for one in (bench.busy, bench.notice or bench.images.mismatch) if one))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 
-    def _changed(self) -> None:
-        if not self._waits:
-            self._waits = True
-            self._document.add_next_tick_callback(self.update)
+    def _image_came(self) -> None:
+        if not self._image_waits:
+            self._image_waits = True
+            self._document.add_next_tick_callback(self._show_newest)
+
+    def _show_newest(self) -> None:
+        """Show the newest image, when it comes or when the browser has drawn the one before."""
+        self._image_waits = False
+        self._picture.renew(self.bench.images.newest)
+
+    def _point(self, place: list[int]) -> None:
+        if self._may_change():
+            self.bench.images.pointer = place
 
     def _connect(self) -> None:
         actions: dict[Any, Callable[[Any], object]] = {
             self._exposure: lambda value: self._request("exposure_s", value, 1e-3),
             self._gain: lambda value: self._request("gain_db", value, 1.0),
             self._contrast: self._aim_contrast,
-            self._pause: lambda value: setattr(self.bench, "paused", value),
+            self._pause: lambda value: setattr(self.bench.images, "paused", value),
             self._typed: self._enter,
             self._epsilon: self._aim_epsilon,
         }
@@ -174,7 +186,7 @@ class BenchPage:
 
     def _follow_bits(self) -> None:
         """Follow the highest DN, which changes with the pixel format."""
-        highest = self.bench.highest_dn
+        highest = self.bench.images.highest_dn
         if highest != self._highest:
             self._highest = highest
             self._map.show_range(DisplayScale.of_range(highest))
@@ -214,8 +226,7 @@ class BenchPage:
         self.bench.aim(epsilon=percent / 100)
 
     def _say(self, text: str) -> None:
-        self.bench.notice = text
-        self.bench.workspace.changed()
+        self.bench.say(text)
 
     def _show_settings(self, settings: CameraSettings | None) -> None:
         """Update the fields when the settings have changed, also by another program."""

@@ -9,13 +9,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.luminance import LuminanceMap
 from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.regions.pair import PairResult
+from ..regions.page_image import PageImage
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
 
+#: Length of the trace of the CDP.
+TRACE_S = 180.0
 #: Share of saturated pixels from which a region's contrast means nothing.
 _SATURATED = 0.001
 #: Range of a curve over the measured contrast, and number of its points.
@@ -52,6 +54,34 @@ class PairPoint:
     verdict: Verdict
 
 
+@dataclass(frozen=True)
+class Trace:
+    """CDP of a pair over the last minutes.
+
+    Parameters
+    ----------
+    points : tuple of PairPoint
+        The oldest first.
+    pair : tuple of str
+        Names of the regions.
+    """
+
+    points: tuple[PairPoint, ...] = ()
+    pair: tuple[str, ...] = ()
+
+    @property
+    def newest(self) -> PairPoint | None:
+        """The newest point, if there is any."""
+        return self.points[-1] if self.points else None
+
+    def after(self, point: PairPoint | None, pair: tuple[str, ...]) -> Trace:
+        """Return the trace with another point; it begins anew with another pair."""
+        kept = self.points if pair == self.pair else ()
+        if point is not None:
+            kept = (*(one for one in kept if point.time_s - one.time_s < TRACE_S), point)
+        return Trace(kept, pair)
+
+
 def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:
     """Return a pair's point; None without a target contrast. `limit` is the CDP from which it counts as detected."""
     if not pair.results:
@@ -84,10 +114,10 @@ def verdict(below: float, above: float, interval: tuple[float, float], limit: fl
 
 
 def cdp_curve(
-    luminance: LuminanceMap, pair: Sequence[Roi], contrast: float, epsilon: float
+    image: PageImage, pair: Sequence[Roi], contrast: float, epsilon: float
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return contrasts around the measured one, fractions, and the CDP of two regions at each."""
     contrasts = np.geomspace(*_RANGE, _N_POINTS) * max(contrast, 0.01)
-    values = [luminance.select(roi) for roi in pair]
+    values = [image.light_in(roi) for roi in pair]
     bright, dark = sorted(values, key=lambda one: float(one.mean()), reverse=True)
     return contrasts, cdp(bright, dark, contrasts, epsilon).cdp

@@ -9,7 +9,8 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
-from .live_bench import TRACE_S, LiveBench
+from .live_bench import LiveBench
+from .pair import TRACE_S
 
 _BLUE, _RED = "#0072b2", "#d55e00"
 #: Bins of the histogram, and pixels of which it is made.
@@ -33,7 +34,7 @@ class Plots:
         self._histogram = ColumnDataSource(data={"dn": [], "n": []})
         self._measured = Span(location=None, dimension="height", line_color=_RED, line_width=2)
         self._contrasts = Range1d(1, 10_000)
-        self._dn = Range1d(0, bench.highest_dn)
+        self._dn = Range1d(0, bench.images.highest_dn)
         self._plotted_s = 0.0
         limit = bench.target.limit
         self.figures = (self._trace_figure(limit), self._curve_figure(limit), self._histogram_figure())
@@ -44,7 +45,8 @@ class Plots:
         if now_s - self._plotted_s < _PLOT_S:
             return False
         self._plotted_s = now_s
-        points = bench.trace[:: 1 + len(bench.trace) // _MOST_POINTS]
+        points = bench.trace.points
+        points = points[:: 1 + len(points) // _MOST_POINTS]
         self._trace.data = {
             "t": [one.time_s - now_s for one in points],
             **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
@@ -53,9 +55,10 @@ class Plots:
         self._curve.data = {"contrast": 100 * contrasts, "cdp": values}
         if contrasts.size:
             self._contrasts.update(start=100 * contrasts[0], end=100 * contrasts[-1])
-        self._measured.location = 100 * bench.trace[-1].contrast if bench.trace else None
-        self._dn.end = bench.highest_dn
-        self._histogram.data = _histogram(bench.workspace.image.values, bench.highest_dn)
+        newest = bench.trace.newest
+        self._measured.location = None if newest is None else 100 * newest.contrast
+        self._dn.end = bench.images.highest_dn
+        self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
         return True
 
     def _trace_figure(self, limit: float) -> Any:

@@ -67,7 +67,7 @@ class RecordTab:
         """Refresh the tab of a page that may change something, or only look on."""
         bench, recording = self._bench, self._bench.recording
         running = recording is not None and bool(bench.busy)
-        self._start.disabled = not controlled or bool(bench.busy) or bench.plan is None or bench.meter is None
+        self._start.disabled = not controlled or bool(bench.busy) or bench.plan is None or bench.desk.meter is None
         self._name.disabled = running or not controlled
         self._pause.disabled = self._stop.disabled = not (running and controlled)
         question = recording.operator.question if recording is not None and running else None
@@ -83,7 +83,7 @@ class RecordTab:
 
     def _text(self) -> str:
         bench, recording = self._bench, self._bench.recording
-        if bench.plan is None or bench.meter is None:
+        if bench.plan is None or bench.desk.meter is None:
             return "<p class='quiet'>Recording needs a plan and a meter: start labcdp bench with PLAN and --meter.</p>"
         if recording is None:
             return (

@@ -8,7 +8,6 @@ from ...report.digits import Z_95, exposure, printable, significant, with_half_w
 from .live_bench import LiveBench
 from .live_camera import Live
 from .measured import MeterReading
-from .pair import PairPoint
 
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
@@ -20,7 +19,7 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "no frames", "bad", f"{live.error}; trying again every second")
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
-    if bench.paused:
+    if bench.images.paused:
         return _card("Camera", "paused", "open", "the image is frozen; the camera keeps streaming")
     if live.lent and not live.streaming:
         return _card("Camera", "recording", "good", "waits for the recording")
@@ -28,8 +27,9 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
     lines = [f"{exposure(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
-    now, best = bench.focus
-    lines += [f"sharpness {100 * now / best:.0f} % of the best"] if best else []
+    focus = bench.images.focus
+    where = f" at {focus.region}" if focus.region else ""
+    lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
     lines += [line for line in (live.error, live.changed) if line]
     return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
@@ -41,7 +41,7 @@ def pair_card(bench: LiveBench) -> str:
     if len(pair) < 2:
         return _card("CDP", "-", "open", "choose two regions under Regions")
     title = " / ".join(roi.name for roi in pair)
-    point = bench.trace[-1] if bench.trace else None
+    point = bench.trace.newest
     if point is None:
         return _card(title, "…", "open", _why(bench))
     asked = f"contrast {100 * point.target:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
@@ -55,20 +55,20 @@ def pair_card(bench: LiveBench) -> str:
 
 def contrast_card(bench: LiveBench) -> str:
     """Write the card of the measured contrast."""
-    if not bench.trace:
+    point = bench.trace.newest
+    if point is None:
         return _card("Measured contrast", "-", "open")
-    point: PairPoint = bench.trace[-1]
     text = with_half_width(100 * point.contrast, 100 * Z_95 * point.contrast_u)
     return _card("Measured contrast", f"{text} %", "open", "U (95 %) of this frame")
 
 
 def meter_card(bench: LiveBench) -> str:
     """Write the card of the last reading."""
-    if bench.meter is None:
+    if bench.desk.meter is None:
         return _card("Meter", "-", "open", "none: give --meter PORT")
-    if not bench.readings:
+    if not bench.desk.readings:
         return _card("Meter", "-", "open", bench.busy or "no reading yet")
-    last = bench.readings[0]
+    last = bench.desk.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
     state = "bad" if last.disagrees else "open"
     return _card("Meter", f"{significant(last.luminance_cd_m2)} cd/m²", state, *lines)
@@ -76,10 +76,10 @@ def meter_card(bench: LiveBench) -> str:
 
 def reading_table(bench: LiveBench) -> str:
     """Write the readings, the newest first."""
-    if not bench.readings:
+    if not bench.desk.readings:
         return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
     rows = []
-    for one in bench.readings:
+    for one in bench.desk.readings:
         camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
         state = " class='fail'" if one.disagrees else ""

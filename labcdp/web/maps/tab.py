@@ -67,7 +67,7 @@ class MapTab:
         self._profile = ColumnDataSource(data={"d": [], "l": [], "low": [], "high": []})
         self._plot = self._new_plot()
         self._connect()
-        page.after_update = self.update
+        page.after_update.append(self.update)
         if coloured:
             self._shown.value = _COLOURS
         self.update()

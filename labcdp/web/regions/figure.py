@@ -63,7 +63,7 @@ class Link(DataModel):  # type: ignore[misc]
     line : list of float
         Ends x, y, x, y of the last line drawn for a profile; empty if none.
     drawn : int
-        Number of images that the browser has drawn.
+        Number of the newest image that the browser has drawn.
     tab : str
         Name of the tab of the browser, which stays while it is reloaded.
     """
@@ -92,8 +92,8 @@ class Picture:
         self.image = image
         self.link = Link()
         self.scale = DisplayScale.of(image.display)
-        #: Whether luminance is shown, and whether the ends of the scale are marked.
-        self.of_light, self._marked = False, False
+        #: Whether luminance is shown, and whether images follow each other.
+        self.of_light, self._live = False, False
         self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
         self.theme = RadioButtonGroup(labels=["Light", "Dark", "Red light"], active=0, name="theme", margin=(4, 8))
         self.hint = Div(text="", name="hint", sizing_mode="stretch_width")
@@ -101,7 +101,10 @@ class Picture:
         self._part: tuple[float, float, float, float] | None = None
         self._screen = (1, 1)
         self._overview, self._detail = _image_source(), _image_source()
-        drawn = CustomJS(args={"link": self.link}, code="requestAnimationFrame(() => { link.drawn += 1 })")
+        drawn = CustomJS(
+            args={"link": self.link},
+            code="requestAnimationFrame(() => { link.drawn = cb_obj.get_column('number')[0] })",
+        )
         self._detail.js_on_change("data", drawn)
         self._sources = {
             "shapes": _source("xs", "ys", "colour", "dash", "width", "fill"),
@@ -138,9 +141,14 @@ class Picture:
         arguments |= {"theme": self.theme, **self._sources}
         return CustomJS(args=arguments, code=code)
 
-    def mark_ends(self) -> None:
-        """Show saturated pixels in red and pixels at 0 in blue, also while DN are shown."""
-        self._marked = True
+    def go_live(self) -> None:
+        """Show images that follow each other: saturated pixels are red and those at 0 blue.
+
+        Without overview and axes, which take a browser as long to draw as the image.
+        """
+        self._live = True
+        self.figure.axis.visible = False
+        self.figure.min_border_left = self.figure.min_border_bottom = 4
         self._colours.palette = [_BLACK, *self._colours.palette[1:-1], _SATURATED]
 
     def show(self, drawing: Drawing, selected: str | None) -> None:
@@ -149,21 +157,18 @@ class Picture:
         if state != self.link.state:
             self.link.state = state
 
-    def renew(self, image: PageImage) -> None:
-        """Show another image, once the browser has drawn the one before."""
-        if image is self.image or self.link.drawn < self._n_sent or self._part is None:
+    def renew(self, image: PageImage | None) -> None:
+        """Show another image if the browser has drawn the one before, so that none waits on the way."""
+        if image is None or image is self.image or self.link.drawn < self._n_sent or self._part is None:
             return
-        resized, self.image = image.size != self.image.size, image
-        if resized:
-            self._show_overview()
-        self._n_sent += 1
+        self.image = image
         self.show_part(self._part, self._screen)
 
     def show_scale(self, scale: DisplayScale, *, of_light: bool = False, coloured: bool = False) -> None:
         """Change the mapping of values, or of luminance, to grey levels or false colours."""
         self.scale, self.of_light = scale, of_light
         palette = Viridis256 if coloured else _GREY
-        ends = (_BLACK, _SATURATED) if of_light or self._marked else (palette[0], palette[-1])
+        ends = (_BLACK, _SATURATED) if of_light or self._live else (palette[0], palette[-1])
         self._colours.palette = [ends[0], *palette[1:-1], ends[1]]
         for name, bar in self._bars.items():
             bar.visible = of_light and name == scale.name
@@ -174,6 +179,8 @@ class Picture:
             self.show_part(self._part, self._screen)
 
     def _show_overview(self) -> None:
+        if self._live:
+            return
         height, width = self._shown.shape
         reduction = max(width, height) / _OVERVIEW_PX
         screen = round(width / reduction), round(height / reduction)
@@ -185,6 +192,7 @@ class Picture:
         step = self._step
         left, top, right, bottom = (edge / step for edge in part)
         pixels = min(screen[0], _MOST_PX), min(screen[1], _MOST_PX)
+        self._n_sent += 1
         self._put(self._detail, tile(self._shown, self.scale, (left, top, right, bottom), pixels))
 
     @property
@@ -206,6 +214,7 @@ class Picture:
             "y": [n * part.y],
             "dw": [n * part.width],
             "dh": [n * part.height],
+            "number": [self._n_sent],
         }
 
     def _new_figure(self) -> Any:
@@ -301,4 +310,4 @@ def _lines(*columns: str) -> ColumnDataSource:
 
 def _image_source() -> ColumnDataSource:
     nothing = np.zeros((1, 1), dtype=np.uint8)
-    return ColumnDataSource(data={"image": [nothing], "x": [0], "y": [0], "dw": [1], "dh": [1]})
+    return ColumnDataSource(data={"image": [nothing], "x": [0], "y": [0], "dw": [1], "dh": [1], "number": [0]})

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ...core.errors import LabcdpError
 from ...core.finding import Finding
 from ...core.roi import Roi
-from ...metrics.regions.pair import PairResult, evaluate_pair
-from ...metrics.regions.region import RegionResult, evaluate_region
+from ...metrics.regions.pair import PairResult, evaluate_regions, require_apart
+from ...metrics.regions.region import RegionResult, result_of_region
 from ...regions import check_region
 from .drawing import Drawing
 from .page_image import PageImage
@@ -146,8 +146,9 @@ class Measurements:
     def _mean(self, roi: Roi) -> Means:
         try:
             inside = roi.select(self.image.values)
-            light = self.image.luminance.select(roi)
-            saturated = float(roi.select(self.image.saturated).mean())
+            light = self.image.light_in(roi)
+            highest = self.image.saturation_dn
+            saturated = float((roi.select(self.image.saturated) if highest is None else inside >= highest).mean())
         except LabcdpError as error:
             return Means(error=str(error))
         return Means(
@@ -163,8 +164,9 @@ class Measurements:
 
     def _evaluated_pair(self, first: Roi, second: Roi) -> PairEvaluation:
         try:
-            pair = evaluate_pair(self.image.luminance, first, second, self.contrasts, self.epsilon)
-            return PairEvaluation(first, second, pair)
+            a, b = self.image.pixels(first), self.image.pixels(second)
+            require_apart(a.placed, b.placed)
+            return PairEvaluation(first, second, evaluate_regions(a, b, self.contrasts, self.epsilon))
         except LabcdpError as error:
             return PairEvaluation(first, second, None, str(error))
 
@@ -172,7 +174,7 @@ class Measurements:
         findings: tuple[Finding, ...] = ()
         try:
             findings = check_region(self.image.values, self.image.saturated, roi)
-            return Evaluation(self._of_pair(roi) or evaluate_region(self.image.luminance, roi), findings)
+            return Evaluation(self._of_pair(roi) or result_of_region(self.image.pixels(roi)), findings)
         except LabcdpError as error:
             return Evaluation(None, findings, str(error))
 

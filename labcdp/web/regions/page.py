@@ -20,6 +20,9 @@ from .proposals import METHOD_NAMES, METHODS, default_size_px, propose
 from .wording import pair_table, region_table, warning_list
 from .workspace import Workspace
 
+#: Changes within this time are one refresh.
+_SOON_MS = 30
+
 
 class Page:
     """One tab.
@@ -36,8 +39,8 @@ class Page:
 
     def __init__(self, workspace: Workspace, document: Any, may_change: Callable[[], bool] = lambda: True) -> None:
         self.workspace, self.document, self.may_change = workspace, document, may_change
-        #: Called after each refresh.
-        self.after_update: Callable[[], None] = lambda: None
+        #: Called after each refresh, in this order.
+        self.after_update: list[Callable[[], None]] = []
         self.picture = Picture(workspace.image)
         self._updating = False
         self._waits = False
@@ -108,19 +111,24 @@ class Page:
         """Schedule a refresh; may be called from anywhere in the server's loop."""
         if not self._waits:
             self._waits = True
-            self.document.add_next_tick_callback(self.update)
+            self.document.add_timeout_callback(self.update, _SOON_MS)
 
     def later(self, action: Callable[[], None]) -> None:
         """Do what changes models of Bokeh; callbacks of widgets do not have the document to themselves."""
         self.document.add_next_tick_callback(action)
 
     def update(self) -> None:
-        """Refresh the tab from the workspace."""
+        """Refresh the tab from the workspace, in one message to the browser."""
         self._waits = False
+        with pn.io.hold(self.document):
+            self._update()
+            for follow in self.after_update:
+                follow()
+
+    def _update(self) -> None:
         workspace = self.workspace
         image, drawing, means, evaluated = workspace.image, workspace.drawing, workspace.means, workspace.evaluated
         with self._quietly():
-            self.picture.renew(image)
             self.picture.show(drawing, workspace.selected)
             self._head.object = self._heading()
             self._regions.object = region_table(image, drawing, means, evaluated, workspace.selected)
@@ -142,7 +150,6 @@ class Page:
             button["Accept all"].disabled = button["Discard"].disabled = not proposals
             button["Replace"].visible = workspace.in_the_way is not None
             button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
-        self.after_update()
 
     def _heading(self) -> str:
         workspace = self.workspace

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...core.finding import Finding, unique
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ...core.roi import Roi
+from ...metrics.regions.region import RegionPixels
 from ...report.digits import Z_95, significant, with_half_width
 from .shape_edit import ImageSize
 
@@ -145,6 +147,26 @@ class PageImage:
         slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
         u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
         return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
+
+    def pixels(self, roi: Roi) -> RegionPixels:
+        """Return a region with its luminance; raises InputError as `evaluate_region`."""
+        window, mask = self._place(roi)
+        if isinstance(self.light, LuminanceMap):
+            return RegionPixels.of_part(self.light, roi, window, mask, window)
+        return RegionPixels.of_part(self.light(window), roi, window, mask)
+
+    def light_in(self, roi: Roi) -> NDArray[np.floating[Any]]:
+        """Return the luminances of a region, shape (n,); raises InputError as `Roi.select`."""
+        window, mask = self._place(roi)
+        if isinstance(self.light, LuminanceMap):
+            return self.light.luminance_cd_m2[window][mask]
+        return self.light(window).luminance_cd_m2[mask]
+
+    def _place(self, roi: Roi) -> tuple[Window, NDArray[np.bool_]]:
+        """Return the bounding box of a region in the map, and its mask there."""
+        region, (rows, columns) = roi.divided(self.step), self.values.shape
+        shape = rows // self.step, columns // self.step
+        return region.window(shape), region.mask(shape)
 
     def _part_with(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[LuminanceMap, tuple[NDArray[Any], ...]]:
         """Return a map that has these pixels of the whole one, and where."""

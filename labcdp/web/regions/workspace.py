@@ -115,7 +115,6 @@ class Workspace:
             self.files = replace(self.files, size=self.image.size)
             self.history = self.history.resized(self.image.size)
         self.measure()
-        self.changed()
 
     @property
     def drawing(self) -> Drawing:

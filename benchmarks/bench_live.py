@@ -69,7 +69,8 @@ class Stamped:
     def open(self) -> None:
         """Do nothing."""
 
-    close = open
+    def close(self) -> None:
+        """Do nothing."""
 
     def next(self, wanted: Wanted) -> NDArray[np.uint8]:
         """Return a frame."""
@@ -146,7 +147,7 @@ def watch(options: argparse.Namespace, folder: Path) -> None:
         browser.close()
     server.send_signal(signal.SIGINT)
     result = json.loads(server.communicate()[0])
-    print(json.dumps(result["tables"]["frames"]))
+    print("; ".join(f"{row['quantity']} {row['value']:g}" for row in result["tables"]["frames"]["rows"]))
 
 
 def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace) -> None:  # type: ignore[no-untyped-def]
@@ -167,10 +168,11 @@ def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace
         counts = [side.counts() for side in sides]
         memory = [side.pss_mb() for side in sides]
         p50, p90, p99 = np.percentile(delays or [np.nan], (50, 90, 99))
+        per_frame = 1e3 * spent / n
         print(
             f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
-            f"{spent[0] / during_s:12.2f} {spent[1] / during_s:8.2f} {1e3 * spent[0] / n:8.1f} {1e3 * spent[1] / n:8.1f} "
-            f"{memory[0]:9.1f} {memory[1]:8.1f} {counts[0][0]:4d} {counts[1][0]:4d} {counts[0][1]:4d} {counts[1][1]:4d}",
+            f"{spent[0] / during_s:12.2f} {spent[1] / during_s:8.2f} {per_frame[0]:8.1f} {per_frame[1]:8.1f} "
+            f"{memory[0]:9.1f} {memory[1]:8.1f} {counts[0][0]:5d} {counts[1][0]:4d} {counts[0][1]:5d} {counts[1][1]:4d}",
             flush=True,
         )
         lines.append((now_s - began_s, *memory))
@@ -198,7 +200,12 @@ def main() -> None:
     if options.role == "serve":
         serve(options.width, options.height, options.rate)
         return
-    command = [sys.executable, __file__, "serve", *(f"--{one}={getattr(options, one)}" for one in ("width", "height", "rate"))]
+    command = [
+        sys.executable,
+        __file__,
+        "serve",
+        *(f"--{one}={getattr(options, one)}" for one in ("width", "height", "rate")),
+    ]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as camera,

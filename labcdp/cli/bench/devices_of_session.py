@@ -178,7 +178,7 @@ def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Co
             opened = stack.enter_context(
                 simulated_devices(session.configuration, bench, choice.patience_s, choice.transcript)
             )
-        _note_bench(session, described)
+        note_bench(session, described)
         bench.schedule(faults, str(choice.faults))
         yield replace(opened, operator=ConsoleOperator(console, bench)) if choice.rehearse else opened
 
@@ -191,7 +191,7 @@ def simulated_bench_file(path: Path | None, seed: int | None = None) -> Simulate
     return described if seed is None else described.model_copy(update={"seed": seed})
 
 
-def _note_bench(session: Session, described: SimulatedBenchFile) -> None:
+def note_bench(session: Session, described: SimulatedBenchFile) -> None:
     """Record which simulated bench it is; refuse to resume a session with another one."""
     from ...session import EventRecord
     from ...session.records import SIMULATED_BENCH

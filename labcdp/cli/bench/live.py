@@ -4,54 +4,123 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from ...core.errors import InputError
-from ..options import METER_MODEL_OPTION, METER_OPTION, parse_contrasts
+from ..options import METER_MODEL_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, parse_contrasts
 from ..output import output_file
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say, say_where
+from .device_options import DeviceChoice
+from .devices_of_session import note_bench, serial_meter, simulated_bench_file, simulated_devices
 
 if TYPE_CHECKING:
     from ...core.result import Result
     from ...drivers.camera import Camera
+    from ...evaluate.picture.light.picture import PictureConversion
     from ...session import SessionConfiguration
     from ...web.bench.live_bench import LiveBench
     from ...web.bench.measured import BenchOfPage, Target
     from ...web.regions.files import DrawingFiles
     from ...web.regions.workspace import Start
-    from ...web.server import Address
+    from ...web.server import Address, Server
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
 _LIFETIME_S = 5.0
 
 
+@dataclass(frozen=True)
+class Stand:
+    """Options for what stands on the bench."""
+
+    camera: str | None = typer.Option(
+        None, help="Serial number, address or model; default: as in the plan, else the only one."
+    )
+    meter: str | None = METER_OPTION
+    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION
+    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices.")
+    simulated_bench: Path | None = SIMULATED_BENCH_OPTION
+
+    @contextmanager
+    def opened(self, plan: Path | None) -> Iterator[tuple[Camera, BenchOfPage]]:
+        """Open the devices; raises InputError if options contradict each other."""
+        from ...session import SessionConfiguration, example_configuration
+
+        simulated = self.simulated or self.simulated_bench is not None
+        choice = DeviceChoice(self.camera, self.meter, simulated=simulated, bench=self.simulated_bench)
+        if plan is not None:
+            with (_simulated if simulated else self._real)(SessionConfiguration.load(plan), choice) as opened:
+                yield opened
+        elif simulated:
+            text = example_configuration()
+            with _simulated(SessionConfiguration.from_toml(text, "the demonstration's"), choice) as opened:
+                yield opened
+        else:
+            with self._real(None, choice) as opened:
+                yield opened
+
+    @contextmanager
+    def _real(self, plan: SessionConfiguration | None, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
+        from ...drivers.aravis.camera import AravisCamera
+        from ...session.meter_tables import MeterConfiguration
+        from ...web.bench.measured import BenchOfPage
+
+        wanted = None if plan is None else plan.camera
+        selector = self.camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
+        described = MeterConfiguration(model=self.meter_model, serial="unknown") if plan is None else plan.meter
+        port = self.meter or described.port
+        with ExitStack() as stack:
+            camera = stack.enter_context(AravisCamera(selector))
+            serial = port is not None and described.entry == "serial"
+            meter = serial_meter(stack, described, port, choice) if serial else None
+            yield camera, BenchOfPage(meter, plan)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Options for what is to be detected."""
+
+    contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%.", show_default="as measured")
+    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast.")
+
+    def target(self) -> Target:
+        """Return what is to be detected; raises InputError."""
+        from ...web.bench.measured import Target
+
+        contrasts = (None,) if self.contrast is None else parse_contrasts([self.contrast])
+        if len(contrasts) != 1:
+            raise InputError("--contrast of the live bench is one contrast: give for example 100%")
+        return Target(contrasts[0], fraction_of_percent(self.epsilon, "--epsilon"))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Options for where the page is."""
+
+    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port.")
+    address: str = typer.Option(
+        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
+    )
+    open_page: bool = typer.Option(True, "--open/--no-open", help="Open the page in the browser.")
+
+
 def bench(
     context: typer.Context,
+    stand: Stand,
+    aim: Aim,
+    place: Place,
     plan: Path | None = typer.Argument(
         None,
         help="TOML file with bench, target and plan; see labcdp init bench.",
         show_default="patches drawn on the page",
     ),
-    camera: str | None = typer.Option(
-        None, help="Serial number, address or model; default: as in the plan, else the only one."
-    ),
-    meter: str | None = METER_OPTION,
-    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices."),
     calibration: Path | None = typer.Option(None, help="Calibration file, for values in cd/m²."),
     roi: Path = typer.Option(
         Path("bench.rois.json"), help="Region file to start from and to save to; without it, the patches of the plan."
     ),
-    contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%.", show_default="as measured"),
-    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast."),
-    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
-    address: str = typer.Option(
-        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
-    ),
-    open_page: bool = typer.Option(True, "--open/--no-open", help="Open the page in the browser."),
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Show camera and meter live in the browser: regions, luminance and CDP of what is seen now.
@@ -61,92 +130,63 @@ def bench(
 
     Example: labcdp bench --simulated
     """
-    from ...session import SessionConfiguration, example_configuration
-    from ...web.bench.measured import Target
+    from ...evaluate.picture.light.picture import picture_conversion
     from ...web.lock import locked
+    from ...web.server import Server
 
-    contrasts = None if contrast is None else parse_contrasts([contrast])
-    if contrasts is not None and len(contrasts) != 1:
-        raise InputError("--contrast of the live bench is one contrast: give for example 100%")
-    target = Target(None if contrasts is None else contrasts[0], fraction_of_percent(epsilon, "--epsilon"))
+    target, conversion = aim.target(), picture_conversion(calibration, None, None)
     if not roi.exists():
         output_file(context, roi, False, "--roi")
-    if simulated and (camera is not None or meter is not None):
-        raise InputError("--simulated has its own camera and meter: leave out --camera and --meter")
-    if plan is not None:
-        configuration = SessionConfiguration.load(plan)
-    elif simulated:
-        configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
+    with locked(roi) as tell_others:
+        server = Server(place.address, place.port)
+
+        def ready(where: Address) -> None:
+            tell_others(where.place)
+            say_where(where)
+            if place.open_page:
+                typer.launch(where.url)
+
+        with stand.opened(plan) as (camera, devices):
+            live, last_words = _serve(camera, devices, conversion, roi, target, server, ready)
+    if as_json:
+        print_result(_result(live, roi), as_json)
     else:
-        configuration = None
-    if simulated and configuration is not None:
-        opened = _simulated(configuration)
-    else:
-        opened = _real(configuration, camera, meter, meter_model)
-    with locked(roi) as tell_others, opened as (device, devices):
-        _serve(device, devices, calibration, roi, target, (address, port, open_page, tell_others), as_json)
+        for line in last_words:
+            say(line)
 
 
 @contextmanager
-def _simulated(configuration: SessionConfiguration) -> Iterator[tuple[Camera, BenchOfPage]]:
-    from ...drivers.simulated.bench import BenchDevices, SimulatedBench
+def _simulated(plan: SessionConfiguration, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
+    from ...drivers.simulated.bench import SimulatedBench
     from ...web.bench.measured import BenchOfPage
-    from .devices_of_session import simulated_devices
 
+    described = simulated_bench_file(choice.bench)
     with (
-        SimulatedBench(configuration, BenchDevices.standard()) as bench,
-        simulated_devices(configuration, bench) as opened,
+        SimulatedBench(plan, described.devices(choice.bench)) as bench,
+        simulated_devices(plan, bench) as opened,
     ):
-        yield opened.camera, BenchOfPage(opened.meter, configuration, bench)
-
-
-@contextmanager
-def _real(
-    configuration: SessionConfiguration | None,
-    camera: str | None,
-    meter: str | None,
-    model: Literal["LS-110", "LS-100"],
-) -> Iterator[tuple[Camera, BenchOfPage]]:
-    from ...drivers.aravis.camera import AravisCamera
-    from ...drivers.minolta_ls.meter import MinoltaLS100, MinoltaLS110
-    from ...web.bench.measured import BenchOfPage
-    from .device_options import DeviceChoice
-    from .devices_of_session import serial_meter
-
-    wanted = None if configuration is None else configuration.camera
-    selector = camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
-    port = meter or (None if configuration is None else configuration.meter.port)
-    with ExitStack() as stack:
-        opened = stack.enter_context(AravisCamera(selector))
-        if port is None:
-            yield opened, BenchOfPage(None, configuration)
-        elif configuration is not None and configuration.meter.entry == "serial":
-            yield opened, BenchOfPage(serial_meter(stack, configuration.meter, port, DeviceChoice()), configuration)
-        else:
-            driver = {"LS-110": MinoltaLS110, "LS-100": MinoltaLS100}[model]
-            yield opened, BenchOfPage(stack.enter_context(driver(port)), configuration)
+        meter = opened.meter if plan.meter.entry == "serial" else None
+        yield opened.camera, BenchOfPage(meter, plan, bench, lambda session: note_bench(session, described))
 
 
 def _serve(
     camera: Camera,
     devices: BenchOfPage,
-    calibration: Path | None,
+    conversion: PictureConversion,
     roi: Path,
     target: Target,
-    place: tuple[str, int, bool, Callable[[str], None]],
-    as_json: bool,
-) -> None:
+    server: Server,
+    ready: Callable[[Address], None],
+) -> tuple[LiveBench, list[str]]:
+    """Serve the page until it is stopped; return the bench and what to say then."""
     from ...acquire.before import prepare_camera
-    from ...evaluate.picture.light.picture import picture_conversion
     from ...web.bench.live_bench import LiveBench
     from ...web.bench.live_camera import LiveCamera
     from ...web.bench.page import BenchPage
     from ...web.regions.files import DrawingFiles
     from ...web.regions.workspace import Workspace
-    from ...web.server import Server, Site
+    from ...web.server import Site
 
-    address, port, open_page, tell_others = place
-    conversion = picture_conversion(calibration, None, None)
     settings, plan = _settings(devices.plan), devices.plan
 
     def prepare(camera: Camera) -> None:
@@ -157,28 +197,16 @@ def _serve(
     camera.configure(**settings)
     frame = camera.snap()
     camera.close()
-    server = Server(address, port)
     live = LiveBench(LiveCamera(camera, settings, prepare), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
-    workspace = Workspace(live.measurements(live.images.image(frame)), files, _start(files, devices.plan), server.elsewhere)
+    first = live.measurements(live.images.image(frame))
+    workspace = Workspace(first, files, _start(files, devices.plan), server.elsewhere)
     tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)
-    site = Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S, lambda: live.results)
-
-    def ready(where: Address) -> None:
-        tell_others(where.place)
-        say_where(where)
-        if open_page:
-            typer.launch(where.url)
-
     try:
-        server.run(site, ready)
+        server.run(Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S, lambda: live.results), ready)
     finally:
         live.end()
-    if as_json:
-        print_result(_result(live, roi), as_json)
-    else:
-        for line in workspace.last_words():
-            say(line)
+    return live, workspace.last_words()
 
 
 def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
 from ...core.roi import Roi
+from ...drivers.manual.meter import ManualMeter
+from ...drivers.manual.text import stated_accuracy
 from ..regions.measurements import Evaluated
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
@@ -74,7 +76,7 @@ class LiveBench:
         self.busy, self.notice = "", ""
         #: The one page that may change anything, and its name, which a tab of a browser keeps while it reloads.
         self.controller: tuple[object, str] = (None, "")
-        self._hands, self._server = devices.hands, server
+        self._devices, self._server = devices, server
         self._workspace: Workspace | None = None
         self._evaluated: Evaluated | None = None
 
@@ -126,23 +128,35 @@ class LiveBench:
         if not self.busy:
             self._work("The exposure is fitted …", fit_exposure(self.camera, lambda: self.workspace.drawing.rois))
 
-    def record(self, name: str) -> None:
-        """Record the plan with the regions of the page, into a folder of the current one."""
-        if self.busy:
+    @property
+    def unrecordable(self) -> str:
+        """Why no plan can be recorded; empty if one can."""
+        if self.plan is None:
+            return "Recording needs a plan: start labcdp bench with PLAN."
+        if self.plan.meter.entry == "csv":
+            return "The plan has readings from a CSV file: record it with labcdp acquire."
+        by_hand = self.plan.meter.entry == "by hand"
+        return "" if by_hand or self.desk.meter else "Recording needs a meter: start labcdp bench with --meter."
+
+    def record(self, name: str, again: Sequence[str] = ()) -> None:
+        """Record the plan with the regions of the page into a folder of the current one, or parts of it again."""
+        if self.busy or self.plan is None:
             return
+        operator = PageOperator(self._ask, self._devices.hands)
         meter = self.desk.meter
         try:
-            if self.plan is None or meter is None:
-                raise InputError("a plan and a meter are needed: start labcdp bench with PLAN and --meter")
             if not name or Path(name).name != name or name.startswith("."):
                 raise InputError("the session needs a plain name of a folder")
             plan = with_regions(self.plan, self.workspace.drawing.shapes)
         except LabcdpError as error:
             self.say(str(error))
             return
+        if plan.meter.entry == "by hand":
+            meter = ManualMeter(operator.typed, plan.meter.identity, stated_accuracy(plan.meter)).open()
+        assert meter is not None, "the page offers no recording without"
         self.notice = ""
-        recording = self.recording = Recording(Path(name), plan, PageOperator(self._ask, self._hands))
-        self._work(f"Recording {name}", recording.run(self.camera, meter, self._tell))
+        recording = self.recording = Recording(Path(name), plan, operator, self._devices.begun)
+        self._work(f"Recording {name}", recording.run(self.camera, meter, self._tell, again))
 
     def say(self, text: str) -> None:
         """Show a sentence until the next one."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot, nan
 
@@ -12,7 +12,7 @@ from ...core.roi import Roi
 from ...drivers.meter import Meter
 from ...metrics.regions.region import result_of_region
 from ...report.digits import Z_95
-from ...session import SessionConfiguration
+from ...session import Session, SessionConfiguration
 from ..regions.drawing import Drawing
 from ..regions.measurements import Evaluated, Evaluation, Measurements
 from ..regions.page_image import PageImage
@@ -49,11 +49,14 @@ class BenchOfPage:
         What is to be recorded.
     hands : Operator or None
         The simulated bench, which does what a person does at a real one.
+    begun : function of a session
+        Records in a new session what the devices are.
     """
 
     meter: Meter | None = None
     plan: SessionConfiguration | None = None
     hands: Operator | None = None
+    begun: Callable[[Session], None] = lambda _session: None
 
 
 @dataclass(frozen=True)

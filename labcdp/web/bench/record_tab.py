@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import datetime
 from html import escape
+from math import ceil
 from typing import Any
 
 import panel as pn
@@ -13,6 +14,9 @@ from ...report.digits import printable
 from ..look import column, row
 from .live_bench import LiveBench
 from .recording import Question
+
+#: What may be recorded again, besides patches.
+_NOTHING, _UNITS = "nothing", ("light frames", "dark frames")
 
 
 class RecordTab:
@@ -46,32 +50,43 @@ class RecordTab:
         self._first, self._second = (
             pn.widgets.Button(name="Done", button_type="primary", visible=False) for _ in range(2)
         )
+        self._typed = pn.widgets.TextInput(name="Reading, with Enter", width=250, visible=False)
+        self._again = pn.widgets.Select(name="Record again", options=[_NOTHING], width=180)
+        self._dismiss = pn.widgets.Button(name="Dismiss findings", margin=(3, 4), visible=False)
         self._state = html("record")
         self._asked: Question | None = None
-        self._start.on_click(guarded(lambda _event: bench.record(self._name.value_input or self._name.value)))
+        self._start.on_click(guarded(lambda _event: self._record()))
         self._pause.on_click(guarded(lambda _event: self._hold()))
         self._stop.on_click(guarded(lambda _event: self._end()))
+        self._typed.param.watch(guarded(lambda event: self._answer(event.new) if event.new else None), "value")
+        self._dismiss.on_click(guarded(lambda _event: self._forget_findings()))
         for button in (self._first, self._second):
             button.on_click(guarded(lambda event: self._answer(event.obj.name)))
 
     def layout(self) -> Any:
         """Return the tab."""
         return column(
-            row(self._name),
+            row(self._name, self._again),
             row(self._start, self._pause, self._stop),
             self._state,
-            row(self._first, self._second, margin=(0, 5)),
+            row(self._typed, self._first, self._second, margin=(0, 5)),
+            self._dismiss,
         )
 
     def update(self, controlled: bool) -> None:
         """Refresh the tab of a page that may change something, or only look on."""
         bench, recording = self._bench, self._bench.recording
         running = recording is not None and bool(bench.busy)
-        self._start.disabled = not controlled or bool(bench.busy) or bench.plan is None or bench.desk.meter is None
-        self._name.disabled = running or not controlled
+        self._start.disabled = not controlled or bool(bench.busy or bench.unrecordable)
+        self._name.disabled = self._again.disabled = running or not controlled
+        self._again.options = [_NOTHING, *_UNITS, *(roi.name for roi in bench.workspace.drawing.rois)]
         self._pause.disabled = self._stop.disabled = not (running and controlled)
         question = recording.operator.question if recording is not None and running else None
-        self._asked = question
+        if question is not self._asked:
+            self._asked, self._typed.value = question, ""
+        self._typed.visible = question is not None and question.typed
+        self._typed.disabled = not controlled
+        self._dismiss.visible = recording is not None and bool(recording.operator.findings)
         answers = question.answers if question is not None else ()
         for place, button in enumerate((self._first, self._second)):
             button.visible, button.disabled = place < len(answers), not controlled
@@ -83,9 +98,9 @@ class RecordTab:
 
     def _text(self) -> str:
         bench, recording = self._bench, self._bench.recording
-        if bench.plan is None or bench.desk.meter is None:
-            return "<p class='quiet'>Recording needs a plan and a meter: start labcdp bench with PLAN and --meter.</p>"
         if recording is None:
+            if bench.unrecordable or bench.plan is None:
+                return f"<p class='quiet'>{_text(bench.unrecordable)}</p>"
             return (
                 f"<p class='quiet'>Records the plan {_text(bench.plan.name)} with the regions of this page as "
                 "patches, then calibrates the camera and writes the report. An interrupted session is resumed under "
@@ -99,15 +114,27 @@ class RecordTab:
             parts.append(f"<div class='notice warning' role='alert'><b>{_text(question.text)}</b>{causes}</div>")
         progress = recording.progress
         if progress is not None:
-            parts.append(f"<p>{_text(progress.step)}: {progress.done} of {progress.total}</p>")
+            left = _left(recording.remaining_s) if bench.busy else ""
+            parts.append(f"<p>{_text(progress.step)}: {progress.done} of {progress.total}{left}</p>")
             parts.append(f"<progress max='{max(progress.total, 1)}' value='{progress.done}'></progress>")
-            if progress.note:
-                parts.append(f"<p>{_text(progress.note)}</p>")
+        if recording.operator.findings:
+            items = "".join(f"<li>{_text(one)}</li>" for one in recording.operator.findings)
+            parts.append(f"<h2>Findings</h2><ul>{items}</ul>")
         if bench.busy or recording.outcome:
             parts.append(f"<p role='status'>{_text(bench.busy or recording.outcome)}</p>")
         if recording.report is not None:
             parts.append("<p><a href='/report/report.html' target='_blank'>Open the report</a></p>")
         return "".join(parts)
+
+    def _record(self) -> None:
+        again = [] if self._again.value == _NOTHING else [self._again.value]
+        self._again.value = _NOTHING
+        self._bench.record(self._name.value_input or self._name.value, again)
+
+    def _forget_findings(self) -> None:
+        if self._bench.recording is not None:
+            self._bench.recording.operator.findings = ()
+            self._bench.workspace.changed()
 
     def _end(self) -> None:
         if self._bench.recording is not None:
@@ -122,6 +149,12 @@ class RecordTab:
     def _answer(self, text: str) -> None:
         if self._bench.recording is not None:
             self._bench.recording.operator.answer(self._asked, text)
+
+
+def _left(time_s: float | None) -> str:
+    if time_s is None:
+        return ""
+    return f", about {ceil(time_s / 60)} min left" if time_s > 90 else f", about {ceil(time_s)} s left"
 
 
 def _text(text: str) -> str:

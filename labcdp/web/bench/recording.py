@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 from threading import Condition, Event
+from time import monotonic
 from typing import TYPE_CHECKING
 
-from ...acquire import AcquisitionStoppedError, Control, acquire
+from ...acquire import AcquisitionStoppedError, Control, acquire, forget
 from ...acquire.attempt import no_bare_session
 from ...acquire.operator import AskedOperator
 from ...core.errors import LabcdpError
@@ -36,12 +37,15 @@ class Question:
         Labels of the buttons; the first one continues.
     findings : tuple of str
         What was found and why it is asked.
+    typed : bool
+        Whether the answer is typed instead.
     """
 
     text: str
     patch: str = ""
     answers: tuple[str, ...] = ("Done",)
     findings: tuple[str, ...] = ()
+    typed: bool = False
 
 
 class PageOperator(AskedOperator):
@@ -62,6 +66,8 @@ class PageOperator(AskedOperator):
         self._question: Question | None = None
         self._answer: str | None = None
         self._ended = False
+        #: What was found so far, until it is dismissed.
+        self.findings: tuple[str, ...] = ()
 
     @property
     def question(self) -> Question | None:
@@ -85,8 +91,13 @@ class PageOperator(AskedOperator):
         """Ask for a step."""
         self._ask(Question(f"{step}.", patch))
 
+    def typed(self, prompt: str) -> str:
+        """Ask for a text, as the reading of a meter without an interface."""
+        return self._ask(Question(prompt, answers=(), typed=True))
+
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
-        """Ask whether to repeat a unit."""
+        """Ask whether to repeat a unit; the findings stay on the page."""
+        self.findings += tuple(f"{what}: {one}" for one in findings)
         question = Question(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
         return self._ask(question) == "Repeat"
 
@@ -118,9 +129,17 @@ class Recording:
         The plan.
     operator : PageOperator
         Asks for manual steps.
+    begun : function of a session
+        Records in the session what its devices are, before they are used.
     """
 
-    def __init__(self, folder: Path, configuration: SessionConfiguration, operator: PageOperator) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        configuration: SessionConfiguration,
+        operator: PageOperator,
+        begun: Callable[[Session], None] = lambda _session: None,
+    ) -> None:
         self.folder, self.operator, self.control = folder, operator, Control()
         self.progress: Progress | None = None
         #: Page of the results, once there is one.
@@ -128,14 +147,26 @@ class Recording:
         #: How it ended; empty until then.
         self.outcome = ""
         self.ended = Event()
-        self._configuration = configuration
+        self._configuration, self._begun = configuration, begun
+        #: When the current step began, and with how many done.
+        self._since: tuple[str, float, int] = ("", 0.0, 0)
+
+    @property
+    def remaining_s(self) -> float | None:
+        """Time that the current step still needs at its pace so far; None if that is not known."""
+        progress, (_, since_s, before) = self.progress, self._since
+        if progress is None or progress.done <= before:
+            return None
+        return (progress.total - progress.done) * (monotonic() - since_s) / (progress.done - before)
 
     def stop(self) -> None:
         """Stop after the current frame; the same folder resumes."""
         self.control.stop()
         self.operator.end()
 
-    def run(self, camera: LiveCamera, meter: Meter, changed: Callable[[], None]) -> Iterator[str]:
+    def run(
+        self, camera: LiveCamera, meter: Meter, changed: Callable[[], None], again: Sequence[str] = ()
+    ) -> Iterator[str]:
         """Record, calibrate and evaluate; yields what to tell the person meanwhile.
 
         Parameters
@@ -146,14 +177,22 @@ class Recording:
             Open.
         changed : function
             Called after each frame and reading.
+        again : sequence of str
+            Parts to record again, see `labcdp.acquire.forget`.
         """
 
         def report(progress: Progress) -> None:
+            if progress.step != self._since[0]:
+                self._since = (progress.step, monotonic(), progress.done)
+            if progress.note:
+                self.operator.findings += (progress.note,)
             self.progress = progress
             changed()
 
         try:
             with no_bare_session(self.folder), self._session() as session:
+                self._begun(session)
+                forget(session, again)
                 with camera.lent() as lent:
                     acquire(session, lent, meter, self.operator, report, control=self.control)
                 yield "Calibrating and evaluating …"

@@ -88,7 +88,7 @@ class PageImage:
 
     @classmethod
     def of_frame(cls, name: str, frame: Frame, conversion: PictureConversion) -> PageImage:
-        """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera, setting or size."""
+        """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera or setting."""
         convert = partial(conversion.convert, frame)
         convert((slice(0, 1), slice(0, 1)))
         return cls(

@@ -81,6 +81,7 @@ class ColourCalibration(ColourConverter):
             saturation_dn=min(state.saturation_dn for state in states),
             black_level_dn=float(np.mean([state.black_level_dn for state in states])),
             plane=None,
+            readout=states[0].readout and states[0].readout.of_bayer,
         )
 
     @property

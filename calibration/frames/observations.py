@@ -9,6 +9,7 @@ from math import inf
 
 from ...core.errors import CalibrationError
 from ...core.frame import CameraIdentity, Frame
+from ...core.readout import Readout
 from ...core.vignetting import AnyVignetting
 from ..signal_limits import ROUNDING_DN2
 from .nonuniformity import Nonuniformity
@@ -40,6 +41,8 @@ class CameraState:
         Black level set in the camera; dark frames are valid only for this one.
     plane : str or None
         Colour plane of a Bayer sensor, None for a monochrome one.
+    readout : Readout or None
+        Part of the sensor that the image shows; None if unknown, which fits any.
     """
 
     camera: CameraIdentity
@@ -50,6 +53,7 @@ class CameraState:
     saturation_dn: float
     black_level_dn: float
     plane: str | None = None
+    readout: Readout | None = None
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:
@@ -68,6 +72,7 @@ class CameraState:
             frame.saturation_dn,
             frame.black_level_dn,
             frame.plane,
+            frame.readout,
         )
 
     def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
@@ -93,6 +98,7 @@ class CameraState:
             ("colour plane", self.plane, other.plane),
             ("bit depth", f"{self.bit_depth}", f"{other.bit_depth}"),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
+            ("region of the sensor", *self._readouts(other.readout)),
             ("gain", *self._gains(other.gain_db, gains_db)),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
             ("black level", f"{self.black_level_dn:g} DN", f"{other.black_level_dn:g} DN"),
@@ -101,6 +107,12 @@ class CameraState:
                 raise CalibrationError(
                     f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
                 )
+
+    def _readouts(self, found: Readout | None) -> tuple[str, str]:
+        """Texts to compare: equal if either is unknown."""
+        if found is None or self.readout is None:
+            return "", ""
+        return str(self.readout), str(found)
 
     def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
         """Texts to compare: equal if the gain is one of the allowed."""

@@ -284,6 +284,7 @@ class FrameStream:
             camera_timestamp_ns=camera_timestamp_ns,
             frame_id=frame_id,
             camera=self._link.identity,
+            readout=settings.readout,
         )
 
 

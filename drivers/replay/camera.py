@@ -14,6 +14,7 @@ from typing import Self
 
 from ...core.clock import Clock
 from ...core.frame import CameraIdentity, Frame
+from ...core.readout import Readout
 from ...session import EventRecord, FrameRecord, Session
 from ..camera import (
     CameraError,
@@ -240,7 +241,8 @@ class ReplayCamera(Device):
 
 def _settings(frame: FrameRecord) -> CameraSettings:
     height, width = frame.shape
-    return CameraSettings(frame.exposure_s, frame.gain_db, frame.pixel_format, width, height)
+    readout = Readout.from_json(frame.metadata.get("readout") or {})
+    return CameraSettings(frame.exposure_s, frame.gain_db, frame.pixel_format, width, height, readout)
 
 
 def _text(settings: CameraSettings) -> str:

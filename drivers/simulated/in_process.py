@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.clock import Clock, SystemClock
 from ...core.frame import CameraIdentity, Frame
+from ...core.readout import Readout
 from ..camera import (
     MOST_REFUSED,
     CameraError,
@@ -77,6 +78,7 @@ class InProcessCamera(Device):
             "Mono12",
             device.width,
             device.height,
+            Readout(sensor_size=(device.width, device.height)),
             black_level=device.black_level_dn,
             frame_rate_hz=device.frame_rate_hz,
         )
@@ -268,6 +270,7 @@ class InProcessCamera(Device):
             camera_timestamp_ns=round(self._clock.monotonic_s() * 1e9),
             frame_id=self._n_taken,
             camera=self.identity,
+            readout=settings.readout,
         )
 
     def _refuse_incomplete(self, settings: CameraSettings, index: int) -> None:

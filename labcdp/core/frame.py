@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .disk import quoted, record_model, validated_as
 from .errors import InputError
+from .readout import Readout
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
@@ -78,6 +79,8 @@ class Frame:
         Camera.
     plane : str or None
         ``R``, ``Gr``, ``Gb`` or ``B`` if these are the pixels of one colour of a Bayer frame, None for a whole frame.
+    readout : Readout or None
+        Which part of the sensor it shows; None if unknown.
     plane_black_levels_dn : tuple of float or None
         Black levels of the planes R, Gr, Gb and B of a Bayer frame where they differ, in this order.
     clipped : ndarray of bool, shape (height, width), or None
@@ -105,6 +108,7 @@ class Frame:
     plane: str | None = None
     plane_black_levels_dn: tuple[float, float, float, float] | None = None
     clipped: NDArray[np.bool_] | None = None
+    readout: Readout | None = None
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
@@ -159,10 +163,12 @@ class Frame:
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _NOT_RECORDED}
-        for name in ("plane", "plane_black_levels_dn"):
-            # What a frame of a monochrome sensor lacks is not written: its files stay as they always were.
+        for name in ("plane", "plane_black_levels_dn", "readout"):
+            # What a frame lacks is not written: its files stay as they always were.
             if values[name] is None:
                 del values[name]
+        if self.readout is not None:
+            values["readout"] = asdict(self.readout)
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod
@@ -177,6 +183,8 @@ class Frame:
         values = dict(checked_metadata(metadata))
         values["timestamp"] = datetime.fromisoformat(values["timestamp"])
         values["camera"] = CameraIdentity(**values["camera"])
+        if values.get("readout") is not None:
+            values["readout"] = Readout.from_json(values["readout"])
         return cls(dn=dn, **values)
 
     def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:

@@ -13,7 +13,7 @@ from os import PathLike
 from typing import Self
 
 from ...core.clock import Clock
-from ...core.frame import CameraIdentity, Frame
+from ...core.frame import CameraIdentity, Frame, black_levels
 from ...core.readout import Readout
 from ...session import EventRecord, FrameRecord, Session
 from ..camera import (
@@ -115,7 +115,7 @@ class ReplayCamera(Device):
         self._opened()
         assert self._settings is not None
         first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
-        return replace(self._settings, black_level=float(first.metadata["black_level_dn"]))
+        return replace(self._settings, black_level=black_levels(first.metadata)["black_level_register"] or 0.0)
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:

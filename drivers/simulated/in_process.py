@@ -262,7 +262,7 @@ class InProcessCamera(Device):
             gain_db=settings.gain_db,
             bit_depth=12,
             saturation_dn=FULL_SCALE_DN,
-            black_level_dn=settings.black_level,
+            black_level_dn=None,
             pixel_format="Mono12",
             colour_filter=None,
             temperature_c=self.temperature_c,
@@ -271,6 +271,7 @@ class InProcessCamera(Device):
             frame_id=self._n_taken,
             camera=self.identity,
             readout=settings.readout,
+            black_level_register=settings.black_level,
         )
 
     def _refuse_incomplete(self, settings: CameraSettings, index: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, isfinite
@@ -29,8 +28,6 @@ from .meter import MeterScale
 from .noise import TemporalNoise
 from .readings import MeasuredPatch
 from .setup import LensIdentity, Provenance
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -285,15 +282,4 @@ class Calibration:
         """
         from .convert.conversion import to_luminance
 
-        self.require(CameraState.of(frame), f"frame {frame.frame_id}")
-        low, high = self.exposures_s[0], self.exposures_s[-1]
-        # Said once for a frame, and not for each of its blocks.
-        if window[0].start in (None, 0) and not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
-            _log.warning(
-                "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
-                frame.frame_id,
-                frame.exposure_s,
-                low,
-                high,
-            )
         return to_luminance(self, frame, window=window)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+from ..core.readout import Readout
+
 #: Value of a GenICam feature.
 FeatureValue = bool | int | float | str
 
@@ -127,10 +129,8 @@ class CameraSettings:
         GenICam PFNC name.
     width, height : int
         Size of a frame in pixels.
-    offset_x, offset_y : int
-        First column and row of the sensor that is read out, in pixels after binning.
-    binning : (int, int)
-        Columns and rows binned into one pixel.
+    readout : Readout
+        Part of the sensor that is read out, and how.
     black_level : float
         Value of the camera's register, in its own unit, which need not be DN of the pixel format; 0 without one.
     frame_rate_hz : float or None
@@ -144,12 +144,15 @@ class CameraSettings:
     pixel_format: str
     width: int
     height: int
-    offset_x: int = 0
-    offset_y: int = 0
-    binning: tuple[int, int] = (1, 1)
+    readout: Readout = field(default_factory=Readout)
     black_level: float = 0.0
     frame_rate_hz: float | None = None
     trigger: Trigger = FREE_RUN
+
+    @property
+    def region(self) -> Region:
+        """Part of the sensor that is read out."""
+        return Region(int(self.readout.x), int(self.readout.y), self.width, self.height)
 
     def longest_wait_s(self, timeout_s: float | None = None, overload: float = 1.0) -> float:
         """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.

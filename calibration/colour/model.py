@@ -75,12 +75,14 @@ class ColourCalibration(ColourConverter):
         """Camera and settings, of whole frames."""
         states = [plane.state for plane in self.planes]
         height, width = states[0].image_shape
+        stated = [state.black_level_dn for state in states if state.black_level_dn is not None]
         return replace(
             states[0],
             image_shape=(2 * height, 2 * width),
             saturation_dn=min(state.saturation_dn for state in states),
-            black_level_dn=float(np.mean([state.black_level_dn for state in states])),
+            black_level_dn=float(np.mean(stated)) if stated else None,
             plane=None,
+            readout=states[0].readout and states[0].readout.of_bayer,
         )
 
     @property

@@ -91,8 +91,9 @@ def _scaled(table: SpectralTable, factor: float) -> SpectralTable:
 def _relative_variance(planes: Sequence[Calibration]) -> Array:
     """Relative variance of a pixel by each colour, where the most sensitive plane is at half its saturation."""
     responsivity = np.array([plane.responsivity.responsivity_dn_s_cd_m2 for plane in planes])
-    brightest = planes[int(np.argmax(responsivity))].state
-    net_dn = _EXPOSED * (brightest.saturation_dn - brightest.black_level_dn) * responsivity / responsivity.max()
+    brightest = planes[int(np.argmax(responsivity))]
+    span_dn = brightest.state.saturation_dn - brightest.dark.offset_dn
+    net_dn = _EXPOSED * span_dn * responsivity / responsivity.max()
     # Without noise all planes have equal weights.
     variance = np.array(
         [max(plane.noise.variance_dn2(n), 1e-12) / n**2 for plane, n in zip(planes, net_dn, strict=True)]

@@ -20,6 +20,7 @@ from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
 from ..errors.uncertainty import student_factor
 from ..frames.observations import CameraState
 from ..model import Calibration
+from ..region import of_region
 from ..setup import LensIdentity
 from .dn_tables import DnTables
 
@@ -55,13 +56,26 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
     Raises
     ------
     CalibrationError
-        If camera, gain, pixel format, bit depth or image size differ.
+        If camera, gain, pixel format, bit depth or image size differ, or the frame shows a part of the sensor that
+        the calibration does not cover.
     InputError
         If flat field, defect map or dark library are of another image size.
     """
-    calibration.require(CameraState.of(frame), f"frame {frame.frame_id}")
+    state = CameraState.of(frame)
+    calibration = of_region(calibration, state)
+    calibration.require(state, f"frame {frame.frame_id}")
     setting = calibration.setting(frame.gain_db)
+    # Said once for a frame, and not for each of its blocks.
     if window[0].start in (None, 0):
+        low, high = calibration.exposures_s[0], calibration.exposures_s[-1]
+        if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
+            _log.warning(
+                "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
+                frame.frame_id,
+                frame.exposure_s,
+                low,
+                high,
+            )
         taken = [(frame.exposure_s, frame.temperature_c)]
         log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
     library = calibration.dark_library

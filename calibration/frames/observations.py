@@ -9,6 +9,7 @@ from math import inf
 
 from ...core.errors import CalibrationError
 from ...core.frame import CameraIdentity, Frame
+from ...core.readout import Readout
 from ...core.vignetting import AnyVignetting
 from ..signal_limits import ROUNDING_DN2
 from .nonuniformity import Nonuniformity
@@ -36,10 +37,14 @@ class CameraState:
         Analogue gain.
     saturation_dn : float
         DN from which a pixel counts as saturated.
-    black_level_dn : float
-        Black level set in the camera; dark frames are valid only for this one.
+    black_level_dn : float or None
+        Black level that files state.
     plane : str or None
         Colour plane of a Bayer sensor, None for a monochrome one.
+    readout : Readout or None
+        Part of the sensor that the image shows; None if unknown, which fits any.
+    black_level_register : float or None
+        Black level set in the camera; dark frames are valid only for this one.
     """
 
     camera: CameraIdentity
@@ -48,8 +53,10 @@ class CameraState:
     image_shape: tuple[int, int]
     gain_db: float
     saturation_dn: float
-    black_level_dn: float
+    black_level_dn: float | None
     plane: str | None = None
+    readout: Readout | None = None
+    black_level_register: float | None = None
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:
@@ -68,6 +75,8 @@ class CameraState:
             frame.saturation_dn,
             frame.black_level_dn,
             frame.plane,
+            frame.readout,
+            frame.black_level_register,
         )
 
     def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
@@ -93,14 +102,20 @@ class CameraState:
             ("colour plane", self.plane, other.plane),
             ("bit depth", f"{self.bit_depth}", f"{other.bit_depth}"),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
+            ("region of the sensor", *_where_known(self.readout, other.readout)),
             ("gain", *self._gains(other.gain_db, gains_db)),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
-            ("black level", f"{self.black_level_dn:g} DN", f"{other.black_level_dn:g} DN"),
+            ("black level", *_where_known(self.black_level, other.black_level)),
         ):
             if expected != found:
                 raise CalibrationError(
                     f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
                 )
+
+    @property
+    def black_level(self) -> float | None:
+        """Black level for comparisons: that set in the camera, else that which files state."""
+        return self.black_level_dn if self.black_level_register is None else self.black_level_register
 
     def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
         """Texts to compare: equal if the gain is one of the allowed."""
@@ -264,6 +279,11 @@ class DarkObservation:
     def mean_variance_dn2(self) -> float:
         """Variance of the mean by noise, drift of the black level between these frames, and rounding."""
         return max(self.mean_noise_dn2, self.frame_means_variance_dn2) / self.n_frames + self.rounding_dn2
+
+
+def _where_known(expected: object, found: object) -> tuple[str, str]:
+    """Texts to compare: equal if either is unknown."""
+    return ("", "") if expected is None or found is None else (f"{expected}", f"{found}")
 
 
 def _size(shape: tuple[int, int]) -> str:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES, Frame
 from ...core.roi import Roi
-from ...core.vignetting import Cos4Vignetting
 
 _log = logging.getLogger(__name__)
 
@@ -63,6 +62,7 @@ def split(frame: Frame) -> dict[str, Frame]:
             colour_filter=None,
             plane=plane,
             plane_black_levels_dn=None,
+            readout=frame.readout and frame.readout.of_planes,
         )
         for plane, black in zip(PLANES, black_dn, strict=True)
     }
@@ -83,8 +83,3 @@ def _own(pixels: NDArray[Any]) -> NDArray[Any]:
 def plane_region(roi: Roi) -> Roi:
     """Return a region in pixels of the planes: a group of 2 x 2 pixels is included if its centre is."""
     return Roi(roi.name, tuple((x / 2, y / 2) for x, y in roi.corners))
-
-
-def plane_vignetting(vignetting: Cos4Vignetting) -> Cos4Vignetting:
-    """Return the vignetting for the planes of a sensor, whose pixels of one colour have twice the pitch."""
-    return Cos4Vignetting(vignetting.focal_length_m, 2 * vignetting.pixel_pitch_m)

@@ -14,8 +14,9 @@ from typing import Any
 
 from ...core.errors import InputError
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
+from ...core.readout import Readout
 from ..camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
-from .features import available, writable, write_feature
+from .features import available, read_feature, writable, write_feature
 from .known_state import show_whole_sensor
 from .link import Link
 
@@ -46,12 +47,26 @@ def read_settings(camera: Any) -> CameraSettings:
         pixel_format=camera.get_pixel_format_as_string(),
         width=width,
         height=height,
-        offset_x=x,
-        offset_y=y,
-        binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
+        readout=_read_readout(camera, x, y),
         black_level=camera.get_black_level() if camera.is_black_level_available() else 0.0,
         frame_rate_hz=None if rate is None else camera.get_float(rate),
         trigger=_read_trigger(camera),
+    )
+
+
+def _read_readout(camera: Any, x: int, y: int) -> Readout:
+    def pair(names: tuple[str, str], otherwise: Any) -> Any:
+        known = [available(camera, name) is not None for name in names]
+        return tuple(read_feature(camera, name) if has else otherwise for name, has in zip(names, known, strict=True))
+
+    size = pair(("WidthMax", "HeightMax"), None)
+    return Readout(
+        x,
+        y,
+        binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
+        decimation=pair(("DecimationHorizontal", "DecimationVertical"), 1),
+        mirrored=pair(("ReverseX", "ReverseY"), False),
+        sensor_size=None if None in size else size,
     )
 
 
@@ -128,13 +143,12 @@ def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
 
 def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
     """Restore the settings changed before one was rejected."""
-    region = Region(before.offset_x, before.offset_y, before.width, before.height)
     backwards = [name for name in reversed(changed) if name != "region"]
     if "binning" in changed or "region" in changed:
         # After the binning, which also changes the region.
         backwards.append("region")
     for name in backwards:
-        old = region if name == "region" else getattr(before, name)
+        old = before.readout.binning if name == "binning" else getattr(before, name)
         if old is not None:
             with contextlib.suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
                 change_setting(camera, name, old)

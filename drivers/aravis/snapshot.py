@@ -7,7 +7,7 @@ from math import isclose
 from typing import Any
 
 from ...core.frame import CameraIdentity
-from ..camera import CameraSettingError, CameraSettings, CameraSetup, FeatureValue, Region
+from ..camera import CameraSettingError, CameraSettings, CameraSetup, FeatureValue
 from .features import available, read_feature, readable_features, writable, write_feature
 from .link import Link
 
@@ -124,9 +124,9 @@ def require_kept(
 
 
 def _as_set(settings: CameraSettings) -> dict[str, Any]:
-    region = Region(settings.offset_x, settings.offset_y, settings.width, settings.height)
+    region = settings.region
     return {
-        "binning": settings.binning,
+        "binning": settings.readout.binning,
         "region": region,
         "frame_rate_hz": settings.frame_rate_hz,
         "black_level": settings.black_level,

@@ -276,7 +276,7 @@ class FrameStream:
             gain_db=settings.gain_db,
             bit_depth=layout.bit_depth,
             saturation_dn=2**layout.bit_depth - 1,
-            black_level_dn=settings.black_level,
+            black_level_dn=None,
             pixel_format=layout.name,
             colour_filter=layout.colour_filter,
             temperature_c=self._temperature_now(),
@@ -284,6 +284,8 @@ class FrameStream:
             camera_timestamp_ns=camera_timestamp_ns,
             frame_id=frame_id,
             camera=self._link.identity,
+            readout=settings.readout,
+            black_level_register=settings.black_level,
         )
 
 

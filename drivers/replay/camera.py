@@ -13,7 +13,8 @@ from os import PathLike
 from typing import Self
 
 from ...core.clock import Clock
-from ...core.frame import CameraIdentity, Frame
+from ...core.frame import CameraIdentity, Frame, black_levels
+from ...core.readout import Readout
 from ...session import EventRecord, FrameRecord, Session
 from ..camera import (
     CameraError,
@@ -114,7 +115,7 @@ class ReplayCamera(Device):
         self._opened()
         assert self._settings is not None
         first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
-        return replace(self._settings, black_level=float(first.metadata["black_level_dn"]))
+        return replace(self._settings, black_level=black_levels(first.metadata)["black_level_register"] or 0.0)
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
@@ -240,7 +241,8 @@ class ReplayCamera(Device):
 
 def _settings(frame: FrameRecord) -> CameraSettings:
     height, width = frame.shape
-    return CameraSettings(frame.exposure_s, frame.gain_db, frame.pixel_format, width, height)
+    readout = Readout.from_json(frame.metadata.get("readout") or {})
+    return CameraSettings(frame.exposure_s, frame.gain_db, frame.pixel_format, width, height, readout)
 
 
 def _text(settings: CameraSettings) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.clock import Clock, SystemClock
 from ...core.frame import CameraIdentity, Frame
+from ...core.readout import Readout
 from ..camera import (
     MOST_REFUSED,
     CameraError,
@@ -77,6 +78,7 @@ class InProcessCamera(Device):
             "Mono12",
             device.width,
             device.height,
+            Readout(sensor_size=(device.width, device.height)),
             black_level=device.black_level_dn,
             frame_rate_hz=device.frame_rate_hz,
         )
@@ -260,7 +262,7 @@ class InProcessCamera(Device):
             gain_db=settings.gain_db,
             bit_depth=12,
             saturation_dn=FULL_SCALE_DN,
-            black_level_dn=settings.black_level,
+            black_level_dn=None,
             pixel_format="Mono12",
             colour_filter=None,
             temperature_c=self.temperature_c,
@@ -268,6 +270,8 @@ class InProcessCamera(Device):
             camera_timestamp_ns=round(self._clock.monotonic_s() * 1e9),
             frame_id=self._n_taken,
             camera=self.identity,
+            readout=settings.readout,
+            black_level_register=settings.black_level,
         )
 
     def _refuse_incomplete(self, settings: CameraSettings, index: int) -> None:

@@ -11,7 +11,7 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_a
 from ..core.errors import InputError
 from ..core.notebook import html_table
 from ..core.result import InputFile
-from ..evaluate.bench.corrections import corrections_of
+from ..evaluate.bench.corrections import calibration_for, corrections_of
 from ..evaluate.bench.flat import UniformLight, require_same_optics
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.recorded import certificate_of
@@ -126,6 +126,7 @@ class Session(_Session):
             path = as_path(calibration, "calibration")
             calibration = load_any(path)
             inputs.append(InputFile.of("calibration", path))
+        calibration = calibration_for(self, calibration)
         observed = observe_session(
             self, _names(without, "without"), _silent, corrections_of(calibration), certificate_of(calibration, self)
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .disk import quoted, record_model, validated_as
 from .errors import InputError
+from .readout import Readout
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
@@ -59,9 +60,8 @@ class Frame:
         Bits of the DN scale, 1 to 16.
     saturation_dn : float
         DN from which a pixel counts as saturated; at most ``2**bit_depth - 1``.
-    black_level_dn : float
-        DN of dark signal that a file states. Of a camera it is the register, which need not be in DN of the pixel
-        format: the dark signal is measured from dark frames.
+    black_level_dn : float or None
+        DN of the dark signal that a file states, else None: of a camera it is measured from dark frames.
     pixel_format : str
         GenICam PFNC name the data came in, for example ``Mono12Packed``.
     colour_filter : str or None
@@ -78,6 +78,11 @@ class Frame:
         Camera.
     plane : str or None
         ``R``, ``Gr``, ``Gb`` or ``B`` if these are the pixels of one colour of a Bayer frame, None for a whole frame.
+    readout : Readout or None
+        Which part of the sensor it shows; None if unknown.
+    black_level_register : float or None
+        Black level that is set in the camera, in the register's own unit, which is not that of the DN; None if it is
+        not from a camera.
     plane_black_levels_dn : tuple of float or None
         Black levels of the planes R, Gr, Gb and B of a Bayer frame where they differ, in this order.
     clipped : ndarray of bool, shape (height, width), or None
@@ -94,7 +99,7 @@ class Frame:
     gain_db: float
     bit_depth: int
     saturation_dn: float
-    black_level_dn: float
+    black_level_dn: float | None
     pixel_format: str
     colour_filter: str | None
     temperature_c: float | None
@@ -105,6 +110,8 @@ class Frame:
     plane: str | None = None
     plane_black_levels_dn: tuple[float, float, float, float] | None = None
     clipped: NDArray[np.bool_] | None = None
+    readout: Readout | None = None
+    black_level_register: float | None = None
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
@@ -159,10 +166,12 @@ class Frame:
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _NOT_RECORDED}
-        for name in ("plane", "plane_black_levels_dn"):
-            # What a frame of a monochrome sensor lacks is not written: its files stay as they always were.
+        for name in ("plane", "plane_black_levels_dn", "readout"):
+            # What a frame lacks is not written: its files stay as they always were.
             if values[name] is None:
                 del values[name]
+        if self.readout is not None:
+            values["readout"] = asdict(self.readout)
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod
@@ -177,6 +186,9 @@ class Frame:
         values = dict(checked_metadata(metadata))
         values["timestamp"] = datetime.fromisoformat(values["timestamp"])
         values["camera"] = CameraIdentity(**values["camera"])
+        values |= black_levels(metadata)
+        if values.get("readout") is not None:
+            values["readout"] = Readout.from_json(values["readout"])
         return cls(dn=dn, **values)
 
     def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
@@ -191,6 +203,16 @@ def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"frame metadata cannot be read: {error}") from error
     return metadata
+
+
+def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:
+    """Return black level in DN and register of a frame's metadata, which once had one name for both."""
+    stated = metadata["black_level_dn"]
+    if "black_level_register" in metadata:
+        return {"black_level_dn": stated, "black_level_register": metadata["black_level_register"]}
+    # Files have no clock of a camera.
+    of_file = metadata["camera_timestamp_ns"] == 0
+    return {"black_level_dn": stated if of_file else None, "black_level_register": None if of_file else stated}
 
 
 def _writeable(base: object) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot
 from typing import Annotated, Any, Protocol
@@ -32,6 +32,8 @@ class Cos4Vignetting:
     ----------
     focal_length_m, pixel_pitch_m : float
         Image-side focal length and distance of pixel centres, in metres.
+    centre_px : (float, float) or None
+        The axis, (x, y) in pixels of the image; None for its middle.
 
     Raises
     ------
@@ -41,6 +43,7 @@ class Cos4Vignetting:
 
     focal_length_m: float
     pixel_pitch_m: float
+    centre_px: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("focal_length_m", "pixel_pitch_m"):
@@ -49,14 +52,15 @@ class Cos4Vignetting:
                 raise InputError(f"{name} is {value}: give a positive number of metres")
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Illuminance relative to the axis, for a sensor of `shape` (height, width) centred on it.
+        """Illuminance relative to the axis, for an image of `shape` (height, width).
 
         cos(theta) = 1 / sqrt(1 + r^2 / f^2) with r the distance from the axis and f the focal length.
         """
         height, width = shape
+        x0, y0 = self.centre_px or (width / 2, height / 2)
         scale = self.pixel_pitch_m / self.focal_length_m
-        y = (np.arange(height) - (height - 1) / 2) * scale
-        x = (np.arange(width) - (width - 1) / 2) * scale
+        y = (np.arange(height) + 0.5 - y0) * scale
+        x = (np.arange(width) + 0.5 - x0) * scale
         result: NDArray[np.float64] = np.add.outer(1 + y**2, x**2)
         # In place: for a large sensor each intermediate would be a third of all memory.
         result *= result
@@ -189,17 +193,20 @@ class FlatField(EqualByContent):
         Relative standard uncertainty of slow changes across the image: how non-uniform the uniform source may be.
     n_frames : int
         Light frames it was made from.
+    middle : float
+        Mean over the middle; not 1 for a part of a flat field.
 
     Raises
     ------
     InputError
-        If a value is not positive and finite, or the mean over the middle is not 1.
+        If a value is not positive and finite, or the mean over the middle is not `middle`.
     """
 
     relative: Annotated[NDArray[np.float32], StoredArray("float32", 2)]
     random_rel: float
     slow_rel: float
     n_frames: int
+    middle: float = 1.0
 
     def __post_init__(self) -> None:
         relative = np.asarray(self.relative)
@@ -210,9 +217,11 @@ class FlatField(EqualByContent):
                 f"random_rel {self.random_rel}, slow_rel {self.slow_rel} and n_frames {self.n_frames} of a flat field: "
                 "give uncertainties of at least 0, and at least 1 frame"
             )
-        middle = float(relative[middle_of(relative.shape)].mean(dtype=float))
-        if abs(middle - 1) > 1e-3:
-            raise InputError(f"the middle of the flat field is {middle:.4g}, not 1: divide by the mean over the middle")
+        middle = _mean_of_middle(relative)
+        if abs(middle - self.middle) > 1e-3:
+            raise InputError(
+                f"the middle of the flat field is {middle:.4g}, not {self.middle:g}: divide by the mean over the middle"
+            )
         object.__setattr__(self, "relative", read_only(relative, np.float32))
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -234,6 +243,40 @@ class FlatField(EqualByContent):
 
 #: Fall-offs a calibration can have.
 AnyVignetting = Cos4Vignetting | RadialVignetting | FlatField
+
+
+def cropped(
+    vignetting: AnyVignetting, whole: tuple[int, int], corner: tuple[int, int], shape: tuple[int, int]
+) -> AnyVignetting:
+    """Return the vignetting of a part of the image, with the same reference.
+
+    Parameters
+    ----------
+    vignetting : AnyVignetting
+        Of the whole image.
+    whole, shape : (int, int)
+        Height and width of the image, and of the part.
+    corner : (int, int)
+        First column and row of the part.
+    """
+    (x, y), (height, width) = corner, shape
+    if isinstance(vignetting, FlatField):
+        part = vignetting.relative[y : y + height, x : x + width]
+        return replace(vignetting, relative=part, middle=_mean_of_middle(part))
+    x0, y0 = vignetting.centre_px or (whole[1] / 2, whole[0] / 2)
+    centre_px = (x0 - x, y0 - y)
+    if isinstance(vignetting, Cos4Vignetting):
+        return replace(vignetting, centre_px=centre_px)
+    # The unit of r is half the diagonal.
+    scale = np.array([(hypot(*shape) / hypot(*whole)) ** power for power in (2, 4, 6)])
+    a2, a4, a6 = scale * (vignetting.a2, vignetting.a4, vignetting.a6)
+    rows = scale[:, None] * np.array(vignetting.covariance) * scale
+    covariance = tuple((float(a), float(b), float(c)) for a, b, c in rows)
+    return replace(vignetting, a2=float(a2), a4=float(a4), a6=float(a6), centre_px=centre_px, covariance=covariance)
+
+
+def _mean_of_middle(relative: NDArray[Any]) -> float:
+    return float(relative[middle_of(relative.shape)].mean(dtype=float))
 
 
 def middle_of(shape: tuple[int, ...]) -> tuple[slice, slice]:

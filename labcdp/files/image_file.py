@@ -80,7 +80,7 @@ def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults
         gain_db=defaults.gain_db if gain_db is None else gain_db,
         bit_depth=layout.bit_depth,
         saturation_dn=float(largest),
-        black_level_dn=0.0,
+        black_level_dn=None,
         pixel_format=layout.name,
         colour_filter=layout.colour_filter,
         temperature_c=None,

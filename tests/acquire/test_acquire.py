@@ -1,6 +1,7 @@
 import re
 import threading
 from contextlib import ExitStack
+from dataclasses import astuple
 
 import pytest
 
@@ -99,8 +100,8 @@ def test_settings_of_the_configuration_reach_the_camera_and_are_read_back(
     with Session.create(path, configuration) as session, AravisCamera("127.0.0.1") as camera:
         acquire(session, camera, meter, Unattended())
         now = camera.settings
-        assert (now.black_level, now.frame_rate_hz, now.binning) == (80, pytest.approx(40, rel=1e-3), (2, 2))
-        assert (now.offset_x, now.offset_y, now.width, now.height) == wanted["region"]
+        assert (now.black_level, now.frame_rate_hz, now.readout.binning) == (80, pytest.approx(40, rel=1e-3), (2, 2))
+        assert astuple(now.region) == wanted["region"]
         assert now.trigger == Trigger("Software")
         assert {name: camera.feature(name) for name in features} == features
         assert {session.load(record).shape for record in session.frames()} == {(150, 200)}

@@ -107,7 +107,7 @@ def test_each_patch_of_the_bench_lies_between_black_and_saturation(changed, on_b
             for patch in configuration.target.patches:
                 dn = patch.region().select(frame.dn)
                 if np.mean(dn >= frame.saturation_dn) < 0.001:
-                    share = (dn.mean() - frame.black_level_dn) / (frame.saturation_dn - frame.black_level_dn)
+                    share = (dn.mean() - 64) / (frame.saturation_dn - 64)
                     shares[patch.name].append(share)
         for found in shares.values():
             # The search frame's mean of 3600 pixels is exact to about 1 %; drifts of black add a little.

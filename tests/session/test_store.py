@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as arrays
 
 from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.readout import Readout
 from labcdp.session import EventRecord, FrameRecord, ReadingRecord, Session
 from labcdp.session.frame_file import frame_from_tiff, frame_to_tiff
 
@@ -32,6 +33,17 @@ def contents(folder):
 def assert_same(frame, other):
     np.testing.assert_array_equal(frame.dn, other.dn, strict=True)
     assert frame.metadata() == other.metadata()
+
+
+@pytest.mark.parametrize(("camera_timestamp_ns", "stated", "register"), [(0, 64.0, None), (5, None, 64.0)])
+def test_black_level_of_earlier_sessions_is_that_of_a_file_or_a_register(
+    make_frame, camera_timestamp_ns, stated, register
+):
+    frame = make_frame()
+    old = frame.metadata() | {"black_level_dn": 64.0, "camera_timestamp_ns": camera_timestamp_ns}
+    del old["black_level_register"]
+    again = Frame.from_metadata(frame.dn, old)
+    assert (again.black_level_dn, again.black_level_register, again.readout) == (stated, register, None)
 
 
 @pytest.mark.parametrize("compress", [False, True])
@@ -58,7 +70,7 @@ FRAMES = st.builds(
     gain_db=FLOATS,
     bit_depth=st.just(16),
     saturation_dn=st.floats(0, 65535, exclude_min=True),
-    black_level_dn=FLOATS,
+    black_level_dn=st.none() | FLOATS,
     pixel_format=TEXT,
     colour_filter=st.sampled_from([None, "RG", "BG"]),
     temperature_c=st.none() | FLOATS,
@@ -66,6 +78,8 @@ FRAMES = st.builds(
     camera_timestamp_ns=st.integers(),
     frame_id=st.integers(0),
     camera=st.builds(CameraIdentity, TEXT, TEXT, TEXT, st.booleans()),
+    readout=st.none() | st.builds(Readout, st.integers(0), st.integers(0), st.tuples(st.integers(1, 4), st.just(1))),
+    black_level_register=st.none() | FLOATS,
 )
 
 

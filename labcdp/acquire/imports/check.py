@@ -188,10 +188,11 @@ def _require_alike(first: FileFrame, read: FileFrame) -> None:
                 f"{name} of {read.path} is {found}, that of {first.path} is {expected}: give pictures of one camera "
                 "with one setting, and other exposures only"
             )
-    if abs(a.black_level_dn - b.black_level_dn) > _BLACK_TOLERANCE * a.saturation_dn:
+    mine, theirs = (one.black_level_dn or 0.0 for one in (a, b))
+    if abs(mine - theirs) > _BLACK_TOLERANCE * a.saturation_dn:
         raise InputError(
-            f"black level of {read.path} is {b.black_level_dn:g} DN, that of {first.path} is {a.black_level_dn:g} DN: "
-            "give pictures with one setting"
+            f"black level of {read.path} is {theirs:g} DN, that of {first.path} is {mine:g} DN: give pictures with one "
+            "setting"
         )
 
 

@@ -232,7 +232,7 @@ def _evaluated(
     from ...calibration import load_any
     from ...core.result import InputFile
     from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.corrections import corrections_of
+    from ...evaluate.bench.corrections import calibration_for, corrections_of
     from ...evaluate.bench.recorded import certificate_of
     from ...evaluate.bench.report.result import session_input, session_result
     from ...evaluate.bench.session import evaluate_session
@@ -242,8 +242,9 @@ def _evaluated(
         opened, observed = _observe(source, without)
         evaluation = evaluate_session(opened, observed, calibrate_session(observed), contrasts)
         return evaluation, session_result(evaluation, [session_input(opened)])
-    loaded = load_any(calibration)
-    opened, observed = _observe(source, without, corrections_of(loaded), certificate_of(loaded, Session.open(source)))
+    session = Session.open(source)
+    loaded = calibration_for(session, load_any(calibration))
+    opened, observed = _observe(source, without, corrections_of(loaded), certificate_of(loaded, session))
     evaluation = evaluate_session(opened, observed, loaded, contrasts)
     return evaluation, session_result(evaluation, [session_input(opened), InputFile.of("calibration", calibration)])
 

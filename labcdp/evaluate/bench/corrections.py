@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.dark.library import DarkLibrary
 from ...calibration.defects import DefectMap
+from ...calibration.frames.observations import CameraState
+from ...calibration.frames.planes import plane_of
+from ...calibration.region import of_region
 from ...core.finding import Finding
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration
@@ -39,16 +42,32 @@ class Corrections:
     findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of_lens(cls, configuration: SessionConfiguration, plane: str | None) -> Corrections:
-        """Natural vignetting of the configured lens: what is known without a flat field."""
-        # The pixels of one colour are two pitches apart.
-        pitch_m = configuration.camera.pixel_pitch_m * (1 if plane is None else 2)
-        return cls(Cos4Vignetting(configuration.lens.focal_length_m, pitch_m))
-
-    @classmethod
     def of(cls, calibration: Calibration) -> Corrections:
         """Those of a calibration: its patches are measured with nothing else."""
         return cls(calibration.vignetting, calibration.defects, calibration.dark_library)
+
+
+def natural_vignetting(configuration: SessionConfiguration, state: CameraState) -> Cos4Vignetting:
+    """Natural vignetting of the configured lens: what is known without a flat field."""
+    # The pixels of one colour are two pitches apart.
+    pitch_m = configuration.camera.pixel_pitch_m * (1 if state.plane is None else 2)
+    axis_px = None if state.readout is None else state.readout.axis_px(state.image_shape)
+    return Cos4Vignetting(configuration.lens.focal_length_m, pitch_m, axis_px)
+
+
+def calibration_for(session: Session, calibration: AnyCalibration) -> AnyCalibration:
+    """Return a calibration for the part of the sensor that the frames of a session show."""
+    frames = session.frames()
+    if not frames or frames[0].metadata.get("readout") is None:
+        return calibration
+    states = _states(session)
+    planes = tuple(of_region(plane, states.get(plane.state.plane, plane.state)) for plane in calibration.planes)
+    return planes[0] if isinstance(calibration, Calibration) else replace(calibration, planes=planes)
+
+
+def _states(session: Session) -> dict[str | None, CameraState]:
+    first = session.load(session.frames()[0])
+    return {plane: CameraState.of(plane_of(first, plane)) for plane in planes_of(session)}
 
 
 def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]:
@@ -58,4 +77,5 @@ def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]
 
 def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
     """Natural vignetting of the session's lens for each plane: what is known without a measurement."""
-    return {plane: Corrections.of_lens(session.configuration, plane) for plane in planes_of(session)}
+    states = _states(session)
+    return {plane: Corrections(natural_vignetting(session.configuration, state)) for plane, state in states.items()}

@@ -10,7 +10,7 @@ from ...calibration.verify.result import Verification
 from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
 from ...session import MeterCertificate, Session
-from .corrections import corrections_of
+from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
 from .recorded import Report, certificate_of, measured_in, require_patches
 from .session import mismatch
@@ -64,6 +64,7 @@ def verify_session(
             f"the calibration was made from session {session.path}, which cannot verify it: measure again in a new "
             "session"
         )
+    calibration = calibration_for(session, calibration)
     findings = mismatch(session.configuration, calibration)
     certificate = certificate or certificate_of(calibration, session)
     observed = observe_session(session, without, report, corrections_of(calibration), certificate)

@@ -13,12 +13,11 @@ from ...calibration.emva.linearity import in_range
 from ...calibration.emva.result import Quantity
 from ...calibration.emva.series import SeriesPoint
 from ...calibration.frames.measure import MeasuredFrames
-from ...calibration.frames.planes import plane_vignetting
 from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import InputError
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
-from ...core.vignetting import Cos4Vignetting
 from ...session import SessionConfiguration
+from ..bench.corrections import natural_vignetting
 
 #: Half widths of what is engraved on a lens: the f-number, and its transmittance. Judged.
 _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
@@ -106,10 +105,7 @@ def photometric_responsivity(
         In DN / (cd m^-2 s); None without readings. The standard uncertainty is the scatter of the patches over the root
         of their number, and does not hold the meter's scale error.
     """
-    vignetting = Cos4Vignetting(configuration.lens.focal_length_m, configuration.camera.pixel_pitch_m)
-    if state.plane is not None:
-        vignetting = plane_vignetting(vignetting)
-    v_image = vignetting.relative_illuminance(state.image_shape)
+    v_image = natural_vignetting(configuration, state).relative_illuminance(state.image_shape)
     values, weights = [], []
     for name, luminances in readings.items():
         own = [pair for pair in pairs if pair[0].label == name and pair[0].net_dn > 0]

@@ -96,7 +96,7 @@ def make_frame(
         gain_db=options.gain_db or 0.0,
         bit_depth=scale.bits,
         saturation_dn=saturation_dn,
-        black_level_dn=options.black_level_dn or 0.0,
+        black_level_dn=options.black_level_dn,
         pixel_format=given.name if fits and given is not None else f"Mono{scale.bits}",
         colour_filter=given.colour_filter if fits and given is not None else None,
         temperature_c=None,

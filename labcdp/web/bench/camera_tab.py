@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import astuple
 from html import escape
 from typing import Any
 
@@ -89,7 +90,7 @@ class CameraTab:
         rate_hz = settings.frame_rate_hz
         self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
         self._black.value = settings.black_level
-        self._region.value = f"{settings.offset_x}, {settings.offset_y}, {settings.width}, {settings.height}"
+        self._region.value = ", ".join(f"{n}" for n in astuple(settings.region))
         self._filling = False
         self._list()
 

@@ -45,7 +45,8 @@ def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
     assert frame.dn[0, :2].tolist() == [2000, 35]
     np.testing.assert_array_equal(frame.dn[1], np.arange(64))
     assert (frame.exposure_s, frame.gain_db) == (0.002, 3.5)
-    assert (frame.bit_depth, frame.saturation_dn, frame.black_level_dn) == (12, 4095, 7)
+    assert (frame.bit_depth, frame.saturation_dn) == (12, 4095)
+    assert (frame.black_level_dn, frame.black_level_register) == (None, 7)
     assert (frame.pixel_format, frame.colour_filter, frame.temperature_c) == ("Mono12", None, 31.5)
     assert not frame.dn.flags.writeable
 

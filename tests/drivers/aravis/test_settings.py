@@ -1,8 +1,9 @@
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
+from labcdp.core.readout import Readout
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import FREE_RUN, SOFTWARE_TRIGGER, CameraSettingError, FrameTimeoutError, Region, Trigger
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
@@ -33,8 +34,8 @@ def test_all_settings_at_once_are_applied_and_reported(camera):
     )
     assert settings == camera.settings
     assert (settings.exposure_s, settings.gain_db, settings.pixel_format) == (0.002, 3.5, "Mono8")
-    assert (settings.offset_x, settings.offset_y, settings.width, settings.height) == (4, 6, 16, 12)
-    assert (settings.binning, settings.black_level) == ((2, 2), 20)
+    assert astuple(settings.region) == (4, 6, 16, 12)
+    assert (settings.readout.binning, settings.black_level) == ((2, 2), 20)
     assert settings.frame_rate_hz == pytest.approx(40)
     assert settings.trigger == Trigger("Line1", "FallingEdge")
 
@@ -44,12 +45,20 @@ def test_a_region_shows_that_part_of_the_sensor(camera):
     camera.configure(region=Region(10, 20, 30, 8))
     part = camera.snap()
     np.testing.assert_array_equal(part.dn, whole.dn[20:28, 10:40])
+    assert (part.readout, part.readout.sensor_size) == (Readout(10, 20), (64, 48))
+    assert whole.dn[part.readout.window_in(part.shape, whole.readout, whole.shape)].shape == part.shape
+
+
+def test_frames_know_how_the_sensor_is_read_out(camera):
+    camera.configure(binning=(2, 1))
+    camera.set_feature("ReverseY", True)
+    assert camera.snap().readout == Readout(0, 0, binning=(2, 1), mirrored=(False, True))
 
 
 def test_binning_alone_shows_the_whole_sensor(camera):
     camera.configure(region=Region(10, 20, 30, 8))
     settings = camera.configure(binning=(2, 4))
-    assert (settings.width, settings.height, settings.offset_x, settings.offset_y) == (32, 12, 0, 0)
+    assert astuple(settings.region) == (0, 0, 32, 12)
     assert camera.snap().shape == (12, 32)
     assert camera.configure(binning=(1, 1)).width == 64
 

@@ -46,14 +46,14 @@ def reading(value, seconds):
     )  # fmt: skip
 
 
-def record(path, configuration, frames, luminances_cd_m2=None, seed=0):
+def record(path, configuration, frames, luminances_cd_m2=None, seed=0, start_s=0):
     """Write a session of (frame, role), and three readings of each patch that scatter by 0.2 %; returns its path."""
     rng = np.random.default_rng(seed)
     with Session.create(path, configuration) as session:
         session.add_frames([(one, role, None) for one, role in frames])
         for i, (name, value) in enumerate((luminances_cd_m2 or {}).items()):
             for j in range(3):
-                session.add_reading(reading(value * (1 + rng.normal(0, 0.002)), 60 * i + j), name)
+                session.add_reading(reading(value * (1 + rng.normal(0, 0.002)), start_s + 60 * i + j), name)
     return path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
-from ....calibration import AnyCalibration, Calibration, LensIdentity
+from ....calibration import AnyCalibration, Calibration, CameraState, LensIdentity
 from ....calibration.colour.model import ColourCalibration
 from ....calibration.errors.expanded import expanded_rel
 from ....calibration.gains import GainSetting
@@ -143,7 +143,7 @@ def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:
         *of_model,
         ("camera", str(state.camera)),
         ("pixel format", f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels"),
-        ("black level", f"{state.black_level_dn:g} DN; saturated from {state.saturation_dn:g} DN"),
+        ("black level", f"{_black_level(state)}; saturated from {state.saturation_dn:g} DN"),
         ("gain", ", ".join(f"{gain:g} dB" for gain in gains)),
         ("calibrated exposures", exposures(calibration.exposures_s)),
         ("lens", lens_text(calibration.lens)),
@@ -232,3 +232,9 @@ def meter_text(meter: MeterIdentity) -> str:
         f"{meter.model}, serial number {meter.serial}, calibrated {meter.calibration_date or '(date not known)'}"
         f"{', simulated' if meter.simulated else ''}"
     )
+
+
+def _black_level(state: CameraState) -> str:
+    if state.black_level_register is not None:
+        return f"register at {state.black_level_register:g}"
+    return "not stated" if state.black_level_dn is None else f"{state.black_level_dn:g} DN"

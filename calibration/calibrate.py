@@ -38,6 +38,9 @@ from .setup import Provenance, Setup
 
 _log = logging.getLogger(__name__)
 
+#: Ratio of the slopes of a response from which it is a tone curve, with the sensor's noise before it.
+_TONE_CURVE = 1.5
+
 
 def fit(
     observations: Sequence[PatchObservation],
@@ -55,7 +58,7 @@ def fit(
     Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V L
     with errors in both variables (`labcdp.calibration.fit.problem.solve`). The meter's scale error is not part of the
     fit (a consistently wrong unit of the meter cannot be detected). h is selected by leave-one-out errors, or that of a
-    bracket, which the patches then scale. A single bad reading is left out; the model's assumptions are checked.
+    bracket, which the patches then scale. With a tone curve all is fitted twice, at last with the noise before it. A single bad reading is left out; the model's assumptions are checked.
 
     Parameters
     ----------
@@ -85,6 +88,9 @@ def fit(
     """
     intake = take_in(observations, darks, readings, held_out, None if response is None else response.response)
     fitted, findings = _fitted(intake, readings, setup, response)
+    if response is None and _is_tone_curve(fitted):
+        intake = take_in(observations, darks, readings, held_out, fitted.response)
+        fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     groups = intake.groups
     rows, of_held_out = held_out_rows(
@@ -95,6 +101,12 @@ def fit(
     findings = [*intake.findings, *findings, *of_held_out]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=unique(findings))
+
+
+def _is_tone_curve(fitted: Calibration) -> bool:
+    """Whether the noise of the pixels depends on the slope of the response, which is then fitted once more with it."""
+    slopes = fitted.response.slope([0.0, fitted.range_net_dn[1]])
+    return float(slopes.max() / slopes.min()) > _TONE_CURVE
 
 
 def _fitted(

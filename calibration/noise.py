@@ -47,6 +47,11 @@ class TemporalNoise:
     flicker_rel: float = 0.0
     flicker_dof: int = 0
 
+    def covers(self, net_dn: float) -> bool:
+        """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""
+        tone = self.tone
+        return tone is None or tone.kind != "table" or tone.net_dn[1] <= net_dn <= tone.net_dn[-1]
+
     def variance_dn2(self, net_dn: float, dark_variance_dn2: float | None = None) -> float:
         """Variance of one pixel at a signal above dark; as `variances_dn2`."""
         return float(self.variances_dn2(np.array(net_dn), dark_variance_dn2))
@@ -99,16 +104,16 @@ def fit_noise(
         Findings for the user.
     """
     flicker_rel, flicker_dof = _flicker(observations, dark)
+    noise = TemporalNoise(0.0, dark.noise_dn, tone, flicker_rel, flicker_dof)
     points = []
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
-        if tone is not None and not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
+        if not noise.covers(net_dn):
             continue
         if _unclipped(o) and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
             points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
-    noise = TemporalNoise(0.0, dark.noise_dn, tone, flicker_rel, flicker_dof)
     if not points:
         return noise, [warning("k-unknown", share=PHOTON_TRANSFER_SHARE)]
     net, variance, dof, dark_dn2 = np.array(points).T

@@ -12,6 +12,7 @@ from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation
 from .frames.statistics import quantisation_variance_dn2
 from .gains import GainSetting, index_of_gain
+from .noise import TemporalNoise
 from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, ROUNDING_DN2
 
 #: Codes of findings about exposures that are left out.
@@ -91,13 +92,13 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     dark, noise = settings[index].dark, settings[index].noise
     dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
     pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
-    net_dn, power = _before_tone(o, dark_dn, pattern_dn2, noise.tone)
+    dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
+    net_dn, power = _before_tone(o, dark_dn, pattern_dn2, dark_dn2, noise)
     # The dark part of the pattern is known from the dark frames; the rest is sensitivity.
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
     sensitivity_dn2 = max(pattern_dn2 - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
-    dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
     flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
     return NetSignal(
@@ -122,21 +123,28 @@ def _of_lines(deviations_dn: tuple[float, float], o: PatchObservation) -> float:
     return sum(one**2 / n for one, n in zip(deviations_dn, o.n_lines, strict=True))
 
 
-def _before_tone(o: PatchObservation, dark_dn: float, pattern_dn2: float, tone: Response | None) -> tuple[float, float]:
+def _before_tone(
+    o: PatchObservation, dark_dn: float, pattern_dn2: float, dark_dn2: float, noise: TemporalNoise
+) -> tuple[float, float]:
     """Signal whose h is the mean over the pixels' light, and d ln h / d ln n there.
 
     The mean of a non-linear response over noisy pixels differs from the response of the mean, to second order by half
-    the variance of the light times the curvature.
+    the variance of the light times the curvature; so does that of the dark frames.
     """
-    net_dn = o.net_dn_at_pixel(dark_dn)
-    if tone is None or not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
+    net_dn, tone = o.net_dn_at_pixel(dark_dn), noise.tone
+    if tone is None or net_dn <= 0 or not noise.covers(net_dn):
         return net_dn, 1.0
     h, slope = float(tone.linearise(net_dn)), float(tone.slope(net_dn))
     variance_dn2 = max(o.temporal_variance_dn2 - ROUNDING_DN2, 0.0) + pattern_dn2
+    shift = _shift_of_mean(tone, net_dn, variance_dn2) - _shift_of_mean(tone, 0.0, max(dark_dn2 - ROUNDING_DN2, 0.0))
+    return net_dn + shift / slope, slope * net_dn / h
+
+
+def _shift_of_mean(tone: Response, net_dn: float, variance_dn2: float) -> float:
+    """Mean of h over normal DN less h of their mean, by three points (Gauss and Hermite): exact to the fifth power."""
     wide = sqrt(3 * variance_dn2)
-    # The mean of h over a normal distribution by three points (Gauss and Hermite): exact to the fifth power.
-    mean = (float(tone.linearise(net_dn - wide)) + 4 * h + float(tone.linearise(net_dn + wide))) / 6
-    return net_dn + (mean - h) / slope, slope * net_dn / h
+    low, middle, high = tone.linearise([net_dn - wide, net_dn, net_dn + wide]).tolist()
+    return float(low - 2 * middle + high) / 6
 
 
 def usable(
@@ -221,8 +229,7 @@ def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainS
     if observation.black_share > MAX_CLIPPED_SHARE:
         return "clipped at 0 DN"
     signal = net_signal(observation, settings)
-    tone = settings[signal.gain_index].noise.tone
-    if tone is not None and not tone.net_dn[1] <= signal.net_dn <= tone.net_dn[-1]:
+    if not settings[signal.gain_index].noise.covers(signal.net_dn):
         return "outside the response of the bracket"
     if signal.net_dn <= MIN_NET_SIGNAL * sqrt(signal.variance_dn2):
         return "not above the dark signal"

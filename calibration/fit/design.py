@@ -79,8 +79,7 @@ class Design:
     reading_cd_m2, reading_variance : ndarray of float, shape (P,)
         Meter readings, and the variance of their random part in (cd/m^2)^2.
     own_rel : ndarray of float, shape (P,)
-        Relative standard uncertainty by the patch's position on the sensor: sensitivity of its pixels, and residual of
-        the measured vignetting.
+        Relative standard uncertainty by the sensitivity of its pixels.
     uneven_rel : ndarray of float, shape (P,)
         The same by the non-uniformity of the patch, which meter and camera view at slightly different positions.
     place : ndarray of float, shape (P, 3)
@@ -219,8 +218,7 @@ def build_design(
     shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
     centres_px = [group[0].centre_px for group in groups.values()]
     place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
-    # The residual of a measured vignetting may be independent between patches or a slope over the image; both are
-    # allowed for.
+    # What a measured vignetting leaves is smooth; scatter of the patches is found apart from it.
     slow_field = slow_rel(vignetting)
     of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
     zero = np.zeros(len(observations))
@@ -242,7 +240,7 @@ def build_design(
         shared=tuple(shared),
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
-        own_rel=np.hypot(pixels, slow_field),
+        own_rel=pixels,
         uneven_rel=slow,
         place=place,
         read_at=read_at,

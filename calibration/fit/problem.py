@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -85,8 +86,9 @@ class Solution:
         return float(pattern @ self.left @ self.residual) / seen, seen**-0.5
 
 
+@lru_cache(maxsize=32)
 def solve(design: Design, candidate: CandidateModel) -> Solution:
-    """Fit a model.
+    """Fit a model; the last solutions are kept, as screening, selection and tests ask for the same ones.
 
     Unknown are the parameters, the true luminance of each patch and each shared error, with normal priors of their
     stated widths. All but the parameters enter linearly and are eliminated: what remains is chi^2 = r^T C^-1 r with

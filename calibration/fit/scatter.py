@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors.uncertainty import effective_dof
+from ..errors.uncertainty import COVERAGE, effective_dof
 from .candidates import CandidateModel
 from .design import Array, Design
 from .problem import Solution, solve
@@ -21,15 +21,70 @@ _LEAST, _MOST = 1e-6, 0.5
 _NEGLIGIBLE = 1e-4
 #: Decrease of the deviance required of the scatter of patches.
 _WORTH = 0.25
+#: Largest scatter, and number of scatters evenly spaced in their logarithms, over which its likelihood is integrated.
+_WIDEST, _N_SIZES = 1e3, 500
 
 
 @dataclass(frozen=True, eq=False)
-class _Estimate:
-    """Standard deviations by kind, their degrees of freedom, and the deviance."""
+class _Likelihood:
+    """Restricted likelihood of one further variance s^2, in the coordinates in which all covariances are diagonal.
 
-    sizes: dict[Kind, float]
-    dof: dict[Kind, float]
-    deviance: float
+    Minus twice its logarithm is constant + sum(ln(1 + s^2 v) + z^2 / (1 + s^2 v)).
+    """
+
+    constant: float
+    values: Array
+    squares: Array
+
+    @classmethod
+    def of(cls, solution: Solution, covariance: Array, pattern: Array) -> _Likelihood:
+        """Of residuals with a known covariance and s^2 times a pattern."""
+        from scipy.linalg import solve_triangular
+
+        root = np.linalg.cholesky(covariance)
+        white = solve_triangular(root, np.eye(len(root)), lower=True)
+        # What the parameters leave of the whitened residuals.
+        q, r = np.linalg.qr(white @ solution.jacobian, mode="complete")
+        left = q[:, solution.jacobian.shape[1] :].T @ white
+        values, vectors = np.linalg.eigh(left @ pattern @ left.T)
+        constant = 2 * float(np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(r))).sum())
+        return cls(constant, np.maximum(values, 0.0), (vectors.T @ (left @ solution.residual)) ** 2)
+
+    def deviance(self, size: float) -> float:
+        """Minus twice the logarithm."""
+        return self.constant + float(self._deviances(np.array([size]))[0])
+
+    def best(self, unit: float) -> float:
+        """Return the most likely size, in units, between the limits."""
+        from scipy.optimize import minimize_scalar
+
+        limits = log(_LEAST), log(_MOST)
+        found = minimize_scalar(lambda v: self.deviance(unit * exp(v)), bounds=limits, method="bounded")
+        return unit * exp(float(found.x))
+
+    def dof(self, size: float, unit: float) -> float:
+        """Degrees of freedom with which Student's t and the estimate give the error of another patch.
+
+        That error is normal with a standard deviation s of this likelihood, with the prior of H. Jeffreys (Proc. R.
+        Soc. A 186 (1946) 453) for a variance. Where s is much larger than the stated errors this is Student's
+        distribution of the patches' number; where it is not, s is known not to be much larger than those.
+        """
+        from scipy.optimize import brentq
+        from scipy.special import erfc, stdtridf
+
+        sizes = unit * np.geomspace(_LEAST, _WIDEST, _N_SIZES)
+        grown = sizes[:, None] ** 2 * self.values
+        logarithm = np.log(np.sum((grown / (1 + grown)) ** 2, axis=1)) / 2 - self._deviances(sizes) / 2
+        weight = np.exp(logarithm - logarithm.max())
+        weight /= weight.sum()
+        half_width = brentq(lambda w: weight @ erfc(w / (sqrt(2) * sizes)) - (1 - COVERAGE), 1e-3 * size, 1e4 * size)
+        dof = float(stdtridf((1 + COVERAGE) / 2, half_width / size))
+        return max(dof, 1.0) if np.isfinite(dof) else inf
+
+    def _deviances(self, sizes: Array) -> Array:
+        grown = 1 + sizes[:, None] ** 2 * self.values
+        total: Array = np.sum(np.log(grown) + self.squares / grown, axis=1)
+        return total
 
 
 def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = False) -> Solution:
@@ -37,8 +92,7 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
 
     Patches scatter relative to the luminance. If the observations of one patch contradict each other, they scatter
     too, relative to the luminance (exposure times) or in DN (dark signal), whichever is more likely. REML: H. D.
-    Patterson and R. Thompson, Biometrika 58 (1971) 545; the degrees of freedom follow from its information (F. E.
-    Satterthwaite, Biometrics 2 (1946) 110).
+    Patterson and R. Thompson, Biometrika 58 (1971) 545.
 
     Where deviations depend on position, uncorrected vignetting also makes the patches non-uniform. This non-uniformity
     does not explain the scatter and is then set to 0.
@@ -64,14 +118,14 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     inside = within_patches(first, first.covariance)
     if p_value_of_chi_squared(inside, design.net_dn.size - len(design.patches)) < SMALL_P_VALUE:
         choices = [("scatter_rel", "scatter_each_rel"), ("scatter_rel", "scatter_each_dn")]
-    found = min((_estimate(first, kinds) for kinds in choices), key=lambda one: one.deviance)
-    alone = _estimate(first, tuple(kind for kind in found.sizes if kind != "scatter_rel"))
-    if alone.deviance - found.deviance < _WORTH and not by_place:
-        found = alone
-    if not found.sizes:
+    deviance, sizes = min((_estimate(first, kinds) for kinds in choices), key=lambda one: one[0])
+    of_rest, rest = _estimate(first, tuple(sizes)[1:])
+    if of_rest - deviance < _WORTH and not by_place:
+        sizes = rest
+    if not sizes:
         return first
-    changes: dict[str, float] = {f"{kind}_dof": value for kind, value in found.dof.items()}
-    changes |= {f"{kind}": size for kind, size in found.sizes.items()}
+    changes: dict[str, float] = {f"{kind}": size for kind, size in sizes.items()}
+    changes |= {f"{kind}_dof": _dof(first, sizes, kind) for kind in sizes}
     return solve(replace(design, **changes), candidate)  # type: ignore[arg-type]
 
 
@@ -85,10 +139,12 @@ def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float
     if dof < 1 or uncertainty == inf:
         return value, uncertainty, inf
     more = replace(solution, jacobian=np.column_stack([solution.jacobian, pattern]))
-    size = _estimate(more, ("scatter_rel",)).sizes["scatter_rel"]
+    size = _estimate(more, ("scatter_rel",))[1]["scatter_rel"]
     if size < _NEGLIGIBLE:
         return value, uncertainty, inf
-    left = _restricted_deviance(solution, solution.covariance + size**2 * _pattern(solution, "scatter_rel"))[1]
+    weight = np.linalg.inv(solution.covariance + size**2 * _pattern(solution, "scatter_rel"))
+    columns = weight @ solution.jacobian
+    left = weight - columns @ np.linalg.solve(solution.jacobian.T @ columns, columns.T)
     seen = float(pattern @ left @ pattern)
     if seen <= 0:
         return value, uncertainty, inf
@@ -96,31 +152,42 @@ def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float
     return float(pattern @ left @ solution.residual) / seen, seen**-0.5, max(of_patches, 1)
 
 
-def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> _Estimate:
-    """Maximise the restricted likelihood at the solution's luminances."""
-    from scipy.optimize import minimize
+def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[Kind, float]]:
+    """Return the least deviance at the solution's luminances, and the sizes of at most two kinds that have it."""
+    from scipy.optimize import minimize_scalar
 
-    patterns = [_pattern(solution, kind) for kind in kinds]
-    units = [float(solution.design.net_dn.max()) if kind == "scatter_each_dn" else 1.0 for kind in kinds]
+    kind = kinds[0] if kinds else "scatter_rel"
+    pattern, unit = _pattern(solution, kind), _unit(solution, kind)
 
-    def covariance(logarithms: Array) -> Array:
-        total: Array = solution.covariance + sum(
-            (unit * exp(v)) ** 2 * pattern for v, unit, pattern in zip(logarithms, units, patterns, strict=True)
-        )
-        return total
+    def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
+        rest = {one: size for one in kinds[1:]}
+        likelihood = _Likelihood.of(solution, _with(solution, rest), pattern)
+        own = likelihood.best(unit) if kinds else 0.0
+        return likelihood.deviance(own), {kind: own, **rest} if kinds else {}
 
-    def deviance(logarithms: Array) -> float:
-        return _restricted_deviance(solution, covariance(logarithms))[0]
+    if len(kinds) < 2:
+        return of_rest(0.0)
+    widest = _unit(solution, kinds[1])
+    limits = log(_LEAST), log(_MOST)
+    found = minimize_scalar(lambda v: of_rest(widest * exp(v))[0], bounds=limits, method="bounded")
+    return of_rest(widest * exp(float(found.x)))
 
-    if not kinds:
-        return _Estimate({}, {}, deviance(np.zeros(0)))
-    limits = [(log(_LEAST), log(_MOST))] * len(kinds)
-    best = minimize(deviance, [log(1e-3)] * len(kinds), method="L-BFGS-B", bounds=limits)
-    sizes = {kind: unit * exp(v) for kind, unit, v in zip(kinds, units, best.x, strict=True)}
-    left = _restricted_deviance(solution, covariance(best.x))[1]
-    moved = [size**2 * left @ pattern for size, pattern in zip(sizes.values(), patterns, strict=True)]
-    dof = {kind: max(float(np.sum(one * one.T)), 1.0) for kind, one in zip(kinds, moved, strict=True)}
-    return _Estimate(sizes, dof, float(best.fun))
+
+def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:
+    """Degrees of freedom of one size, the others known."""
+    rest = _with(solution, {other: size for other, size in sizes.items() if other != kind})
+    return _Likelihood.of(solution, rest, _pattern(solution, kind)).dof(sizes[kind], _unit(solution, kind))
+
+
+def _with(solution: Solution, sizes: dict[Kind, float]) -> Array:
+    """Covariance of the residuals with scatter."""
+    total: Array = solution.covariance + sum(size**2 * _pattern(solution, kind) for kind, size in sizes.items())
+    return total
+
+
+def _unit(solution: Solution, kind: Kind) -> float:
+    """Size that limits are relative to."""
+    return float(solution.design.net_dn.max()) if kind == "scatter_each_dn" else 1.0
 
 
 def _pattern(solution: Solution, kind: Kind) -> Array:
@@ -129,16 +196,6 @@ def _pattern(solution: Solution, kind: Kind) -> Array:
         level = np.sqrt(np.abs(solution.luminance * solution.design.readings))
         return np.where(solution.design.same_patch, np.outer(level, level), 0.0)
     return np.diag((solution.luminance if kind == "scatter_each_rel" else solution.slope) ** 2)
-
-
-def _restricted_deviance(solution: Solution, covariance: Array) -> tuple[float, Array]:
-    """Return minus twice the restricted log-likelihood, and P = K - K X (X^T K X)^-1 X^T K."""
-    weight, jacobian = np.linalg.inv(covariance), solution.jacobian
-    columns = weight @ jacobian
-    information = jacobian.T @ columns
-    left = weight - columns @ np.linalg.solve(information, columns.T)
-    of_covariance, of_parameters = (float(np.linalg.slogdet(one)[1]) for one in (covariance, information))
-    return of_covariance + of_parameters + float(solution.residual @ left @ solution.residual), left
 
 
 def within_patches(solution: Solution, covariance: Array) -> float:

@@ -132,9 +132,7 @@ class VideoRun:
         self._source, self._parts = source, parts
         self._selection = parts[0].settings.selection
         methods = {
-            roi: method
-            for part in parts
-            for roi, method in zip(part.settings.rois, part.settings.methods, strict=True)
+            roi: method for part in parts for roi, method in zip(part.settings.rois, part.settings.methods, strict=True)
         }
         self._rois, self._methods = tuple(methods), tuple(methods.values())
         self._follows = any(method != "fixed" for method in self._methods)

@@ -136,7 +136,7 @@ class Aligner:
         seen = self._fine.look(view, place, light)
         if seen is None:
             return None
-        noise, structure = self._fine.noise * (1 + 1 / seen.gain ** 2) ** 0.5, self._fine.structure
+        noise, structure = self._fine.noise * (1 + 1 / seen.gain**2) ** 0.5, self._fine.structure
         squared = np.square(seen.residuals / np.float32(np.hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)))
         agrees = 1 / (1 + squared * squared)
         found = float(self._carries @ (seen.trusted * agrees)) / max(float(self._carries @ self._fine.trust), 1e-9)

@@ -241,7 +241,7 @@ def improve(
     steps: int,
     pattern: Pattern,
 ) -> tuple[bool, NDArray[np.float64], float, float]:
-    """Make up to `steps` steps from `place`; whether that led anywhere, the new place, and the light before the last."""
+    """Make up to `steps` steps from `place`; whether that led anywhere, the place, and the light before the last."""
     seen = look(view, bounds, place, light, pattern)
     for number in range(steps):
         if number:

@@ -34,7 +34,7 @@ class TrackedRegions:
     name : str
         Name of the video.
     evaluate : callable
-        Evaluates the video with settings that have no conversion yet.
+        Evaluates the video in one pass with settings that have no conversion yet.
     rois : tuple of Roi
         The regions in the first frame.
     pairs : tuple of (str, str)
@@ -48,7 +48,7 @@ class TrackedRegions:
     """
 
     name: str
-    evaluate: Callable[[VideoSettings, Progress | None], Dataset]
+    evaluate: Callable[[Sequence[VideoSettings], Progress | None], list[Dataset]]
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
     method: str
@@ -102,7 +102,21 @@ class TrackedRegions:
         if reference is not None and reference != "first" and not isinstance(reference, int | float):
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
-        found = [self._pair(pair, asked.values, epsilon, known, reference_by, progress) for pair in self.pairs]
+        named = {roi.name: roi for roi in self.rois}
+        settings = [
+            VideoSettings(
+                contrasts=None if asked.values is None else tuple(asked.values),
+                rois=(named[pair[0]], named[pair[1]]),
+                method=method_among(self.method, list(named), pair),
+                epsilon=epsilon,
+                reference=known,
+                reference_by=reference_by,
+                selection=self.selection,
+                image_size=self.image_size,
+            )
+            for pair in self.pairs
+        ]
+        found = [_of_pair(one, measured=asked.values is None) for one in self.evaluate(settings, progress)]
         most = max(one.sizes["corner"] for one in found)
         padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
         dataset = xr.concat(
@@ -111,37 +125,6 @@ class TrackedRegions:
         order = [name for name in ("frame", "pair", "contrast", "side", "corner") if name in dataset.dims]
         dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found]))
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
-
-    def _pair(
-        self,
-        pair: tuple[str, str],
-        contrasts: Sequence[float] | None,
-        epsilon: Epsilon,
-        reference: Any,
-        reference_by: Literal["number", "time"],
-        progress: Progress | None,
-    ) -> Dataset:
-        named = {roi.name: roi for roi in self.rois}
-        rois = (named[pair[0]], named[pair[1]])
-        settings = VideoSettings(
-            contrasts=None if contrasts is None else tuple(contrasts),
-            rois=rois,
-            method=method_among(self.method, list(named), pair),
-            epsilon=epsilon,
-            reference=reference,
-            reference_by=reference_by,
-            selection=self.selection,
-            image_size=self.image_size,
-        )
-        dataset = renamed(self.evaluate(settings, progress))
-        bright, dark = dataset["region"].values
-        dataset = dataset.drop_vars("region").rename({"region": "side"})
-        dataset = dataset.expand_dims(pair=[f"{bright} / {dark}"]).assign_coords(
-            side=["bright", "dark"], region=(("pair", "side"), [[bright, dark]])
-        )
-        if contrasts is not None:
-            return dataset
-        return dataset.isel(contrast=0).assign_coords(contrast=("pair", dataset["contrast"].values))
 
     def __repr__(self) -> str:
         return (
@@ -159,3 +142,16 @@ def _attributes(attributes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     found = unique(finding for one in attributes for finding in restored(json.loads(one["findings"])))
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
     return {**{name: attributes[0][name] for name in kept}, **noted(found), "labcdp_version": version("labcdp")}
+
+
+def _of_pair(dataset: Dataset, *, measured: bool) -> Dataset:
+    """Results of a pair with its name; with the measured contrast as a coordinate."""
+    dataset = renamed(dataset)
+    bright, dark = dataset["region"].values
+    dataset = dataset.drop_vars("region").rename({"region": "side"})
+    dataset = dataset.expand_dims(pair=[f"{bright} / {dark}"]).assign_coords(
+        side=["bright", "dark"], region=(("pair", "side"), [[bright, dark]])
+    )
+    if not measured:
+        return dataset
+    return dataset.isel(contrast=0).assign_coords(contrast=("pair", dataset["contrast"].values))

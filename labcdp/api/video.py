@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +14,7 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError
 from ..core.notebook import html_table
 from ..evaluate.picture.light.picture import PictureConversion
-from ..evaluate.video.evaluate import evaluate_video
+from ..evaluate.video.evaluate import Part, evaluated_parts
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.open import open_video as open_source
 from ..files.video.selection import Position, Selection
@@ -141,7 +142,7 @@ class Video:
         method : {'follow', 'homography', 'fixed'} or str
             How they are followed; other methods for some regions: ``"follow,wall=fixed"``.
         pairs : list of (str, str) or None
-            Two regions by name; None for all pairs of up to six regions. The video is read once for each pair.
+            Two regions by name; None for all pairs of up to six regions. The video is read once.
         start, stop, every : int or str
             First frame, in which the regions are, frame to stop before, and distance of the frames that are evaluated:
             numbers of frames, or times such as ``"10s"`` and ``"1:30"``.
@@ -192,26 +193,26 @@ class Video:
         """
         asked = as_contrasts(contrasts, epsilon)
         assert asked.values is not None
-        dataset = self.evaluate(
-            VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every)), progress
-        )
+        settings = VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every))
+        (dataset,) = self.evaluate([settings], progress)
         dataset = described(renamed(dataset), dataset.attrs["unit"])
         return dataset.isel(contrast=0) if asked.scalar else dataset
 
-    def evaluate(self, settings: VideoSettings, progress: Progress | None = None) -> Dataset:
-        """Evaluate with settings that have no conversion yet, as ``labcdp video`` does."""
+    def evaluate(self, settings: Sequence[VideoSettings], progress: Progress | None = None) -> list[Dataset]:
+        """Evaluate with settings that have no conversion yet, in one pass, as ``labcdp video`` does."""
         with TemporaryDirectory(prefix="labcdp-") as folder:
             calibration = self.calibration
             if isinstance(calibration, Calibration | ColourCalibration):
                 save(calibration, Path(folder) / "calibration.json")
                 calibration = Path(folder) / "calibration.json"
-            whole = replace(
-                settings,
-                calibration=None if calibration is None else Path(calibration),
-                camera=self.camera_spec,
+            light = {
+                "calibration": None if calibration is None else Path(calibration),
+                "camera": self.camera_spec,
                 **self.stated,
-            )
-            return evaluate_video(self.path, whole, progress=progress)
+            }
+            parts = [Part(replace(one, **light)) for one in settings]
+            with evaluated_parts(self.path, parts, progress=progress) as found:
+                return [rows().dataset() for rows in found]
 
     def __repr__(self) -> str:
         height, width = self.shape

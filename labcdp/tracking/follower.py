@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import dist, hypot, isfinite
 
@@ -106,16 +107,15 @@ class Follower:
             self._lost_for += 1
             self._result = replace(self._result, quality=0.0)
             return
-        expected = self._expected(scene)
-        found = self._best(sight, expected, scene)
+        found = self._best(sight, scene)
         if found is None or found.fit.quality < LOST_BELOW:
             quality = 0.0 if found is None else found.fit.quality
-            gone = view_around(sight, self._template, expected[0], 0) is None
+            gone = view_around(sight, self._template, next(self._expected(scene)), 0) is None
             code = "tracking-scene-changed" if scene.change == "cut" else "tracking-not-found"
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
             return
-        if min(self._looks.off(found.fit, place) for place in expected) > _NEAR:
+        if all(self._looks.off(found.fit, place) > _NEAR for place in self._expected(scene)):
             self._lose(self._finding(_SAME), found.fit.quality)
             return
         lost = found.aligner.vanished(found.fit)
@@ -199,22 +199,24 @@ class Follower:
         )
         return found.fit.quality >= need and found.aligner.vanished(found.fit) <= VANISHED_MOST
 
-    def _expected(self, scene: SceneNow) -> list[Matrix]:
+    def _expected(self, scene: SceneNow) -> Iterator[Matrix]:
         """Where it should be: as it moves, and at rest with the scene."""
-        places = [shift(*self._velocity) @ self._to_image] if self.seen else [self._to_image]
+        moving = shift(*self._velocity) @ self._to_image if self.seen else self._to_image
+        yield moving
         rest, then = self._rest
-        if scene.motion is not None and then.motion is not None and scene.epoch == then.epoch:
-            at_rest = scene.motion @ inverse(then.motion) @ rest
-            if dist(self._looks.middle(at_rest), self._looks.middle(places[0])) > 1:
-                places.append(at_rest)
-        return places
+        motion = scene.moved_since(then)
+        if motion is not None:
+            at_rest = motion @ rest
+            if dist(self._looks.middle(at_rest), self._looks.middle(moving)) > 1:
+                yield at_rest
 
-    def _best(self, sight: Sight, expected: list[Matrix], scene: SceneNow) -> Found | None:
+    def _best(self, sight: Sight, scene: SceneNow) -> Found | None:
         """Best alignment from the expected places, and if necessary from a search."""
         best: Found | None = None
-        for place in expected:
-            best = self._looks.better(expected, best, self._aligned(sight, place))
-            if best is not None and best.fit.quality - self._looks.off(best.fit, expected[0]) >= GOOD:
+        moving = next(self._expected(scene))
+        for place in self._expected(scene):
+            best = self._looks.better(moving, best, self._aligned(sight, place))
+            if best is not None and best.fit.quality - self._looks.off(best.fit, moving) >= GOOD:
                 return best
         cut = scene.change == "cut"
         steady = best is not None and best.fit.quality >= max(self._quality - _STEADY, LOST_BELOW)

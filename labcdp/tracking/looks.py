@@ -125,11 +125,11 @@ class Looks:
         scale = local_scale(expected, self.centre) * self.template.reduction
         return dist(self.middle(fit.to_image), self.middle(expected)) / (scale * self.repeat_px)
 
-    def better(self, expected: list[Matrix], best: Found | None, other: Found | None) -> Found | None:
+    def better(self, expected: Matrix, best: Found | None, other: Found | None) -> Found | None:
         """Of two fits the better one, and of places that look the same the one nearer to the expected place."""
         if other is None or best is None:
             return best or other
-        gained = self.off(best.fit, expected[0]) - self.off(other.fit, expected[0])
+        gained = self.off(best.fit, expected) - self.off(other.fit, expected)
         return other if other.fit.quality + gained > best.fit.quality else best
 
     def clear(self, found: list[Found]) -> Found | None:

@@ -69,15 +69,15 @@ def method_among(method: str, names: Sequence[str], chosen: Sequence[str]) -> st
     return own[0] if len(set(own)) == 1 else ",".join(f"{name}={found[name]}" for name in chosen)
 
 
-def make_tracker(method: str, grey: NDArray[Any], rois: Sequence[Roi]) -> Tracker:
+def make_tracker(method: str | Sequence[str], grey: NDArray[Any], rois: Sequence[Roi]) -> Tracker:
     """Make a tracker that has seen the first frame.
 
     Parameters
     ----------
-    method : str
+    method : str or sequence of str
         ``follow``: regions move, turn and change their size with their objects, which may slowly change their looks.
         ``homography``: as ``follow``, but also for a flat target that tilts. ``fixed``: regions stay where they are,
-        and are never lost. Other methods for some regions: ``"follow,wall=fixed"``.
+        and are never lost. Other methods for some regions: ``"follow,wall=fixed"``, or one for each.
 
         What can be followed are edges: those of the patch a region lies in, and structure around it that moves
         with it. A plain region of a larger background stays in the scene, whose points tell where that is. Where
@@ -101,7 +101,7 @@ def make_tracker(method: str, grey: NDArray[Any], rois: Sequence[Roi]) -> Tracke
         nothing to follow in and around it (every method but ``fixed``), or two regions have one name.
     """
     names = [roi.name for roi in rois]
-    methods = methods_of(method, names)
+    methods = methods_of(method, names) if isinstance(method, str) else tuple(method)
     first = grey_frame(grey)
     if not rois:
         raise InputError("there is no region to follow: give at least one")

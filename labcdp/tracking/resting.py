@@ -86,10 +86,11 @@ class Resting:
         if scene.change == "blank":
             self._lose(self._finding("tracking-frame-blank"), 0.0)
             return
-        if scene.motion is None or scene.epoch != self._then.epoch:
+        motion = scene.moved_since(self._then)
+        if motion is None:
             self._lose(self._finding("tracking-scene-changed", found_share=0.0), 0.0)
             return
-        self._to_image = scene.motion @ self._rest
+        self._to_image = motion @ self._rest
         roi = carried(self._first, self.motion)
         height, width = sight.shape
         x0, y0, x1, y1 = roi.bounds

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,26 +30,37 @@ _WITH_PX, _SHARE_LEAST, _SHARE_NEW = 1.0, 0.2, 0.5
 _LEAD = 0.2
 
 
-@dataclass(frozen=True, eq=False)
 class SceneNow:
-    """What became of the scene.
+    """What became of the scene in a frame; its motion is found when it is asked for.
 
     Parameters
     ----------
     change : str
         ``blank`` for a frame with nothing in it, ``cut`` for another scene, else an empty text.
-    motion : ndarray of float, shape (3, 3), or None
-        Pixels of a frame of the same `epoch` to those of this one, for things at rest; None if not known.
-    epoch : int
-        Changes when the scene does.
     light : float
         Median of the frame in DN.
+    motion : callable
+        Finds the scene's number and how things at rest moved since it was first seen, in pixels; None if not known.
     """
 
-    change: str
-    motion: Matrix | None
-    epoch: int
-    light: float = 0.0
+    def __init__(self, change: str, light: float, motion: Callable[[], tuple[int, Matrix] | None]) -> None:
+        self.change, self.light = change, light
+        self._motion: Callable[[], tuple[int, Matrix] | None] | None = motion
+        self._found: tuple[int, Matrix] | None = None
+
+    def moved_since(self, then: SceneNow) -> Matrix | None:
+        """Pixels of an earlier frame to those of this one, for things at rest; None if not known."""
+        # The earlier one is found first: what is known of it leads to this one.
+        before, now = then._at(), self._at()
+        if before is None or now is None or before[0] != now[0]:
+            return None
+        motion: Matrix = now[1] @ inverse(before[1])
+        return motion
+
+    def _at(self) -> tuple[int, Matrix] | None:
+        if self._motion is not None:
+            self._found, self._motion = self._motion(), None
+        return self._found
 
 
 class SceneWatch:
@@ -64,7 +75,7 @@ class SceneWatch:
         self._epoch = self._epochs = 0
         self._median = float(np.median(sight.small))
         self._noise = noise_dn(sight.part(0, 0, min(sight.shape[1], _SAMPLE), min(sight.shape[0], _SAMPLE)))
-        self._start(_grey(sight), np.eye(3))
+        self._start(_grey(sight.small), np.eye(3))
         self._beginning = self._key, self._points
 
     def look(self, sight: Sight) -> SceneNow:
@@ -72,43 +83,49 @@ class SceneWatch:
         this = _tiny(sight)
         power = float(np.vdot(this, this))
         if power < _BLANK_DN**2 * this.size:
-            return SceneNow("blank", None, self._epoch, self._median)
+            return SceneNow("blank", self._median, lambda: None)
         last, self._last = self._last, this
         powers = power * float(np.vdot(last, last))
         self._median = float(np.median(sight.small[::3, ::3]))
         cut = powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5
-        small = None if cut else self._moved(_grey(sight))
-        if small is None:
-            small = self._begun_again(sight)
-        return SceneNow("cut" if cut else "", self._motion(small, sight), self._epoch, self._median)
+        small, factor = sight.small, scaling(sight.reduction)
 
-    def _begun_again(self, sight: Sight) -> Matrix:
+        def motion() -> tuple[int, Matrix]:
+            grey = _grey(small)
+            moved = None if cut else self._moved(grey)
+            if moved is None:
+                moved = self._begun_again(grey)
+            return self._epoch, inverse(factor) @ moved @ factor
+
+        now = SceneNow("cut" if cut else "", self._median, motion)
+        # Another scene begins with its first frame.
+        if cut:
+            now.moved_since(now)
+        return now
+
+    def _begun_again(self, grey: NDArray[np.uint8]) -> Matrix:
         """Start anew with another scene, or with the first one if that is there again."""
         self._key, self._points = self._beginning
         self._key_motion = self._since_key = np.eye(3)
         self._epoch = 0
-        small = self._moved(_grey(sight))
+        small = self._moved(grey)
         if small is not None:
             return small
         self._epochs += 1
         self._epoch = self._epochs
-        self._start(_grey(sight), np.eye(3))
+        self._start(grey, np.eye(3))
         return np.eye(3)
 
     @property
     def now(self) -> SceneNow:
         """The first frame."""
-        return SceneNow("", np.eye(3), self._epoch, self._median)
+        return SceneNow("", self._median, lambda: (0, np.eye(3)))
 
     @property
     def holds(self) -> bool:
         """Whether there is enough in the scene to tell where a plain region of it is."""
         pixels = self._last_cells
         return len(self._points) >= _POINTS_LEAST and float(self._last.std()) > _CLEAR * self._noise / pixels**0.5
-
-    def _motion(self, small: Matrix, sight: Sight) -> Matrix:
-        factor = scaling(sight.reduction)
-        return inverse(factor) @ small @ factor
 
     def _start(self, grey: NDArray[np.uint8], motion: Matrix) -> None:
         """Choose points in a frame to which the scene moved by `motion`."""
@@ -169,11 +186,11 @@ class SceneWatch:
         return now
 
 
-def _grey(sight: Sight) -> NDArray[np.uint8]:
+def _grey(small: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Small frame with the same contrast everywhere, whatever the light."""
     import cv2
 
-    deviations = sight.small - cv2.blur(sight.small, _LOCAL)
+    deviations = small - cv2.blur(small, _LOCAL)
     contrast = cv2.blur(np.abs(deviations), _LOCAL) + np.float32(_CONTRAST_DN)
     return np.asarray(np.clip(128 + 40 * deviations / contrast, 0, 255), dtype=np.uint8)
 

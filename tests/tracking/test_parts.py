@@ -97,12 +97,22 @@ def test_a_cut_and_a_blank_frame_are_distinguished_from_light_and_motion():
 def test_the_motion_of_the_scene_is_known_whatever_the_light_and_after_another_scene():
     light = scene((300, 420), seed=5, coarse=4)
     watch = SceneWatch(rounded(light[20:260, 40:360]))
+    first = watch.now
     for number in (3, 6, 9, 12):
         now = watch.look(rounded((1 - 0.05 * number) * light[20:260, 40 - number : 360 - number] + number))
-        assert now.motion[:2, 2] == pytest.approx((number, 0), abs=0.3)
-        assert now.epoch == 0
-    assert watch.look(rounded(scene((240, 320), seed=6, coarse=12))).epoch == 1
-    assert watch.look(rounded(light[20:260, 38:358])).epoch == 0
+        assert now.moved_since(first)[:2, 2] == pytest.approx((number, 0), abs=0.3)
+    other = watch.look(rounded(scene((240, 320), seed=6, coarse=12)))
+    assert other.moved_since(first) is None
+    again = watch.look(rounded(light[20:260, 38:358]))
+    assert again.moved_since(other) is None
+    assert again.moved_since(first)[:2, 2] == pytest.approx((2, 0), abs=0.3)
+
+
+def test_the_motion_of_the_scene_is_known_from_a_frame_to_the_next_when_it_is_asked_for_late():
+    light = scene((300, 420), seed=5, coarse=4)
+    watch = SceneWatch(rounded(light[20:260, 40:360]))
+    seen = [watch.look(rounded(light[20:260, 40 - number : 360 - number])) for number in range(3, 40, 4)]
+    assert seen[-1].moved_since(seen[-2])[:2, 2] == pytest.approx((4, 0), abs=0.3)
 
 
 @settings(max_examples=40)

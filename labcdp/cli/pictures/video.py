@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ...core.disk import real_path
+from ...core.errors import LabcdpError
 from ..options import contrasts_or_measured, parse_tolerance
 from ..output import Results, show_page
 from ..terminal import print_result, progress_bars, say
@@ -20,6 +21,7 @@ from .video_options import ClusterOptions, FrameOptions, MadeOptions, VideoPairO
 
 if TYPE_CHECKING:
     from ...core.result import Result
+    from ...evaluate.video.dataset import VideoRows
     from ...evaluate.video.settings import Observer, VideoSettings
     from ...output import ResultsFolder
 
@@ -42,7 +44,7 @@ def video(
     The regions follow their objects; frames in which one is lost have no value. Without --contrast, the contrast
     measured in the first frame is used. Without calibration and camera specification, relative luminance is used;
     contrasts are unaffected. Writes a page with a plot over time, a spreadsheet and NetCDF. The same command resumes an
-    interrupted evaluation. Several videos, and several pairs of regions, are evaluated on all cores.
+    interrupted evaluation. Several videos are evaluated on all cores, several pairs of a video in one pass.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
     """
@@ -71,7 +73,8 @@ def video(
             def progress(done: int, total: int | None) -> None:
                 bars.update("Frames", done, done if total is None else total)
 
-            result = evaluate_into(settings, made, paths[0], folder, progress)
+            with evaluated_into({"": settings}, made, paths[0], {"": folder}, progress) as writers:
+                result = writers[""]()
         results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
         return
     folder = results.folder(context, files[0] if len(files) == 1 else "videos", resume=True)
@@ -98,49 +101,66 @@ def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions)
     )
 
 
-def evaluate_into(
-    settings: VideoSettings, made: MadeOptions, path: Path, results: ResultsFolder, progress: Any = None
-) -> Result:
-    """Evaluate a video and write its results into an open results folder.
+@contextmanager
+def evaluated_into(
+    settings: Mapping[str, VideoSettings],
+    made: MadeOptions,
+    path: Path,
+    folders: Mapping[str, ResultsFolder],
+    progress: Any = None,
+) -> Iterator[dict[str, Callable[[], Result]]]:
+    """Evaluate pairs of regions of a video in one pass; what is given for each writes its results into its folder.
 
     Raises
     ------
     LabcdpError
         If the video cannot be evaluated or the results not be written.
     """
-    from ...evaluate.video.evaluate import evaluated_rows
-    from ...evaluate.video.report.annotated import AnnotatedVideo, FrameImages
+    from ...evaluate.video.evaluate import Part, evaluated_parts
     from ...evaluate.video.report.files import write_video
 
     with ExitStack() as stack:
         with ExitStack() as drawing:
-            observers: list[Observer] = []
-            if made.annotated:
-                observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
-            if made.frames:
-                observers.append(FrameImages.of_video(results.path("."), path))
+            parts = [Part(settings[name], into, _observer(made, path, into, drawing)) for name, into in folders.items()]
+            found = stack.enter_context(evaluated_parts(path, parts, progress=progress))
 
-            def observer(*seen: Any) -> None:
-                for one in observers:
-                    one(*seen)
+        def write(rows: Callable[[], VideoRows], into: ResultsFolder) -> Result:
+            return write_video(rows(), into)
 
-            watching = observer if observers else None
-            rows = stack.enter_context(evaluated_rows(path, settings, results, progress=progress, observer=watching))
-        return write_video(rows, results)
+        yield {name: partial(write, rows, into) for rows, (name, into) in zip(found, folders.items(), strict=True)}
+
+
+def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
+    """Return what draws the frames, None for nothing."""
+    from ...evaluate.video.report.annotated import AnnotatedVideo, FrameImages
+
+    observers: list[Observer] = []
+    if made.annotated:
+        observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
+    if made.frames:
+        observers.append(FrameImages.of_video(results.path("."), path))
+
+    def observer(*seen: Any) -> None:
+        for one in observers:
+            one(*seen)
+
+    return observer if observers else None
 
 
 def evaluate_values(
-    settings: VideoSettings | Mapping[str, VideoSettings],
-    made: MadeOptions,
-    path: Path,
-    results: ResultsFolder,
-    pair: str = "",
-) -> dict[str, Any]:
-    """Evaluate a video, or a pair of its regions, as `evaluate_into`; return its result as values JSON can hold."""
+    settings: Mapping[str, VideoSettings], made: MadeOptions, path: Path, folders: Mapping[str, ResultsFolder]
+) -> dict[str, dict[str, Any] | LabcdpError]:
+    """Evaluate pairs of a video as `evaluated_into`; return each result as JSON values, or why there is none."""
     from ...report.envelope import envelope
 
-    own = settings[pair] if isinstance(settings, Mapping) else settings
-    return envelope(evaluate_into(own, made, path, results))
+    found: dict[str, dict[str, Any] | LabcdpError] = {}
+    with evaluated_into(settings, made, path, folders) as writers:
+        for name, write in writers.items():
+            try:
+                found[name] = envelope(write())
+            except LabcdpError as error:
+                found[name] = error
+    return found
 
 
 def _several(
@@ -175,7 +195,7 @@ def _several(
             with progress_bars() as bars:
                 archive = evaluate_archive(
                     tasks,
-                    partial(evaluate_values, dict(of_pairs) or settings, made),
+                    partial(evaluate_values, of_pairs or {"": settings}, made),
                     configuration,
                     where.chosen(),
                     progress=lambda done, total, _outcome: bars.update("Videos", done, total),

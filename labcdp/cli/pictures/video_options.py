@@ -112,8 +112,8 @@ class ClusterOptions:
 
     def chosen(self) -> Workers:
         """Return the processes or the cluster."""
+        from ...core.computer.cluster import TlsFiles
         from ...evaluate.video.archive.evaluate import Workers
-        from ...evaluate.video.archive.tls import TlsFiles
 
         tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
         return Workers(self.cluster, self.workers, tls)

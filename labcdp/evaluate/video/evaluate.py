@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from .dataset import VideoRows, as_json
 from .findings import VideoFindings, recorded
 from .reference import make_reference
 from .rows import is_end, variables
-from .run import VideoRun
+from .run import PartRun, VideoRun
 from .settings import Observer, Progress, VideoSettings
 
 if TYPE_CHECKING:
@@ -91,56 +92,133 @@ def evaluated_rows(
     observer: Observer | None = None,
 ) -> Iterator[VideoRows]:
     """Evaluate a video as `evaluate_video`, and give its results to read while the context lasts."""
+    with evaluated_parts(path, [Part(settings, folder, observer)], progress=progress) as (rows,):
+        yield rows()
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is asked of a video: a pair of regions, or nearest neighbours.
+
+    Parameters
+    ----------
+    settings : VideoSettings
+        What is to be evaluated.
+    folder : path, ResultsFolder or None
+        For its journal, as for `evaluate_video`.
+    observer : callable or None
+        Given each frame, as for `evaluate_video`.
+    """
+
+    settings: VideoSettings
+    folder: Destination | None = None
+    observer: Observer | None = None
+
+
+@contextmanager
+def evaluated_parts(
+    path: str | Path, parts: Sequence[Part], *, progress: Progress | None = None
+) -> Iterator[tuple[Callable[[], VideoRows], ...]]:
+    """Evaluate any number of pairs of regions of a video in one pass of decoding and following.
+
+    All regions are followed together, so that those that move alike help each other.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for `evaluate_video`.
+    parts : sequence of Part
+        At least one; their settings differ in regions, contrasts and reference only.
+    progress : callable or None
+        Called for each frame.
+
+    Yields
+    ------
+    tuple of callable
+        For each part, gives its results, to be read while the context lasts; raises InputError if no frame could be
+        evaluated.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        As `evaluate_video`.
+    """
+    settings = parts[0].settings
+    source, conversion = _opened(path, settings)
+    together = sorted({roi.name for part in parts for roi in part.settings.rois})
+    with ExitStack() as stack:
+        runs = []
+        for part in parts:
+            reference = make_reference(part.settings)
+            head = {"video": source.sha256, **evaluation_head(part.settings, reference)}
+            if len(together) > len(part.settings.rois) > 0:
+                head["followed_together"] = together
+            require_regions(source, part.settings)
+            journal = stack.enter_context(_journal(part.folder, head))
+            runs.append(PartRun(part.settings, conversion, reference, journal, part.observer))
+        VideoRun(source, runs).go(progress)
+        yield tuple(partial(_rows, source, conversion, run) for run in runs)
+
+
+def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, PictureConversion]:
+    """Open a video, with the conversion of its frames."""
     conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding)
     options_given = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
     given: dict[str, Any] = {name: value for name, value in options_given.items() if value is not None}
     options = replace(conversion.options, **given, overrides=conversion.options.overrides | given.keys())
     if not isinstance(path, str | Path):
         raise InputError(f"the video is {shown(path)}: give the path of a file")
-    path = Path(path)
-    source = open_video(path, replace(options, damaged=settings.damaged))
+    source = open_video(Path(path), replace(options, damaged=settings.damaged))
     conversion = replace(conversion, options=replace(conversion.options, encoding=source.encoding))
     if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:
         raise InputError(f"{path} does not state its exposure time: give it with --exposure")
-    reference = make_reference(settings)
-    head = {"video": source.sha256, **evaluation_head(settings, reference)}
-    require_regions(source, settings)
+    return source, conversion
+
+
+@contextmanager
+def _journal(folder: Destination | None, head: Mapping[str, Any]) -> Iterator[LineJournal]:
+    """Open the journal of an evaluation, in a folder of results or one that goes."""
     with ExitStack() as stack:
         if folder is None:
             where = Path(stack.enter_context(TemporaryDirectory(prefix="labcdp-")))
         else:
-            results = stack.enter_context(open_results(folder, "video"))
-            where = results.journal(JOURNAL).parent
+            where = stack.enter_context(open_results(folder, "video")).journal(JOURNAL).parent
         journal = LineJournal.open(where / JOURNAL, head, "evaluation")
         # Without a frame there is nothing to resume, and other settings may have the folder.
         stack.callback(lambda: journal.close() if len(journal) else journal.discard())
-        run = VideoRun(source, settings, conversion, reference, journal)
-        run.go(progress, observer)
-        found = VideoFindings([roi.name for roi in settings.rois])
-        for row in journal.rows():
-            if not is_end(row):
-                found.add(row)
-        if found.first_measured is None:
-            journal.discard()
-            number, finding = found.first or (0, None)
-            why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
-            raise InputError(f"{path}: no frame could be evaluated{why}")
-        findings = [*source.findings, *conversion_findings(conversion, source), *run.announced(), *found.findings]
-        for roi in settings.rois:
-            findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
-        if settings.contrasts is None:
-            code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
-            findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))
-        yield VideoRows(
-            lambda: (variables(row) for row in journal.rows() if not is_end(row)),
-            run.contrasts,
-            tuple(roi.name for roi in settings.rois),
-            found.order,
-            max((len(roi.corners) for roi in settings.rois), default=0),
-            conversion.unit,
-            {**_attributes(path, source, settings, conversion, findings), "versions": as_json(head["versions"]),
-             "configuration": as_json(head["settings"])},
-        )  # fmt: skip
+        yield journal
+
+
+def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> VideoRows:
+    """Results of a part; raises InputError if there are none."""
+    settings, journal, path = run.settings, run.journal, source.path
+    found = VideoFindings([roi.name for roi in settings.rois])
+    for row in journal.rows():
+        if not is_end(row):
+            found.add(row)
+    if found.first_measured is None:
+        journal.discard()
+        number, finding = found.first or (0, None)
+        why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
+        raise InputError(f"{path}: no frame could be evaluated{why}")
+    announced = run.announced(source.frame_count)
+    findings = [*source.findings, *conversion_findings(conversion, source), *announced, *found.findings]
+    for roi in settings.rois:
+        findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
+    if settings.contrasts is None:
+        code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
+        findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))
+    attributes = _attributes(path, source, settings, conversion, findings)
+    head = evaluation_head(settings, make_reference(settings))
+    return VideoRows(
+        lambda: (variables(row) for row in journal.rows() if not is_end(row)),
+        run.contrasts,
+        tuple(roi.name for roi in settings.rois),
+        found.order,
+        max((len(roi.corners) for roi in settings.rois), default=0),
+        conversion.unit,
+        {**attributes, "versions": as_json(head["versions"]), "configuration": as_json(head["settings"])},
+    )
 
 
 def _attributes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import nan
@@ -15,6 +15,7 @@ from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
+from ...core.roi import Roi
 from ...files.video.open import frames_of
 from ...files.video.source import VideoFrame, VideoSource
 from ...report.findings import finding_text
@@ -28,102 +29,146 @@ from .settings import Observer, Progress, VideoSettings
 
 @dataclass(frozen=True, eq=False)
 class _Item:
-    """A frame with where the regions are in it.
+    """A chosen frame, its place among them, and where the regions are in it.
 
-    `row` if its results are known from an earlier run, and the number of the frame before if it has the same pixels.
+    `repeats` is the number of the frame before if it has the same pixels.
     """
 
     frame: VideoFrame
-    regions: tuple[TrackedRoi, ...]
-    row: Row | None
+    place: int
+    regions: Mapping[Roi, TrackedRoi]
     repeats: int | None
 
 
-class VideoRun:
-    """One pass through a video; what is in the journal already is not evaluated again.
+class PartRun:
+    """What a pair of regions, or nearest neighbours, make of the frames; what is in the journal is not done again.
 
     Parameters
     ----------
-    source : VideoSource
-        The video.
     settings : VideoSettings
         What is to be evaluated.
     conversion : PictureConversion
-        Of its frames to light.
+        Of frames to light.
     reference : ReferenceContrast or None
         What each frame is compared with.
     journal : LineJournal
         Of this evaluation.
+    observer : callable or None
+        Given each frame.
     """
 
     def __init__(
         self,
-        source: VideoSource,
         settings: VideoSettings,
         conversion: PictureConversion,
         reference: ReferenceContrast | None,
         journal: LineJournal,
+        observer: Observer | None,
     ) -> None:
-        self._source, self._settings, self._journal = source, settings, journal
+        self.settings, self.journal, self.observer = settings, journal, observer
         self._rows = FrameRows(settings, conversion, reference)
-        self._begun = not settings.rois
-        self._n_done, self._n_frames = len(journal), 0
-        self._end: Row | None = None
-        if self._n_done and is_end(last := journal.row(self._n_done - 1)):
-            self._end = last
-            self._n_done -= 1
-
-    def go(self, progress: Progress | None, observer: Observer | None) -> None:
-        """Evaluate what is not in the journal yet."""
-        total = self._source.frame_count
-        expected = self._settings.selection.expected(total, self._source.frame_rate)
-        for row in self._journal.rows():
+        self.n_done = len(journal)
+        self.end: Row | None = None
+        if self.n_done and is_end(last := journal.row(self.n_done - 1)):
+            self.end = last
+            self.n_done -= 1
+        for row in journal.rows():
             self._rows.learn(row.get(MEASURED, nan))
-        if self._end is not None and observer is None:
-            return
-        place = 0
-        # Small steps in several threads wait for each other; a whole frame of neighbours does not.
-        # Without a contrast the first frame gives it to the others.
-        n_workers = 0 if self._settings.rois or self._settings.contrasts is None else 2
-        with (
-            closing(ahead(self._frames(observer is not None))) as frames,
-            closing(in_order(self._followed(frames), self._worked, n_workers)) as worked,
-        ):
-            for place, (item, row) in enumerate(worked, start=1):
-                if item.row is None:
-                    self._journal.add(row)
-                if observer is not None and item.frame.frame is not None:
-                    observer(item.frame.number, item.frame.grey, item.regions, variables(row))
-                if progress is not None:
-                    progress(place, None if expected is None else max(expected, place))
-        if place == 0:
-            first, stop = self._settings.selection.start, self._settings.selection.stop
-            raise InputError(
-                f"{self._source.path} has no frame from {first} to {stop or 'its end'}: give an earlier start"
-            )
-        if self._end is None:
-            self._end = {"end": self._n_frames if self._settings.selection.stop is None else None}
-            self._journal.add(self._end)
 
     @property
     def contrasts(self) -> tuple[float, ...]:
         """Contrasts that were to be detected; a measured one is nan if no frame could be measured."""
         return self._rows.contrasts
 
-    def announced(self) -> tuple[Finding, ...]:
+    @property
+    def done(self) -> bool:
+        """Whether no frame is needed any more."""
+        return self.end is not None and self.observer is None
+
+    def worked(self, item: _Item) -> Row | None:
+        """Results of a frame; None for one that is done."""
+        return None if item.place < self.n_done else self._rows.row(item.frame, self._regions(item), item.repeats)
+
+    def take(self, item: _Item, row: Row | None) -> None:
+        """Record the results of a frame, and show it."""
+        if row is not None:
+            self.journal.add(row)
+        frame = item.frame
+        if self.observer is not None and frame.frame is not None:
+            known = self.journal.row(item.place) if row is None else row
+            self.observer(frame.number, frame.grey, self._regions(item), variables(known))
+
+    def finish(self, n_frames: int | None) -> None:
+        """Record that the video has ended, after a number of frames if that is its end."""
+        if self.end is None:
+            self.end = {"end": n_frames}
+            self.journal.add(self.end)
+
+    def announced(self, announced: int | None) -> tuple[Finding, ...]:
         """Return a finding if the file announces another number of frames than it has."""
-        assert self._end is not None
-        announced, found = self._source.frame_count, self._end["end"]
+        found = None if self.end is None else self.end["end"]
         if announced is None or found is None or announced == found:
             return ()
         if found < announced:
             return (warning("video-cut-off", announced=announced, found=found),)
         return (info("video-longer", announced=announced, found=found),)
 
-    def _frames(self, observed: bool) -> Iterator[VideoFrame]:
+    def _regions(self, item: _Item) -> tuple[TrackedRoi, ...]:
+        return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
+
+
+class VideoRun:
+    """One pass through a video for any number of pairs of regions.
+
+    Parameters
+    ----------
+    source : VideoSource
+        The video.
+    parts : sequence of PartRun
+        With the same selection of frames.
+    """
+
+    def __init__(self, source: VideoSource, parts: Sequence[PartRun]) -> None:
+        self._source, self._parts = source, parts
+        self._selection = parts[0].settings.selection
+        methods = {
+            roi: method for part in parts for roi, method in zip(part.settings.rois, part.settings.methods, strict=True)
+        }
+        self._rois, self._methods = tuple(methods), tuple(methods.values())
+        self._follows = any(method != "fixed" for method in self._methods)
+        self._begun = not self._rois
+        self._n_frames = 0
+
+    def go(self, progress: Progress | None) -> None:
+        """Evaluate what is not in the journals yet."""
+        if all(part.done for part in self._parts):
+            return
+        expected = self._selection.expected(self._source.frame_count, self._source.frame_rate)
+        place = 0
+        # Small steps in several threads wait for each other; a whole frame of neighbours does not.
+        # Without a contrast the first frame gives it to the others.
+        n_workers = 0 if self._rois or any(part.settings.contrasts is None for part in self._parts) else 2
+        with (
+            closing(ahead(self._frames())) as frames,
+            closing(in_order(self._followed(frames), self._worked, n_workers)) as worked,
+        ):
+            for place, (item, rows) in enumerate(worked, start=1):
+                for part, row in zip(self._parts, rows, strict=True):
+                    part.take(item, row)
+                if progress is not None:
+                    progress(place, None if expected is None else max(expected, place))
+        if place == 0:
+            first, stop = self._selection.start, self._selection.stop
+            raise InputError(
+                f"{self._source.path} has no frame from {first} to {stop or 'its end'}: give an earlier start"
+            )
+        for part in self._parts:
+            part.finish(self._n_frames if self._selection.stop is None else None)
+
+    def _frames(self) -> Iterator[VideoFrame]:
         """Frames with the pixels that are needed."""
-        settings = self._settings
-        follows = settings.follows
+        observed = any(part.observer is not None for part in self._parts)
+        n_done = min(part.n_done for part in self._parts)
         n_chosen = 0
 
         def needed(number: int, chosen: bool) -> bool:
@@ -132,46 +177,44 @@ class VideoRun:
             self._n_frames = number + 1
             # Regions that stay are compared with the first frame, and with no other one.
             # The last one that is done is compared with the next.
-            return follows or (chosen and (observed or n_chosen >= self._n_done or not self._begun))
+            return self._follows or (chosen and (observed or n_chosen >= n_done or not self._begun))
 
-        return frames_of(self._source, settings.selection, needed)
+        return frames_of(self._source, self._selection, needed)
 
     def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[_Item]:
         """Follow the regions; only chosen frames are passed on."""
-        rois = self._settings.rois
         tracker = None
         regions: tuple[TrackedRoi, ...] = ()
-        rows = self._journal.rows()
-        n_chosen = 0
+        place = 0
         last: VideoFrame | None = None
         unseen: VideoFrame | None = None
         for frame in frames:
-            if self._settings.follows and tracker is None and frame.frame is None:
+            if self._follows and tracker is None and frame.frame is None:
                 unseen = unseen or frame
                 continue
-            if rois and frame.frame is not None:
+            if self._rois and frame.frame is not None:
                 if unseen is not None:
                     raise InputError(
                         f"frame {unseen.number} of {self._source.path}, in which the regions are: {_text(unseen)}; "
                         f"draw them in frame {frame.number}, the first whole one, and give --start {frame.number}"
                     )
                 if tracker is None:
-                    tracker = make_tracker(self._settings.method, _tracked(frame.frame), rois)
-                    regions = tuple(TrackedRoi(roi, 1.0, False) for roi in rois)
+                    tracker = make_tracker(self._methods, _tracked(frame.frame), self._rois)
+                    regions = tuple(TrackedRoi(roi, 1.0, False) for roi in self._rois)
                     self._begun = True
                 else:
                     regions = tracker.update(_tracked(frame.frame))
             if frame.chosen:
-                n_chosen += 1
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
-                yield _Item(frame, regions, next(rows) if n_chosen <= self._n_done else None, repeats)
-                last = frame
+                # Before the first whole frame there is no region.
+                yield _Item(frame, place, dict(zip(self._rois, regions, strict=False)), repeats)
+                place, last = place + 1, frame
         if unseen is not None and tracker is None:
             raise InputError(f"frame {unseen.number} of {self._source.path}: {_text(unseen)}; so are all others")
 
-    def _worked(self, item: _Item) -> Row:
-        """Results of a frame."""
-        return item.row if item.row is not None else self._rows.row(item.frame, item.regions, item.repeats)
+    def _worked(self, item: _Item) -> list[Row | None]:
+        """Results of a frame, part by part."""
+        return [part.worked(item) for part in self._parts]
 
 
 def _tracked(frame: Frame) -> NDArray[Any]:

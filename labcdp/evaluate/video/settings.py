@@ -118,9 +118,9 @@ class VideoSettings:
         return 1 if self.contrasts is None else len(self.contrasts)
 
     @property
-    def follows(self) -> bool:
-        """Whether any region may move."""
-        return any(method != "fixed" for method in methods_of(self.method, [roi.name for roi in self.rois]))
+    def methods(self) -> tuple[str, ...]:
+        """How each region is followed."""
+        return methods_of(self.method, [roi.name for roi in self.rois])
 
     @property
     def mode(self) -> Literal["regions", "neighbours"]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Matrix
-from .level import GainOffset, Level, Seen
+from .level import GainOffset, Level
+from .level_kernel import Seen
 from .outline import Outline
 from .template import Template, gradients
 from .view import View
@@ -110,14 +111,13 @@ class Aligner:
 
         `light` is a guess of gain and offset, as of the frame before.
         """
-        lights = [] if light is None else [light]
-        coarse = self._coarse.improve(view, view.from_image @ to_image, _COARSE_STEPS, lights)
-        fine = coarse and self._fine.improve(view, coarse[0], _FINE_STEPS, [coarse[1]])
-        return fine and self._judged(view, fine[0], [fine[1]])
+        coarse = self._coarse.improve(view, view.from_image @ to_image, _COARSE_STEPS, light)
+        fine = coarse and self._fine.improve(view, coarse[0], _FINE_STEPS, coarse[1])
+        return fine and self._judged(view, fine[0], fine[1])
 
     def judge(self, view: View, to_image: Matrix, light: GainOffset | None = None) -> Fit | None:
         """How well the template fits where it is put; None if hardly any of it can be seen."""
-        return self._judged(view, view.from_image @ to_image, [] if light is None else [light])
+        return self._judged(view, view.from_image @ to_image, light)
 
     def vanished(self, fit: Fit) -> float:
         """Share of the region's outline that had edges until now and has none where it was found."""
@@ -132,11 +132,11 @@ class Aligner:
         self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
         self._spread_trust()
 
-    def _judged(self, view: View, place: Matrix, lights: list[GainOffset]) -> Fit | None:
-        seen = self._fine.look(view, place, lights)
+    def _judged(self, view: View, place: Matrix, light: GainOffset | None) -> Fit | None:
+        seen = self._fine.look(view, place, light)
         if seen is None:
             return None
-        noise, structure = self._fine.noise * (1 + 1 / seen.light[0] ** 2) ** 0.5, self._fine.structure
+        noise, structure = self._fine.noise * (1 + 1 / seen.gain**2) ** 0.5, self._fine.structure
         squared = np.square(seen.residuals / np.float32(np.hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)))
         agrees = 1 / (1 + squared * squared)
         found = float(self._carries @ (seen.trusted * agrees)) / max(float(self._carries @ self._fine.trust), 1e-9)
@@ -148,12 +148,12 @@ class Aligner:
         return Fit(
             view.to_image @ place,
             quality,
-            seen.light,
+            (seen.gain, seen.offset),
             self._covered(seen, inside, float(np.hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure))),
             float(inside.mean()),
             np.where(inside, agrees, np.float32(np.nan)),
             values,
-            self._outline.heights(shown, seen.light[0]),
+            self._outline.heights(shown, seen.gain),
         )
 
     def _covered(self, seen: Seen, inside: NDArray[np.bool_], most: float) -> float:

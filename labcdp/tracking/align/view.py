@@ -58,10 +58,10 @@ class View:
         return np.asarray(seen, dtype=np.float32).ravel()
 
     @property
-    def bounds(self) -> tuple[float, float, float, float]:
+    def bounds(self) -> NDArray[np.float64]:
         """Left, top, right and bottom end of the image in the view."""
         (across, down), (x, y), (height, width) = self.factors, self.corner, self.image_shape
-        return -across * x, -down * y, across * (width - x), down * (height - y)
+        return np.array([-across * x, -down * y, across * (width - x), down * (height - y)])
 
 
 def view_around(sight: Sight, template: Template, to_image: Matrix, reach_px: float) -> View | None:

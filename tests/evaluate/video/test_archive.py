@@ -1,9 +1,11 @@
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from labcdp.core.errors import LabcdpError
 from labcdp.evaluate.video.archive.evaluate import archive_tasks, evaluate_task
 from labcdp.evaluate.video.archive.record import RECORD, ArchiveTask, finished_values, record_finished
 from labcdp.output import ResultsFolder
@@ -59,9 +61,25 @@ def test_damaged_record_is_none(task: ArchiveTask, content: bytes) -> None:
 def test_what_was_finished_is_not_done_again(task: ArchiveTask) -> None:
     calls: list[Path] = []
 
-    def work(video: Path, results: ResultsFolder) -> dict[str, int]:
+    def work(video: Path, folders: Mapping[str, ResultsFolder]) -> dict[str, dict[str, int]]:
         calls.append(video)
-        return {"n_frames": 6}
+        return {part: {"n_frames": 6} for part in folders}
 
-    assert evaluate_task(task, work, SETTINGS) == evaluate_task(task, work, SETTINGS) == {"n_frames": 6}
+    first, again = (evaluate_task((task,), work, SETTINGS)[0].values for _ in range(2))
+    assert first == again == {"n_frames": 6}
     assert calls == [task.video]
+
+
+def test_a_part_that_fails_leaves_the_others_their_results(task: ArchiveTask) -> None:
+    tasks = archive_tasks([task.video], task.folder.parent, ("a:b", "c:d"))
+
+    def work(video: Path, folders: Mapping[str, ResultsFolder]) -> dict[str, dict[str, int] | LabcdpError]:
+        for results in folders.values():
+            results.add({"results.nc": b"CDP"})
+        return {"a:b": LabcdpError("no frame could be evaluated"), "c:d": {"n_frames": 6}}
+
+    bad, good = evaluate_task(tasks, work, SETTINGS)
+    assert (bad.values, bad.error) == (None, "no frame could be evaluated")
+    assert good.values == {"n_frames": 6}
+    assert (good.task.folder / "results.nc").exists()
+    assert not (bad.task.folder / "results.nc").exists()

@@ -18,10 +18,10 @@ import xarray as xr
 
 from labcdp.cli.pictures.video import evaluate_values
 from labcdp.cli.pictures.video_options import MadeOptions
+from labcdp.core.computer import cluster as dask_cluster
+from labcdp.core.computer.cluster import TlsFiles
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.archive import cluster as archive_cluster
-from labcdp.evaluate.video.archive.cluster import TlsFiles
 from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, Workers, archive_tasks, evaluate_archive
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
@@ -49,7 +49,7 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def evaluate_videos(videos: list[Path], settings: VideoSettings, folder: Path, **options: Any) -> ArchiveResult:
     """Evaluate as the command does."""
-    work = partial(evaluate_values, settings, MadeOptions(annotated=False, frames=False))
+    work = partial(evaluate_values, {"": settings}, MadeOptions(annotated=False, frames=False))
     return evaluate_archive(archive_tasks(videos, folder), work, {"contrasts": settings.contrasts}, **options)
 
 
@@ -90,7 +90,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
         import os
         import psutil
 
-        def work(video, results):
+        def work(video, folders):
             kind = video.read_text()
             if kind == "always" or (kind == "once" and not video.with_suffix(".tried").exists()):
                 video.with_suffix(".tried").touch()
@@ -99,7 +99,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more(
                 raise ValueError("surprise")
             family = [psutil.Process(), psutil.Process(os.getppid())]
             ports = [one for process in family for one in process.net_connections() if one.status == "LISTEN"]
-            return {"kind": kind, "ports": len(ports)}
+            return {"": {"kind": kind, "ports": len(ports)}}
         """
     (tmp_path / "archive_work.py").write_text(textwrap.dedent(module))
     monkeypatch.syspath_prepend(tmp_path)
@@ -182,7 +182,7 @@ def test_cluster_given_by_address_does_as_one_by_one(
     videos: list[Path], tmp_path: Path, programs: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # However late the worker that can be used comes.
-    monkeypatch.setattr(archive_cluster, "_USABLE_S", 60)
+    monkeypatch.setattr(dask_cluster, "_WORKER_S", 300)
     folder = tmp_path / "results"
     folder.mkdir()
     address, _ = start_cluster(programs, folder if may_mount(folder) else None)
@@ -211,7 +211,7 @@ def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs:
 
 
 def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_cluster, "_ANSWER_S", 0.5)
+    monkeypatch.setattr(dask_cluster, "_ANSWER_S", 0.5)
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(InputError, match=rf"no Dask scheduler answers at {address}: start one with dask scheduler"):
         evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers(address))

@@ -6,24 +6,27 @@ import json
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ....core.computer.cluster import Cluster, TlsFiles, open_cluster
 from ....core.computer.processes import Processes
 from ....core.disk.json_text import results_json
 from ....core.errors import InputError, LabcdpError
 from ....core.finding import Finding, warning
 from ....output import LIST_FILE, ResultsFolder
-from .cluster import Cluster, open_cluster
+from ..checks import package_versions
 from .record import ArchiveTask, finished_values, record_finished
-from .tls import TlsFiles
 
-#: Evaluates one video into the folder of its results, and returns the result as `labcdp.report.envelope` does. It is
-#: sent to other processes: a function of a module, or a `functools.partial` of one, with the same results everywhere.
-#: Of an evaluation in parts it gets the part, too.
-Work: TypeAlias = Callable[..., Mapping[str, Any]]
+#: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as
+#: `labcdp.report.envelope` does, or why it failed. It is sent to other processes: a function of a module, or a
+#: `functools.partial` of one, with the same results everywhere.
+Work: TypeAlias = Callable[[Path, Mapping[str, ResultsFolder]], Mapping[str, Mapping[str, Any] | LabcdpError]]
+
+#: The parts of a video's evaluation, done in one pass.
+_Group: TypeAlias = tuple[ArchiveTask, ...]
 
 #: Called with the number of videos done and in total, and the last one (none at the start).
 Progress: TypeAlias = Callable[[int, int, "VideoOutcome | None"], None]
@@ -60,7 +63,7 @@ class ArchiveResult:
     outcomes : tuple of VideoOutcome
         In the order of the tasks.
     findings : tuple of Finding
-        Workers that died, with the video they were at, and workers that could not be used.
+        Processes that died, with the video they were at, and workers that could not be used.
     """
 
     outcomes: tuple[VideoOutcome, ...]
@@ -141,11 +144,11 @@ class Workers:
     n_processes: int | None = None
     tls: TlsFiles | None = None
 
-    def opened(self, tasks: Sequence[ArchiveTask]) -> AbstractContextManager[Cluster | Processes[ArchiveTask]]:
-        """Return the context of the workers; raises InputError as `open_cluster`."""
+    def opened(self, folder: Path) -> AbstractContextManager[Cluster[_Group] | Processes[_Group]]:
+        """Return the context of workers that write into a folder; raises InputError as `open_cluster`."""
         if self.address is None:
-            return nullcontext(Processes[ArchiveTask](self.n_processes))
-        return open_cluster(self.address, self.tls, Path(os.path.commonpath([task.folder.parent for task in tasks])))
+            return nullcontext(Processes[_Group](self.n_processes))
+        return open_cluster(self.address, self.tls, folder, package_versions())
 
 
 def evaluate_archive(
@@ -201,19 +204,24 @@ def evaluate_archive(
         if values is not None:
             done(VideoOutcome(task, values, resumed=True))
     findings: tuple[Finding, ...] = ()
-    left = [task for task in tasks if task not in outcomes]
-    if left:
-        with (workers or Workers()).opened(tasks) as run:
-            for task, new, error in run.run(evaluate_task, left, work, settings, force, tuple(inputs)):
-                done(VideoOutcome(task, new, "" if error is None else _reason(error)))
-            findings = run.findings if isinstance(run, Cluster) else _of_died(run)
+    groups: dict[Path, _Group] = {}
+    for task in tasks:
+        if task not in outcomes:
+            groups[task.video] = (*groups.get(task.video, ()), task)
+    if groups:
+        folder = Path(os.path.commonpath([task.folder.parent for task in tasks]))
+        with (workers or Workers()).opened(folder) as run:
+            for group, found, error in run.run(evaluate_task, [*groups.values()], work, settings, force, inputs):
+                for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
+                    done(outcome)
+            findings = _findings(run)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
 def evaluate_task(
-    task: ArchiveTask, work: Work, settings: Mapping[str, Any], force: bool = False, inputs: Sequence[Path] = ()
-) -> Mapping[str, Any]:
-    """Evaluate one video and record that it is finished; what is recorded already is not done again.
+    group: _Group, work: Work, settings: Mapping[str, Any], force: bool = False, inputs: Sequence[Path] = ()
+) -> tuple[VideoOutcome, ...]:
+    """Evaluate a video in one pass, and record what is finished; what is recorded already is not done again.
 
     Raises
     ------
@@ -222,23 +230,42 @@ def evaluate_task(
     LabcdpError
         What the work raises.
     """
-    task.require_visible()
+    group[0].require_visible()
     # A worker may be asked again for what was finished just before another one died.
-    values = None if force else finished_values(task, settings)
-    if values is None:
-        with ResultsFolder(task.folder, "video", force=force, resume=True, inputs=(task.video, *inputs)) as results:
+    done = {task: None if force else finished_values(task, settings) for task in group}
+    outcomes = {task: VideoOutcome(task, values) for task, values in done.items() if values is not None}
+    left = [task for task in group if task not in outcomes]
+    with ExitStack() as stack:
+        ends = {task: stack.enter_context(ExitStack()) for task in left}
+        folders = {
+            task.part: ends[task].enter_context(
+                ResultsFolder(task.folder, "video", force=force, resume=True, inputs=(task.video, *inputs))
+            )
+            for task in left
+        }
+        found = work(group[0].video, folders) if left else {}
+        for task in left:
+            new = found[task.part]
+            if isinstance(new, LabcdpError):
+                # The other parts keep their results.
+                ends[task].__exit__(type(new), new, None)
+                outcomes[task] = VideoOutcome(task, None, _reason(new))
+                continue
             # As it is read back from the record.
-            given = (task.video, results, task.part) if task.part else (task.video, results)
-            values = json.loads(results_json(dict(work(*given))))
-            record_finished(task, settings, values, results)
-    return values
+            values = json.loads(results_json(dict(new)))
+            record_finished(task, settings, values, folders[task.part])
+            outcomes[task] = VideoOutcome(task, values)
+    return tuple(outcomes[task] for task in group)
 
 
-def _of_died(processes: Processes[ArchiveTask]) -> tuple[Finding, ...]:
-    return tuple(warning("worker-died", f"process {pid}", video=str(task.video)) for pid, task in processes.died)
+def _findings(run: Cluster[_Group] | Processes[_Group]) -> tuple[Finding, ...]:
+    """Workers that were not used, and processes that died, with the video they were at."""
+    if isinstance(run, Cluster):
+        return tuple(warning("worker-refused", address, reason=reason) for address, reason in run.refused.items())
+    return tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in run.died)
 
 
-def _reason(error: BaseException) -> str:
+def _reason(error: BaseException | None) -> str:
     """Say why a video failed, in one line."""
     text = " ".join(str(error).split())
     if isinstance(error, LabcdpError):

@@ -1,0 +1,222 @@
+"""Workers of a Dask cluster that work through tasks, as the processes of this computer do."""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from ..errors import InputError
+
+#: Loggers that Dask gives levels and outputs of their own.
+_LOGGERS = ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio")
+#: Time a scheduler is given to answer, and one to get a worker that can be used, in seconds; between two looks.
+_ANSWER_S, _WORKER_S, _LOOK_S = 10.0, 60.0, 0.3
+
+_Task = TypeVar("_Task")
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True)
+class TlsFiles:
+    """Files by which the two sides of a connection know each other and encrypt what they send (PEM).
+
+    Parameters
+    ----------
+    ca : Path
+        Certificate of the authority that signed those of scheduler and workers.
+    certificate, key : Path
+        Of this computer.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+
+    ca: Path
+    certificate: Path
+    key: Path
+
+    def __post_init__(self) -> None:
+        for name in ("ca", "certificate", "key"):
+            path = getattr(self, name)
+            if not path.is_file():
+                raise InputError(f"{path} is no file: give the {name} of the cluster as a PEM file")
+
+    def security(self) -> Any:
+        """Return them as Dask takes them; what is sent is encrypted."""
+        from distributed.security import Security
+
+        return Security(
+            require_encryption=True,
+            tls_ca_file=str(self.ca),
+            tls_client_cert=str(self.certificate),
+            tls_client_key=str(self.key),
+        )
+
+
+class Cluster(Generic[_Task]):
+    """Workers of a cluster, with the interface of `labcdp.core.computer.processes.Processes`.
+
+    Dask gives the tasks out, and once more where a worker died.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Connected to the scheduler.
+    folder : Path
+        That all workers have to see.
+    versions : mapping of str to str
+        Packages and their versions here, which the workers must have, too.
+    """
+
+    def __init__(self, client: Any, folder: Path, versions: Mapping[str, str]) -> None:
+        self._client, self._folder, self._versions = client, folder, versions
+        #: Why workers are not used.
+        self.refused: dict[str, str] = {}
+
+    def run(
+        self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
+    ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
+        """Call a function with each task and the arguments, and return results or errors as they come.
+
+        Raises
+        ------
+        InputError
+            If the scheduler does not answer any more, or there is no worker that can be used.
+        """
+        from distributed import as_completed
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+
+        try:
+            each = [[one] * len(tasks) for one in arguments]
+            futures = self._client.map(function, tasks, *each, pure=False, workers=self._usable())
+            of_future = dict(zip(futures, tasks, strict=True))
+            del futures
+            for future in as_completed(list(of_future)):
+                value, error = None, None
+                try:
+                    value = future.result(timeout=_ANSWER_S)
+                except (CommClosedError, CancelledError):
+                    raise
+                except KilledWorker as killed:
+                    error = InputError(
+                        f"its worker died, as did others before (the last one was {killed.last_worker.address}): check "
+                        "that there is enough memory, or evaluate this file alone"
+                    )
+                except Exception as raised:
+                    error = raised
+                yield of_future.pop(future), value, error
+                del future
+        except (CommClosedError, CancelledError, OSError) as error:
+            raise InputError(
+                f"the Dask scheduler at {self._client.scheduler.address} no longer answers: start it again; what was "
+                "finished is recorded"
+            ) from error
+
+    def _usable(self) -> list[str]:
+        """Wait for workers that have the same packages and see the folder."""
+        until = time.monotonic() + _WORKER_S
+        probe = self._folder / f".labcdp-{secrets.token_hex(8)}.part"
+        try:
+            probe.touch()
+            while not (usable := self._looked_at(probe)):
+                if time.monotonic() > until:
+                    reasons = [f"worker {address}: {reason}" for address, reason in self.refused.items()]
+                    none = f"the cluster has had no worker for {_WORKER_S:g} s: start workers, and try again"
+                    raise InputError("; ".join(reasons) or none)
+                time.sleep(_LOOK_S)
+        finally:
+            probe.unlink(missing_ok=True)
+        return usable
+
+    def _looked_at(self, probe: Path) -> list[str]:
+        """Look at the workers there are now; return those that can be used, and remember why others cannot."""
+        found = self._client.get_versions(packages=list(self._versions))["workers"]
+        sees = self._client.run(os.path.exists, str(probe), on_error="ignore")
+        for address, node in found.items():
+            differing = [
+                f"{package} {node['packages'].get(package)}, this computer {version}"
+                for package, version in self._versions.items()
+                if node["packages"].get(package) != version
+            ]
+            if differing:
+                self.refused[address] = f"it has {'; '.join(differing)}: install the same, for the same results"
+            elif not sees.get(address):
+                self.refused[address] = (
+                    f"it does not see the folder {self._folder}: give a folder that all workers see under the same path"
+                )
+        return [address for address in found if address not in self.refused]
+
+
+@contextmanager
+def open_cluster(
+    address: str, tls: TlsFiles | None, folder: Path, versions: Mapping[str, str]
+) -> Iterator[Cluster[Any]]:
+    """Connect to a cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of a scheduler.
+    tls : TlsFiles or None
+        For an address ``tls://``; None for a cluster without encryption and passwords.
+    folder : Path
+        Where the workers are to write; made if it does not exist.
+    versions : mapping of str to str
+        As for `Cluster`.
+
+    Raises
+    ------
+    InputError
+        If the scheduler cannot be reached, or the folder cannot be made.
+    """
+    if (tls is not None) != address.startswith("tls://"):
+        raise InputError(
+            f"the cluster is {address}: give its TLS files with an address that begins with tls://, and not else"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
+    from distributed import Client
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
+
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        try:
+            # A client for an address of unknown kind leaves a task behind that fails later.
+            get_backend(parse_address(address)[0])
+            client = stack.enter_context(
+                Client(address, timeout=_ANSWER_S, security=None if tls is None else tls.security())
+            )
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(
+                f"no Dask scheduler answers at {address}: start one with dask scheduler, or give its address, for "
+                "example tcp://192.0.2.7:8786"
+            ) from error
+        yield Cluster(client, folder, versions)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log from the terminal: what matters is in results and errors."""
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

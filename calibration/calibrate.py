@@ -85,6 +85,10 @@ def fit(
     """
     intake = take_in(observations, darks, readings, held_out, None if response is None else response.response)
     fitted, findings = _fitted(intake, readings, setup, response)
+    if fitted.response.kind == "gamma":
+        # Only now it is known that the noise passes a tone curve.
+        intake = take_in(observations, darks, readings, held_out, fitted.response)
+        fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     groups = intake.groups
     rows, of_held_out = held_out_rows(

@@ -103,7 +103,7 @@ def fit_noise(
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
-        if tone is not None and not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
+        if tone is not None and not tone.covers(net_dn):
             continue
         if _unclipped(o) and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)

@@ -129,7 +129,7 @@ def _before_tone(o: PatchObservation, dark_dn: float, pattern_dn2: float, tone: 
     the variance of the light times the curvature.
     """
     net_dn = o.net_dn_at_pixel(dark_dn)
-    if tone is None or not tone.net_dn[1] <= net_dn <= tone.net_dn[-1]:
+    if tone is None or not tone.covers(net_dn):
         return net_dn, 1.0
     h, slope = float(tone.linearise(net_dn)), float(tone.slope(net_dn))
     variance_dn2 = max(o.temporal_variance_dn2 - ROUNDING_DN2, 0.0) + pattern_dn2
@@ -222,8 +222,8 @@ def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainS
         return "clipped at 0 DN"
     signal = net_signal(observation, settings)
     tone = settings[signal.gain_index].noise.tone
-    if tone is not None and not tone.net_dn[1] <= signal.net_dn <= tone.net_dn[-1]:
-        return "outside the response of the bracket"
     if signal.net_dn <= MIN_NET_SIGNAL * sqrt(signal.variance_dn2):
         return "not above the dark signal"
+    if tone is not None and not tone.covers(signal.net_dn):
+        return "outside the response of the bracket"
     return None

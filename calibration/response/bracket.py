@@ -21,7 +21,7 @@ _SATURATION_MARGIN = 3.0
 #: Tolerated relative difference of exposures, by errors of exposure times and linearity.
 TOLERANCE_REL = 0.002
 #: Probability that chance makes the exposures of any pixel of an image look inconsistent.
-_CHANCE = 0.01
+_CHANCE = 0.001
 #: Share of inconsistent pixels that is reported.
 _REPORTED_SHARE = 1e-4
 #: Number of pixels for the noise model of an exposure, and of its knots.

@@ -64,6 +64,10 @@ class Response:
         """h(n), any shape; beyond the last knot with the slope there."""
         return self._evaluate(net_dn)[0]
 
+    def covers(self, net_dn: float) -> bool:
+        """Whether h is known at a signal: of a table between its knots but 0, of others above 0."""
+        return net_dn > 0 if self.kind != "table" else self.net_dn[1] <= net_dn <= self.net_dn[-1]
+
     def slope(self, net_dn: ArrayLike) -> NDArray[np.float64]:
         """dh/dn, any shape."""
         return self._evaluate(net_dn)[1]

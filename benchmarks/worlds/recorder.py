@@ -82,16 +82,17 @@ class Recorder:
         for exposure_s, second in zip(np.repeat(exposures_s, n_light), times, strict=True):
             light = target.scene * lamp(world, float(second)) if after is None else target.scene
             dn = expose(self.device, light, float(exposure_s), self._rng, 1.0 if after is None else after)
-            taken.append((self._frame(dn, float(exposure_s), second), "light", None))
+            taken.append((self.frame(dn, float(exposure_s), second), "light", None))
         for exposure_s in np.repeat(exposures_s, n_dark):
             dn = expose(self.device, 0.0, float(exposure_s), self._rng)
-            taken.append((self._frame(dn, float(exposure_s), READ_S), "dark", None))
+            taken.append((self.frame(dn, float(exposure_s), READ_S), "dark", None))
         session.add_frames(taken)
         for reading in _readings(world, shown):
             session.add_reading(*reading)
         return session
 
-    def _frame(self, dn: np.ndarray, exposure_s: float, second: float) -> Frame:
+    def frame(self, dn: np.ndarray, exposure_s: float, second: float) -> Frame:
+        """Return DN as a frame of this camera."""
         number = next(self._frames)
         return Frame(
             dn=dn,

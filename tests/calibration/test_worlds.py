@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 from scipy.stats import norm
-from worlds.bench import QUANTITIES, calibrate_once
+from worlds.bench import FRAMES, QUANTITIES, calibrate_once
 from worlds.camera import (
     BAYER,
     curved,
@@ -18,10 +18,13 @@ from worlds.camera import (
     vignetting,
 )
 from worlds.meter import lamp, read_patches, scale_errors
+from worlds.recorder import LIGHT_S, READ_S, Recorder
 from worlds.table import LOWEST, NAMED, binomial_error, summarise
-from worlds.target import Target
+from worlds.target import Target, calibration_target
 from worlds.truth import PIXELS, cdp, true_pixels
 from worlds.world import HEIGHT, WIDTH, WORLDS, World
+
+from labcdp.calibration.response.bracket import bracket_luminance
 
 #: Calibrations of each world; `benchmarks/worlds` has 400.
 N = 20
@@ -138,3 +141,18 @@ def test_stated_intervals_hold_or_a_finding_names_the_effect(name):
 
 def test_a_calibration_is_the_same_for_the_same_number():
     assert calibrate_once(WORLDS[0], 5) == calibrate_once(WORLDS[0], 5) != calibrate_once(WORLDS[0], 6)
+
+
+def test_nothing_moves_in_a_still_scene_of_a_camera_with_a_tone_curve(rng, tmp_path):
+    """Its noise is that before the curve, though the response is fitted to the patches without a bracket."""
+    world = World(gamma=2.2)
+    device = make_device(world, rng)
+    recorder, target = Recorder(device, rng, tmp_path), calibration_target(world, rng)
+    shown = read_patches(world, target.luminance_cd_m2, scale_errors(world, rng), rng, LIGHT_S, READ_S)
+    with recorder.record("calibration", target, shown, frames=FRAMES) as session:
+        calibration = session.calibrate().calibration
+    assert calibration.response.kind == "gamma"
+    for _ in range(3):
+        scene = rng.permutation(np.geomspace(0.5, 480, HEIGHT * WIDTH)).reshape(HEIGHT, WIDTH)
+        frames = [recorder.frame(expose(device, scene, t, rng), t, 0) for t in world.exposures_s for _ in range(3)]
+        assert bracket_luminance(calibration, frames).inconsistent_share == 0

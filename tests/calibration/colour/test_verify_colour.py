@@ -131,8 +131,8 @@ def test_a_dark_level_that_moved_in_one_plane(calibration, measured):
         assert row.effect_rel == pytest.approx(calibration.weights[3] * 30.0 / (lowest_dn_s * 0.016), rel=0.05)
 
 
-def test_deviations_scatter_as_stated(calibrated, measured):
-    n = 20
+@pytest.mark.parametrize("n", [6, pytest.param(60, marks=pytest.mark.long)])
+def test_deviations_scatter_as_stated(calibrated, measured, n):
     results = [verify(calibrated(100 + seed), *measured(500 + seed)) for seed in range(n)]
     assert {r.verdict for r in results} <= {"conform", "undecided"}
     inside = [abs(row.deviation_rel) <= row.expanded_rel for r in results for row in r.patches]

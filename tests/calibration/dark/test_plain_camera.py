@@ -68,7 +68,7 @@ def test_dark_noise_and_k_are_those_of_the_exposure(bench):
 )
 def test_signals_scatter_as_stated(bench, world):
     """Two frames of each exposure; what is common to all patches of a frame is pooled over exposures and patches."""
-    rng, runs = np.random.default_rng(2), 60
+    rng, runs = np.random.default_rng(2), 30
     scores, drawn, stated = [], [], []
     for _ in range(runs):
         dark, noise, observations = bench(rng, exposures_s=(0.1, 0.3, 1.0, 0.5), **world)
@@ -85,7 +85,7 @@ def test_signals_scatter_as_stated(bench, world):
 
 @pytest.mark.parametrize("drift_dn", [0.0, 0.3])
 def test_dark_model_covers_the_black_level(bench, drift_dn):
-    rng, runs, inside = np.random.default_rng(3), 100, 0
+    rng, runs, inside = np.random.default_rng(3), 50, 0
     for _ in range(runs):
         dark, _, _ = bench(rng, n=4, exposures_s=(0.001, 0.1, 1.0), drift_dn=drift_dn)
         error = dark.mean_dn(0.5) - (64 + K * CURRENT_E_S * 0.5)

@@ -8,9 +8,9 @@ import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 
-#: One patch is drawn for each calibration, as the scale error ties all its patches together; the calibrations are the
-#: independent units.
-N_CALIBRATIONS = 100
+#: Calibrations. One patch is drawn for each, as the scale error ties all its patches together; the calibrations are
+#: the independent units.
+N = [40, pytest.param(400, marks=pytest.mark.long)]
 EXPOSURES_S = (0.001, 0.008, 0.064)
 LUMINANCES = np.geomspace(0.5, 2000, 12)
 
@@ -37,6 +37,7 @@ def one_calibration(rng, camera_class, meter_class, setup, case):
     return truth, patch_luminance(calibration, [camera.observe("new", truth, t, rng, size) for t in EXPOSURES_S])
 
 
+@pytest.mark.parametrize("n", N)
 @pytest.mark.parametrize(
     "case",
     [
@@ -45,10 +46,10 @@ def one_calibration(rng, camera_class, meter_class, setup, case):
         pytest.param((0.02, 0.03, (16, 2)), id="scale and random errors alike", marks=pytest.mark.long),
     ],
 )
-def test_coverage(camera_class, meter_class, setup, case):
+def test_coverage(camera_class, meter_class, setup, case, n):
     rng = np.random.default_rng(20260101)
     inside, by_random_part = [], []
-    for _ in range(N_CALIBRATIONS):
+    for _ in range(n):
         truth, patch = one_calibration(rng, camera_class, meter_class, setup, case)
         low, high = patch.interval_95_cd_m2
         inside.append(low <= truth <= high)
@@ -58,12 +59,13 @@ def test_coverage(camera_class, meter_class, setup, case):
     if case[0] > 5 * case[1]:
         # The meter's scale is what the interval is made of.
         assert np.mean(by_random_part) < 0.6
-    assert np.mean(inside) == pytest.approx(0.95, abs=3 * sqrt(0.95 * 0.05 / N_CALIBRATIONS))
+    assert np.mean(inside) == pytest.approx(0.95, abs=3 * sqrt(0.95 * 0.05 / n))
 
 
-def test_coverage_over_four_decades(camera_class, meter_class, setup):
+@pytest.mark.parametrize("n", N)
+def test_coverage_over_four_decades(camera_class, meter_class, setup, n):
     """Luminances and contrasts from 0.05 cd/m^2 on, where the meter's last digit is 20 % of the reading."""
-    rng, n = np.random.default_rng(20260102), 100
+    rng = np.random.default_rng(20260102)
     exposures_s, luminances = (0.001, 0.005, 0.03, 0.2), np.geomspace(0.05, 500, 10)
     inside, contrasts, errors = [], [], []
     for _ in range(n):

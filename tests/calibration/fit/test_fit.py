@@ -70,7 +70,7 @@ def test_weights_save_the_dark_patches(camera, new_reading, setup):
     rng = np.random.default_rng(1)
     luminances = tuple(np.geomspace(0.6, 2000, 10))
     unweighted, weighted = [], []
-    for _ in range(100):
+    for _ in range(30):
         shown = [v * (1 + rng.normal(0, 0.005)) for v in luminances]
         observations, darks, _ = bench(camera, new_reading, rng, luminances)
         readings = {f"P{i}": [new_reading(v, repeatability_rel=0.005)] for i, v in enumerate(shown)}
@@ -106,8 +106,9 @@ def test_a_wrong_dark_is_distinguished_from_glare(camera, new_reading, setup):
     assert "intercept" not in codes(calibration)
 
 
-def test_without_glare_the_intercept_keeps_quiet(camera, meter_class, setup):
-    rng, n, fired = np.random.default_rng(2), 120, 0
+@pytest.mark.parametrize("n", [30, pytest.param(400, marks=pytest.mark.long)])
+def test_without_glare_the_intercept_keeps_quiet(camera, meter_class, setup, n):
+    rng, fired = np.random.default_rng(2), 0
     for _ in range(n):
         observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(LUMINANCES) for t in EXPOSURES_S]
         readings = {f"P{i}": [meter_class().read(v, rng)] for i, v in enumerate(LUMINANCES)}

@@ -19,7 +19,6 @@ EVEN_FIELD = FlatField(np.ones(SHAPE, np.float32), 0.0, UNEVEN_REL, 16)
 PLACES = [(x, y) for y in (8, 24, 40) for x in (8, 24, 40, 56)]
 _Y, _X = np.mgrid[: SHAPE[0], : SHAPE[1]]
 PIXELS = np.column_stack([_X.ravel(), _Y.ravel()]) + 0.5
-N_BENCHES = 60
 
 
 @pytest.fixture(autouse=True)
@@ -102,11 +101,12 @@ def test_errors_of_the_polynomial_cancel_between_near_patches(camera, meter_clas
     assert contrast_uncertainty(edge, middle) == pytest.approx(np.hypot(own, error), rel=0.01)
 
 
-def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, meter_class, setup):
+@pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.long)])
+def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, meter_class, setup, n):
     """The source is uneven as stated: by a slope of any direction, and by patches of its own."""
     rng = np.random.default_rng(3)
     inside, lost, alarms = [], 0, 0
-    for _ in range(N_BENCHES):
+    for _ in range(n):
         meter = meter_class(true_scale_error_rel=rng.uniform(-0.02, 0.02))
         pattern = smooth_patterns(SHAPE, PLACES)[:, 1:] @ rng.normal(0, sqrt(1 / 4), 2)
         true_v = 1 + UNEVEN_REL * (pattern + rng.normal(0, sqrt(1 / 2), len(PLACES)))
@@ -115,17 +115,16 @@ def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, meter_class,
         alarms += any(found(calibration, name).significant for name in ("drift", "vignetting", "scatter"))
         inside.append(covered(camera, calibration, rng, true_v, EVEN_FIELD))
     luminances, contrasts = np.mean(inside, axis=0)
-    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / N_BENCHES)
-    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / N_BENCHES)
-    # One in a hundred each; a Poisson number with mean 0.6 exceeds 4 in 0.04 % of cases.
-    assert lost <= 4
-    assert alarms <= 4
+    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    # One in a hundred each.
+    assert max(lost, alarms) <= 0.01 * n + 4 * sqrt(0.01 * n)
 
 
 @pytest.mark.parametrize("n_patches", [6, 12])
 @pytest.mark.parametrize("fall", [0.1, 0.25])
 def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, meter_class, setup, fall, n_patches):
-    rng, n = np.random.default_rng(4), 15
+    rng, n = np.random.default_rng(4), 6
     half_diagonal = np.hypot(*SHAPE) / 2
     true_v = np.array([1 - fall * np.hypot(x - 32, y - 24) ** 2 / half_diagonal**2 for x, y in PLACES])
     inside, lost, named = [], 0, 0
@@ -159,7 +158,7 @@ def test_what_is_said_of_vignetting_depends_on_what_was_taken_off(camera, meter_
 @pytest.mark.parametrize("drift_per_h", [0.02, -0.05])
 def test_a_drift_is_named_and_no_good_reading_lost(camera, meter_class, setup, drift_per_h):
     rng = np.random.default_rng(7)
-    for _ in range(8):
+    for _ in range(4):
         calibration = fit(*bench(camera, meter_class(), rng, np.ones(12), drift_per_h=drift_per_h), setup)
         test = found(calibration, "drift")
         assert test.significant

@@ -15,6 +15,7 @@ from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..errors.common import FLICKER, GLARE, REFOCUS
+from ..errors.uncertainty import student_factor
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel
 from ..frames.planes import split
@@ -23,6 +24,8 @@ from ..model import Calibration
 from .mismatch import mismatch_errors
 from .planes import colours_of_planes
 
+#: Groups of pixels on each side whose mean is the colour of the light.
+_NEIGHBOURS = 6
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
 
@@ -73,6 +76,16 @@ class ColourConverter:
         low, high = self.range_cd_m2
         if not 0 < low <= high < float("inf"):
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
+
+    @property
+    def field_rel(self) -> float:
+        """Relative standard uncertainty of slow residuals of the flat field, common to all planes."""
+        return max(slow_rel(plane.vignetting) for plane in self.planes)
+
+    @property
+    def scatter_dof(self) -> float:
+        """Degrees of freedom of `scatter_rel`."""
+        return min(plane.responsivity.scatter_dof or inf for plane in self.planes)
 
     @property
     def weight_errors(self) -> NDArray[np.float64]:
@@ -152,8 +165,7 @@ def colour_patch_luminance(
     shares = np.array(converter.weights) * by_plane / luminance
     pairs = list(zip(converter.planes, seen, strict=True))
     own = [own_rel(plane, one) for plane, one in pairs]
-    of_field = max(slow_rel(plane.vignetting) for plane in converter.planes)
-    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, of_field)
+    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, converter.field_rel)
     # The range of a single plane does not matter.
     findings = [
         finding.within(f"plane {plane.state.plane}")
@@ -171,7 +183,7 @@ def colour_patch_luminance(
         luminance_cd_m2=luminance,
         random_rel=random_rel,
         scatter_rel=converter.scatter_rel,
-        scatter_dof=min(plane.responsivity.scatter_dof or inf for plane in converter.planes),
+        scatter_dof=converter.scatter_dof,
         common=(
             *weight_errors,
             *_joined(planes, [float(share) for share in shares]),
@@ -231,12 +243,13 @@ class _Combined:
     maps: Sequence[LuminanceMap]
 
     def map(self) -> LuminanceMap:
+        converter = self.converter
         return LuminanceMap(
             self._luminance(),
             self._random_rel,
             self._common,
             self._invalid,
-            slow_rel=max(one.slow_rel for one in self.maps),
+            slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
             slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps])),
             fixed_rel=max(one.fixed_rel for one in self.maps),
             fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps])),
@@ -270,11 +283,26 @@ class _Combined:
         by_plane = np.stack([one.luminance_cd_m2[window] for one in self.maps], axis=-1)
         magnitude = self._magnitude(window)
         shares = [w * by_plane[..., i] / magnitude for i, w in enumerate(self.converter.weights)]
-        errors = [CommonError("fit", by_plane @ row / magnitude) for row in self.converter.weight_errors]
+        seen = self._colours(window)
+        level = np.maximum(np.abs(seen @ np.array(self.converter.weights, np.float32)), np.float32(1e-30))
+        errors = [CommonError("fit", seen @ row / level) for row in self.converter.weight_errors]
         kept = [_kept(plane, one.common_in(window)) for plane, one in zip(planes, self.maps, strict=True)]
         errors += _joined(kept, shares)
-        errors += mismatch_errors(self.converter.by_colour(by_plane), self.converter.spectral_rel)
+        errors += mismatch_errors(self.converter.by_colour(seen), self.converter.spectral_rel)
         return tuple(errors)
+
+    def _colours(self, window: Window) -> NDArray[np.floating[Any]]:
+        """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
+        import cv2
+
+        inside = [slice(*part.indices(n)[:2]) for part, n in zip(window, self.maps[0].shape, strict=True)]
+        around = tuple(slice(max(part.start - _NEIGHBOURS, 0), part.stop + _NEIGHBOURS) for part in inside)
+        size = 2 * _NEIGHBOURS + 1
+        means = np.stack([cv2.blur(one.luminance_cd_m2[around], (size, size)) for one in self.maps], axis=-1)
+        rows, columns = (
+            slice(part.start - wide.start, part.stop - wide.start) for part, wide in zip(inside, around, strict=True)
+        )
+        return means[rows, columns]
 
     def _invalid(self) -> NDArray[np.uint8]:
         luminance, margin = self._luminance(), RANGE_MARGIN * self._random_rel() * self._magnitude()

@@ -8,7 +8,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
-from math import hypot
 
 import numpy as np
 
@@ -176,7 +175,8 @@ def _final(
     of_place = fit_tests.vignetting_left(first, vignetting)
     plain = solve(first.design.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
-    design = first.design.with_glare(max(of_glare.value, 0.0) if of_glare.significant else 0.0)
+    glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0
+    design = first.design.with_glare(glare_cd_m2)
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=of_place.significant)
     gains = _gains(final, settings)
@@ -189,7 +189,7 @@ def _final(
         fit_tests.dark_signal(plain, settings[0].dark, intake.of_dark),
         fit_tests.gain([(s.gain_db, s.factor, s.factor_random_rel) for s in gains], settings[0].gain_db),
     )
-    return final, _responsivity(stated, final, of_glare), gains, tests
+    return final, replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2), gains, tests
 
 
 def _range_net_dn(final: Solution) -> tuple[float, float]:
@@ -225,7 +225,6 @@ def _responsivity(first: Solution, final: Solution, glare: FitTest) -> Responsiv
         intercept_standard_uncertainty_dn_s=(glare.standard_uncertainty * responsivity if glare.tested else None),
         dof=finite(fit_dof(final)),
         scatter_dof=finite(scatter_dof),
-        glare_cd_m2=hypot(max(glare.value, 0.0), glare.standard_uncertainty),
     )
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -61,12 +60,9 @@ def colour_budget(
     # Unknown sources are those of the plane with the largest share.
     rows = dict(planes[int(np.argmax(np.abs(shares)))])
     rows |= {source: _joined(source, planes, shares.tolist(), rows[source]) for source in _OF_EACH_PLANE}
-    # Glare is the same light in all planes.
-    glare = abs(float(shares @ [plane["glare"].standard_uncertainty_rel for plane in planes]))
-    rows["glare"] = replace(rows["glare"], standard_uncertainty_rel=glare)
     rows |= {row.source: row for row in _responses(calibration, planes, shares.tolist())}
     rows |= {row.source: row for row in split_fit(calibration.residuals, _weights(calibration))}
-    rows |= {row.source: row for row in _of_patches(calibration)}
+    rows |= {row.source: row for row in _of_patches(calibration, luminance_cd_m2, shares.tolist(), rows["glare"])}
     return in_order(rows.values())
 
 
@@ -111,7 +107,9 @@ def _responses(
     return [BudgetRow("linearity", hypot(*bent), "normal", True, "A", basis)]
 
 
-def _of_patches(calibration: ColourCalibration) -> list[BudgetRow]:
+def _of_patches(
+    calibration: ColourCalibration, luminance_cd_m2: float, shares: Sequence[float], glare: BudgetRow
+) -> list[BudgetRow]:
     of_colour = "the uncertainty of the weights"
     if calibration.spectral_rel > 0:
         of_colour += f", and {calibration.spectral_rel:.2g} times the standard deviation of its red, green and blue"
@@ -122,4 +120,20 @@ def _of_patches(calibration: ColourCalibration) -> list[BudgetRow]:
         basis = f"scatter of the {n} grey patches in the planes that nothing else explains"
         dof = finite(calibration.scatter_dof)
         rows.append(BudgetRow("patch uniformity", calibration.scatter_rel, "normal", False, "A", basis, dof=dof))
+    fits = [plane.responsivity for plane in calibration.planes]
+    if all(fit.intercept_dn_s is not None for fit in fits):
+        found = [
+            (share * (fit.intercept_dn_s or 0.0) / r, share * (fit.intercept_standard_uncertainty_dn_s or 0.0) / r)
+            for fit, share in zip(fits, shares, strict=True)
+            for r in (fit.responsivity_dn_s_cd_m2,)
+        ]
+        # Glare is the same light in all planes.
+        bound_cd_m2 = hypot(sum(value for value, _ in found), sqrt(sum(u**2 for _, u in found)))
+        basis = (
+            f"bound by the planes' free intercepts, {bound_cd_m2:.2g} cd/m²; not included, since the fits go through "
+            "zero: glare depends on the scene"
+        )
+        rows.append(BudgetRow("glare", bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False))
+    else:
+        rows.append(glare)
     return rows

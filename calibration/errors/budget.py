@@ -103,7 +103,7 @@ def budget(
     if not (isfinite(t) and t > 0):
         raise InputError(f"exposure_s is {exposure_s}: give a positive number of seconds")
     net_dn = net_dn_at(calibration, luminance_cd_m2, t)
-    rows = {row.source: row for row in rows_not_included(calibration)}
+    rows = {row.source: row for row in rows_not_included(calibration, luminance_cd_m2)}
     known = (
         *_of_common_errors(calibration, net_dn, t),
         *_of_patches(calibration),
@@ -203,7 +203,7 @@ _BASIS = {
     "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
     "drift": "readings before and after the frames",
     "flat field": "noise and repeatability of the flat field",
-    "glare": "free intercept of the fit and its uncertainty: as it depends on the scene, it is not subtracted",
+    "glare": "free intercept of the fit",
     "spectral mismatch": "mismatch of camera and light of the patches",
 }
 

@@ -12,14 +12,17 @@ from .common import REFOCUS
 from .uncertainty import expanded_half_width
 
 
-def rows_not_included(calibration: Calibration) -> list[BudgetRow]:
+def rows_not_included(calibration: Calibration, luminance_cd_m2: float) -> list[BudgetRow]:
     """List all sources that common errors and noise may not cover; those covered replace these rows.
 
     Parameters
     ----------
     calibration : Calibration
         Of the camera.
+    luminance_cd_m2 : float
+        The luminance.
     """
+    glare = _glare(calibration, luminance_cd_m2)
     known = (
         _unknown("meter digits", "a calibration keeps the two together", "meter repeatability"),
         _unknown("meter f1'", _mismatch(calibration.meter_scale)),
@@ -31,7 +34,7 @@ def rows_not_included(calibration: Calibration) -> list[BudgetRow]:
         _unknown(REFOCUS, "locked, as the configuration states it"),
         _unknown("gain", "one gain only: part of the responsivity"),
         _unknown("spectral mismatch", f"none for {calibration.source_spectrum}, unknown for any other light"),
-        _unknown("glare", "not tested: all patches have about the same luminance"),
+        glare,
         _drift(calibration),
         _unknown("fit", "not known"),
     )
@@ -73,6 +76,25 @@ def _flat_field(calibration: Calibration) -> BudgetRow:
     basis = "noise and non-uniformity of the uniform source; in patches and maps, 0 on the axis, which this is for"
     u = hypot(vignetting.slow_rel, own_rel)
     return BudgetRow("flat field", u, "normal", False, "A", basis, included=False)
+
+
+def _glare(calibration: Calibration, luminance_cd_m2: float) -> BudgetRow:
+    fit = calibration.responsivity
+    if fit.intercept_dn_s is None or fit.intercept_standard_uncertainty_dn_s is None:
+        return _unknown("glare", "not tested: all patches have about the same luminance")
+    r = fit.responsivity_dn_s_cd_m2
+    # Possible undetected intercept: its standard uncertainty, combined with the fitted value.
+    bound_cd_m2 = hypot(fit.intercept_dn_s, fit.intercept_standard_uncertainty_dn_s) / r
+    return BudgetRow(
+        "glare",
+        bound_cd_m2 / luminance_cd_m2,
+        "normal",
+        True,
+        "A",
+        f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; not included, since the fit goes through zero: glare "
+        "depends on the scene",
+        included=False,
+    )
 
 
 def _drift(calibration: Calibration) -> BudgetRow:

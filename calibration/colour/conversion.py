@@ -124,8 +124,17 @@ def to_luminance(converter: ColourConverter, frame: Frame, window: Window = WHOL
         If the frame has no colour filter, or is of another camera or setting.
     """
     frames = split(frame)
-    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], window) for plane in converter.planes]
-    return _Combined(converter, maps).map()
+    shape = next(iter(frames.values())).shape
+    wide, inner = zip(*(_widened(part, n) for part, n in zip(window, shape, strict=True)), strict=True)
+    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], wide) for plane in converter.planes]
+    return _Combined(converter, maps, inner).map()
+
+
+def _widened(part: slice, n: int) -> tuple[slice, slice]:
+    """Rows, or columns, with the neighbours that tell the colour of the light, and where among them the rows are."""
+    start, stop, _ = part.indices(n)
+    first = max(start - _NEIGHBOURS, 0)
+    return slice(first, min(stop + _NEIGHBOURS, n)), slice(start - first, stop - first)
 
 
 def luminance_of_planes(
@@ -241,18 +250,19 @@ class _Combined:
 
     converter: ColourConverter
     maps: Sequence[LuminanceMap]
+    inner: Window
 
     def map(self) -> LuminanceMap:
         converter = self.converter
         return LuminanceMap(
-            self._luminance(),
-            self._random_rel,
+            self._luminance()[self.inner],
+            lambda: self._random_rel()[self.inner],
             self._common,
-            self._invalid,
+            lambda: self._invalid()[self.inner],
             slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
-            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps])),
+            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps]))[self.inner],
             fixed_rel=max(one.fixed_rel for one in self.maps),
-            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps])),
+            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps]))[self.inner],
             step=2,
         )
 
@@ -278,8 +288,10 @@ class _Combined:
             variance += np.square(np.float32(weight) * one)
         return variance
 
-    def _common(self, window: Window) -> tuple[CommonError, ...]:
+    def _common(self, of_inner: Window) -> tuple[CommonError, ...]:
         planes = self.converter.planes
+        inside = [range(n)[wide][part] for n, wide, part in zip(self.maps[0].shape, self.inner, of_inner, strict=True)]
+        window = slice(inside[0].start, inside[0].stop), slice(inside[1].start, inside[1].stop)
         by_plane = np.stack([one.luminance_cd_m2[window] for one in self.maps], axis=-1)
         magnitude = self._magnitude(window)
         shares = [w * by_plane[..., i] / magnitude for i, w in enumerate(self.converter.weights)]
@@ -295,14 +307,10 @@ class _Combined:
         """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
         import cv2
 
-        inside = [slice(*part.indices(n)[:2]) for part, n in zip(window, self.maps[0].shape, strict=True)]
-        around = tuple(slice(max(part.start - _NEIGHBOURS, 0), part.stop + _NEIGHBOURS) for part in inside)
+        around, inner = zip(*(_widened(part, n) for part, n in zip(window, self.maps[0].shape, strict=True)), strict=True)
         size = 2 * _NEIGHBOURS + 1
-        means = np.stack([cv2.blur(one.luminance_cd_m2[around], (size, size)) for one in self.maps], axis=-1)
-        rows, columns = (
-            slice(part.start - wide.start, part.stop - wide.start) for part, wide in zip(inside, around, strict=True)
-        )
-        return means[rows, columns]
+        means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self.maps]
+        return np.stack(means, axis=-1)
 
     def _invalid(self) -> NDArray[np.uint8]:
         luminance, margin = self._luminance(), RANGE_MARGIN * self._random_rel() * self._magnitude()

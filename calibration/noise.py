@@ -14,10 +14,11 @@ from ..core.finding import Finding, warning
 from ..core.response import Response
 from .dark.signal import DarkModel
 from .frames.observations import PatchObservation
+from .photon_transfer import FIT_SHARE, weighted_gain
 from .signal_limits import MAX_CLIPPED_SHARE, ROUNDING_DN2
 
-#: Share of the saturation up to which photon transfer is a straight line (EMVA 1288: 0 to 70 %).
-PHOTON_TRANSFER_SHARE = 0.7
+#: Rounds of weights of a fit with a tone curve.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -111,20 +112,16 @@ def fit_noise(
         net_dn = o.net_dn_at_pixel(dark_dn)
         if not noise.covers(net_dn):
             continue
-        if _unclipped(o) and 0 < net_dn <= PHOTON_TRANSFER_SHARE * (o.state.saturation_dn - dark_dn):
+        if _unclipped(o) and 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
             points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
     if not points:
-        return noise, [warning("k-unknown", share=PHOTON_TRANSFER_SHARE)]
+        return noise, [warning("k-unknown", share=FIT_SHARE)]
     net, variance, dof, dark_dn2 = np.array(points).T
     if tone is not None:
         k, read_dn = _before_tone(net, variance, dof, tone)
         return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), []
-    excess = variance - dark_dn2
-    k = float(excess.sum() / net.sum())
-    for _ in range(5):  # the weights change little after the second round
-        weight = dof / (max(k, 0.0) * net + dark_dn2 + 1e-12) ** 2
-        k = float(np.sum(weight * net * excess) / np.sum(weight * net**2))
+    k = weighted_gain(net, variance - dark_dn2, dark_dn2, dof).value
     if k <= 0:
         return noise, [warning("k-not-positive", k_dn_per_e=k)]
     return replace(noise, k_dn_per_e=k), []
@@ -172,6 +169,9 @@ def _before_tone(
 
     slope2 = tone.slope(net_dn) ** 2
     design = np.column_stack([tone.linearise(net_dn), np.ones(net_dn.size)]) / slope2[:, None]
-    weight = np.sqrt(dof) / np.maximum(variance_dn2, ROUNDING_DN2)
-    (k, dark_dn2), _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
-    return float(k), sqrt(float(dark_dn2))
+    fitted_dn2 = variance_dn2
+    for _ in range(_ROUNDS):
+        weight = np.sqrt(dof) / np.maximum(fitted_dn2, ROUNDING_DN2)
+        found, _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
+        fitted_dn2 = design @ found + ROUNDING_DN2
+    return float(found[0]), sqrt(float(found[1]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors.budget import budget, budget_exposure_s, in_order, require_positive, split_fit
 from ..findings import BudgetRow
+from ..fit.errors import finite
 from .model import ColourCalibration
 
 #: Sources independent from plane to plane, so that their squares add.
@@ -117,8 +118,7 @@ def _of_patches(
     if calibration.scatter_rel > 0:
         n = len(calibration.planes[0].residuals)
         basis = f"scatter of the {n} grey patches in the planes that nothing else explains"
-        known = [plane.responsivity.scatter_dof for plane in calibration.planes if plane.responsivity.scatter_dof]
-        dof = min(known, default=None)
+        dof = finite(calibration.scatter_dof)
         rows.append(BudgetRow("patch uniformity", calibration.scatter_rel, "normal", False, "A", basis, dof=dof))
     fits = [plane.responsivity for plane in calibration.planes]
     if all(fit.intercept_dn_s is not None for fit in fits):

@@ -15,6 +15,7 @@ from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..errors.common import FLICKER, GLARE, REFOCUS
+from ..errors.uncertainty import student_factor
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel
 from ..frames.planes import split
@@ -23,6 +24,8 @@ from ..model import Calibration
 from .mismatch import mismatch_errors
 from .planes import colours_of_planes
 
+#: Groups of pixels on each side whose mean is the colour of the light.
+_NEIGHBOURS = 6
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
 
@@ -75,6 +78,16 @@ class ColourConverter:
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
 
     @property
+    def field_rel(self) -> float:
+        """Relative standard uncertainty of slow residuals of the flat field, common to all planes."""
+        return max(slow_rel(plane.vignetting) for plane in self.planes)
+
+    @property
+    def scatter_dof(self) -> float:
+        """Degrees of freedom of `scatter_rel`."""
+        return min(plane.responsivity.scatter_dof or inf for plane in self.planes)
+
+    @property
     def weight_errors(self) -> NDArray[np.float64]:
         """Independent errors of the weights for one standard uncertainty, one a row, shape (n, planes)."""
         values, vectors = np.linalg.eigh(np.array(self.weight_covariance))
@@ -111,8 +124,17 @@ def to_luminance(converter: ColourConverter, frame: Frame, window: Window = WHOL
         If the frame has no colour filter, or is of another camera or setting.
     """
     frames = split(frame)
-    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], window) for plane in converter.planes]
-    return _Combined(converter, maps).map()
+    shape = next(iter(frames.values())).shape
+    wide, inner = zip(*(_widened(part, n) for part, n in zip(window, shape, strict=True)), strict=True)
+    maps = [plane.to_luminance(frames[f"{plane.state.plane}"], wide) for plane in converter.planes]
+    return _Combined(converter, maps, inner).map()
+
+
+def _widened(part: slice, n: int) -> tuple[slice, slice]:
+    """Rows, or columns, with the neighbours that tell the colour of the light, and where among them the rows are."""
+    start, stop, _ = part.indices(n)
+    first = max(start - _NEIGHBOURS, 0)
+    return slice(first, min(stop + _NEIGHBOURS, n)), slice(start - first, stop - first)
 
 
 def luminance_of_planes(
@@ -152,8 +174,7 @@ def colour_patch_luminance(
     shares = np.array(converter.weights) * by_plane / luminance
     pairs = list(zip(converter.planes, seen, strict=True))
     own = [own_rel(plane, one) for plane, one in pairs]
-    of_field = max(slow_rel(plane.vignetting) for plane in converter.planes)
-    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, of_field)
+    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, converter.field_rel)
     # The range of a single plane does not matter.
     findings = [
         finding.within(f"plane {plane.state.plane}")
@@ -171,7 +192,7 @@ def colour_patch_luminance(
         luminance_cd_m2=luminance,
         random_rel=random_rel,
         scatter_rel=converter.scatter_rel,
-        scatter_dof=min(plane.responsivity.scatter_dof or inf for plane in converter.planes),
+        scatter_dof=converter.scatter_dof,
         common=(
             *weight_errors,
             *_joined(planes, [float(share) for share in shares]),
@@ -229,17 +250,19 @@ class _Combined:
 
     converter: ColourConverter
     maps: Sequence[LuminanceMap]
+    inner: Window
 
     def map(self) -> LuminanceMap:
+        converter = self.converter
         return LuminanceMap(
-            self._luminance(),
-            self._random_rel,
+            self._luminance()[self.inner],
+            lambda: self._random_rel()[self.inner],
             self._common,
-            self._invalid,
-            slow_rel=max(one.slow_rel for one in self.maps),
-            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps])),
+            lambda: self._invalid()[self.inner],
+            slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
+            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps]))[self.inner],
             fixed_rel=max(one.fixed_rel for one in self.maps),
-            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps])),
+            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps]))[self.inner],
             step=2,
         )
 
@@ -265,16 +288,29 @@ class _Combined:
             variance += np.square(np.float32(weight) * one)
         return variance
 
-    def _common(self, window: Window) -> tuple[CommonError, ...]:
+    def _common(self, of_inner: Window) -> tuple[CommonError, ...]:
         planes = self.converter.planes
+        inside = [range(n)[wide][part] for n, wide, part in zip(self.maps[0].shape, self.inner, of_inner, strict=True)]
+        window = slice(inside[0].start, inside[0].stop), slice(inside[1].start, inside[1].stop)
         by_plane = np.stack([one.luminance_cd_m2[window] for one in self.maps], axis=-1)
         magnitude = self._magnitude(window)
         shares = [w * by_plane[..., i] / magnitude for i, w in enumerate(self.converter.weights)]
-        errors = [CommonError("fit", by_plane @ row / magnitude) for row in self.converter.weight_errors]
+        seen = self._colours(window)
+        level = np.maximum(np.abs(seen @ np.array(self.converter.weights, np.float32)), np.float32(1e-30))
+        errors = [CommonError("fit", seen @ row / level) for row in self.converter.weight_errors]
         kept = [_kept(plane, one.common_in(window)) for plane, one in zip(planes, self.maps, strict=True)]
         errors += _joined(kept, shares)
-        errors += mismatch_errors(self.converter.by_colour(by_plane), self.converter.spectral_rel)
+        errors += mismatch_errors(self.converter.by_colour(seen), self.converter.spectral_rel)
         return tuple(errors)
+
+    def _colours(self, window: Window) -> NDArray[np.floating[Any]]:
+        """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
+        import cv2
+
+        around, inner = zip(*(_widened(part, n) for part, n in zip(window, self.maps[0].shape, strict=True)), strict=True)
+        size = 2 * _NEIGHBOURS + 1
+        means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self.maps]
+        return np.stack(means, axis=-1)
 
     def _invalid(self) -> NDArray[np.uint8]:
         luminance, margin = self._luminance(), RANGE_MARGIN * self._random_rel() * self._magnitude()

@@ -103,7 +103,7 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
         conversion.invalid,
         common_rel=conversion.common_rel,
         slow_rel=_slow_rel(calibration),
-        slow_cd_m2=tables.slow_cd_m2 * _mean_inverse_v(calibration.vignetting, frame.shape),
+        slow_cd_m2=conversion.slow_cd_m2(),
         fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
         fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
     )
@@ -149,6 +149,12 @@ class _Conversion:
     def library_noise_cd_m2(self) -> _Maps:
         by_dn = self.tables.slope_cd_m2_dn * np.float32(self.tables.library_noise_dn)
         return _look_up(by_dn, self.dn, self.inverse_v)
+
+    def slow_cd_m2(self) -> _Maps | float:
+        """Return a number for a linear response, whose slope is that of all pixels."""
+        if self.tables.calibration.response.kind == "linear":
+            return float(self.tables.slow_cd_m2[0]) * _mean_inverse_v(self.tables.calibration.vignetting, self.frame.shape)
+        return _look_up(self.tables.slow_cd_m2, self.dn, self.inverse_v)
 
     def common(self, window: Window) -> tuple[CommonError, ...]:
         dn = self.dn[window]

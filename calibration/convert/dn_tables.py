@@ -104,10 +104,10 @@ class DnTables:
         return flags.astype(np.uint8)
 
     @property
-    def slow_cd_m2(self) -> float:
+    def slow_cd_m2(self) -> Table:
         """Independent standard uncertainty of each region by its dark signal, on the axis."""
         dn = hypot(self.calibration.responsivity.scatter_dn, self.setting.dark.nonuniformity_dn)
-        return dn * float(self.calibration.response.slope(0.0)) / self._scale
+        return self.slope_cd_m2_dn * np.float32(dn)
 
     @property
     def _scale(self) -> float:

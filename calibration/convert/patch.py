@@ -16,11 +16,8 @@ from ..errors.uncertainty import expanded_of, of_one_estimate
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, vignetting_errors
 from ..meter import METER_SOURCES
-from ..model import Calibration
+from ..model import RANGE_MARGIN_REL, Calibration
 from ..signal import left_out_text, net_signal, temperature_findings, usable
-
-#: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
-_RANGE_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -164,7 +161,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
 def _combined(
     calibration: Calibration, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
-    observations = _within_the_response(calibration, observations)
+    observations = [o for o in observations if calibration.covers(o)] or observations
     signals = [net_signal(o, calibration.settings) for o in observations]
     net = np.array([s.net_dn for s in signals])
     r = calibration.responsivity.responsivity_dn_s_cd_m2
@@ -216,17 +213,6 @@ def _combined(
     )
 
 
-def _within_the_response(
-    calibration: Calibration, observations: Sequence[PatchObservation]
-) -> Sequence[PatchObservation]:
-    """Exclude signals outside the range of a non-linear response, if there are others."""
-    if calibration.response.kind == "linear":
-        return observations
-    highest = calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
-    inside = [o for o in observations if net_signal(o, calibration.settings).net_dn <= highest]
-    return inside or observations
-
-
 def _outside(
     calibration: Calibration, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
 ) -> list[Finding]:
@@ -235,7 +221,7 @@ def _outside(
     if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
         return [outside_range(patch, luminance_cd_m2, (low, high))]
     highest_dn = calibration.range_net_dn[1]
-    if net_dn > highest_dn * (1 + _RANGE_MARGIN):
+    if net_dn > highest_dn * (1 + RANGE_MARGIN_REL):
         return [warning("signal-outside-range", patch, net_dn=net_dn, highest_net_dn=highest_dn)]
     return []
 

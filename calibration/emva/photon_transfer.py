@@ -3,54 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ..dark.lines import birge
+from ..photon_transfer import FIT_SHARE, Slope, slope_through_origin, weighted_gain
 from .series import SeriesPoint
 
-#: Share of saturation up to which both slopes are fitted (EMVA 1288 Release 4.0 Linear).
-FIT_SHARE = 0.7
 #: Fewest points of a fit.
 MIN_POINTS = 3
-
-
-@dataclass(frozen=True)
-class Slope:
-    """y = `value` x, with its standard uncertainty."""
-
-    value: float
-    standard_uncertainty: float
-
-
-def slope_through_origin(
-    x: NDArray[np.float64], y: NDArray[np.float64], u: NDArray[np.float64], weighted: bool = False
-) -> Slope:
-    """Fit a line through the origin.
-
-    Parameters
-    ----------
-    x, y, u : ndarray of float, shape (n,)
-        Points, and the standard uncertainties of y, above 0.
-    weighted : bool
-        False for the least squares of EMVA 1288, all points alike; True weights with 1 / u^2, for points whose
-        uncertainties differ by orders.
-
-    Returns
-    -------
-    Slope
-        b = sum(w x y) / sum(w x^2). The uncertainty is propagated from u, sqrt(sum((w x u)^2)) / sum(w x^2), and
-        widened by the Birge ratio if the points scatter more than u says.
-    """
-    weight = 1 / u**2 if weighted else np.ones_like(x)
-    normal = float(np.sum(weight * x**2))
-    slope = float(np.sum(weight * x * y)) / normal
-    propagated = sqrt(float(np.sum((weight * x * u) ** 2))) / normal
-    return Slope(slope, propagated * birge(float(np.sum(((y - slope * x) / u) ** 2)), x.size - 1))
+#: Uncertainty of variances without noise, which still need one.
+_FLOOR = 1e-9
 
 
 def points_to_fit(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:
@@ -78,7 +41,7 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
     points : sequence of SeriesPoint
         Of `points_to_fit`.
     weighted : bool
-        As `slope_through_origin`.
+        False for the least squares of the standard, True for `weighted_gain`, as the noise of a calibration.
 
     Returns
     -------
@@ -92,12 +55,12 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
     """
     net = np.array([point.net_dn for point in points])
     excess = np.array([point.net_variance_dn2 for point in points])
-    fit = slope_through_origin(net, excess, np.array([_uncertainty(point, 0.0) for point in points]))
-    if weighted and fit.value > 0:
-        # Weights from the fitted line: weights from the points would be biased towards low values.
-        for _ in range(3):
-            smooth = np.array([_expected_uncertainty(point, fit.value) for point in points])
-            fit = slope_through_origin(net, excess, smooth, weighted=True)
+    if weighted:
+        of_dark = np.array([point.dark.variance_dn2 for point in points])
+        dof, dark_dof = (np.array(one, float) for one in zip(*((p.light.dof, p.dark.dof) for p in points), strict=True))
+        fit = weighted_gain(net, excess, of_dark, dof, dark_dof)
+    else:
+        fit = slope_through_origin(net, excess, np.array([max(p.variance_uncertainty_dn2, _FLOOR) for p in points]))
     if not fit.value > 0:
         raise _no_noise(f"K is {fit.value:.3g} DN/e-")
     return fit
@@ -143,13 +106,3 @@ def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
     photons = np.array([photons for photons, _ in known])
     net = np.array([point.net_dn for point in points])
     return slope_through_origin(photons, net, np.array([point.net_uncertainty_dn for point in points]))
-
-
-def _uncertainty(point: SeriesPoint, k: float) -> float:
-    floor = 1e-9  # images without noise still need a weight
-    return max(float(np.hypot(point.variance_uncertainty_dn2, k * point.net_uncertainty_dn)), floor)
-
-
-def _expected_uncertainty(point: SeriesPoint, k: float) -> float:
-    dark = point.dark.variance_dn2
-    return sqrt(2 * (k * point.net_dn + dark) ** 2 / point.light.dof + 2 * dark**2 / point.dark.dof)

@@ -82,7 +82,7 @@ def contrast_row(
     dark: PatchRow,
 ) -> ContrastRow:
     """Evaluate a pair in its longest exposure without saturated pixels; raises CalibrationError if there is none."""
-    exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
+    exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
     if exposure_s is None:
         raise CalibrationError(
             f"patch {pair.bright!r} or {pair.dark!r} has saturated pixels at every exposure: acquire a shorter one"

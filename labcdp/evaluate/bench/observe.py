@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from ...calibration import DarkObservation, PatchObservation, observe_dark, observe_patches
+from ...calibration import AnyCalibration, DarkObservation, PatchObservation, observe_dark, observe_patches
 from ...calibration.frames.measure import MIN_FRAMES
 from ...calibration.frames.planes import plane_region
 from ...calibration.meter import MeterScale, corrected, meter_scale
@@ -94,13 +94,18 @@ class ObservedSession:
         """Observations of a patch in all planes."""
         return [observation for plane in self.planes.values() for observation in plane.patches[name]]
 
-    def longest_unsaturated_s(self, *names: str) -> float | None:
-        """Longest exposure that saturates none of these patches; None if each saturates one."""
-        at: dict[float, list[PatchObservation]] = {}
-        for name in names:
-            for observation in self.of_patch(name):
-                at.setdefault(observation.exposure_s, []).append(observation)
-        return max((t for t, group in at.items() if all(o.saturated_share == 0 for o in group)), default=None)
+    def longest_unsaturated_s(self, calibration: AnyCalibration, *names: str) -> float | None:
+        """Longest exposure that saturates none of these patches, within the response if one is; None for none."""
+        seen = [
+            (plane, o)
+            for plane in calibration.planes
+            for name in names
+            for o in self.planes[plane.state.plane].patches[name]
+        ]
+        saturated = {o.exposure_s for _, o in seen if o.saturated_share > 0}
+        beyond = {o.exposure_s for plane, o in seen if not plane.covers(o)}
+        unsaturated = {o.exposure_s for _, o in seen} - saturated
+        return max((unsaturated - beyond) or unsaturated, default=None)
 
     @property
     def patches(self) -> Mapping[str, Sequence[PatchObservation]]:

@@ -111,7 +111,7 @@ def twin_session(
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     asked, left_out = _asked(observed, regions, contrast, epsilon)
-    at = _by_exposure(observed, asked, left_out)
+    at = _by_exposure(observed, calibration, asked, left_out)
     compared: dict[PairAsked, TwinPair] = {}
     for done, (exposure_s, group) in enumerate(sorted(at.items())):
         report(done, len(at))
@@ -144,12 +144,12 @@ def twin_session(
 
 
 def _by_exposure(
-    observed: ObservedSession, asked: Sequence[PairAsked], left_out: list[_LeftOut]
+    observed: ObservedSession, calibration: AnyCalibration, asked: Sequence[PairAsked], left_out: list[_LeftOut]
 ) -> dict[float, list[PairAsked]]:
     """Pairs by the longest exposure that saturates neither patch."""
     at: dict[float, list[PairAsked]] = {}
     for pair in asked:
-        exposure_s = observed.longest_unsaturated_s(pair.bright, pair.dark)
+        exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
         if exposure_s is None:
             left_out.append(("pairs-saturated", pair.bright, pair.dark))
         else:

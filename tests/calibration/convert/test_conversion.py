@@ -80,6 +80,16 @@ def test_a_quadratic_response_is_linearised_and_not_continued(make_calibration, 
     assert (seen.invalid == flags | np.where(beyond, 4, 0)).all()
 
 
+def test_uneven_darkness_counts_by_the_slope_at_each_signal(make_calibration, make_frame):
+    dark = DarkModel(OFFSET, RATE, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), S, 0.3, (0.001, 0.064))
+    response = Response("quadratic", (0.0, 4000.0), (0.0, 4800.0))
+    frame = make_frame(np.full(SHAPE, 2000))
+    slope = 1 + 2 * 0.2 / 4000 * (2000 - OFFSET - RATE * frame.exposure_s)
+    for own, expected in ((Response(), 1.0), (response, slope)):
+        seen = to_luminance(make_calibration(dark=dark, response=own, range_net_dn=(5.0, 3000.0)), frame)
+        assert seen.slow_cd_m2 == pytest.approx(0.3 * expected / (R * frame.exposure_s), rel=1e-6)
+
+
 def test_another_gain_has_its_own_dark_noise_and_factor(make_calibration, make_frame):
     dark = DarkModel(70.0, 80.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 3.0, 0.0, (0.001, 0.064))
     calibration = make_calibration(gains=(GainSetting(6.0, 2.0, 0.001, dark, TemporalNoise(0.5, 3.0)),))

@@ -145,7 +145,8 @@ class PageImage:
         value = np.asarray(part.luminance_cd_m2[at], dtype=np.float64)
         relative = [np.broadcast_to(one, part.shape)[at] for one in (part.random_rel, part.common_rel, part.slow_rel)]
         slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
-        u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
+        with np.errstate(invalid="ignore"):
+            u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
         return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
 
     def pixels(self, roi: Roi) -> RegionPixels:

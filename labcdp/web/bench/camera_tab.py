@@ -87,9 +87,6 @@ class CameraTab:
             options=list(dict.fromkeys([*formats, settings.pixel_format])), value=settings.pixel_format
         )
         rate_hz = settings.frame_rate_hz
-        # Also where a rejected value is to be replaced by the one before.
-        self._rate.value = self._black.value = None
-        self._region.value = ""
         self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
         self._black.value = settings.black_level
         self._region.value = f"{settings.offset_x}, {settings.offset_y}, {settings.width}, {settings.height}"

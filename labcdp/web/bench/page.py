@@ -237,7 +237,6 @@ class BenchPage:
         if settings is None or shown == self._shown:
             return
         self._shown, self._filling = shown, True
-        self._exposure.value = self._gain.value = None
         self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
         self._filling = False
 

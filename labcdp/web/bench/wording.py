@@ -21,8 +21,8 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "…", "open", "opening")
     if bench.images.paused:
         return _card("Camera", "paused", "open", "the image is frozen; the camera keeps streaming")
-    if live.lent and not live.streaming:
-        return _card("Camera", "recording", "good", "waits for the recording")
+    if live.lent and live.stale:
+        return _card("Camera", "recording", "good", "frames come when the recording takes them")
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
@@ -122,7 +122,7 @@ def _deviation(one: MeterReading) -> list[str]:
 
 def _seen_now(bench: LiveBench) -> bool:
     live = bench.camera.live
-    return (live.streaming or live.lent) and not live.overdue and not bench.images.paused
+    return live.streaming and not live.stale and not bench.images.paused
 
 
 def _why(bench: LiveBench) -> str:

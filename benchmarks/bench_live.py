@@ -172,7 +172,8 @@ def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace
         print(
             f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
             f"{spent[0] / during_s:12.2f} {spent[1] / during_s:8.2f} {per_frame[0]:8.1f} {per_frame[1]:8.1f} "
-            f"{memory[0]:9.1f} {memory[1]:8.1f} {counts[0][0]:5d} {counts[1][0]:4d} {counts[0][1]:5d} {counts[1][1]:4d}",
+            f"{memory[0]:9.1f} {memory[1]:8.1f} "
+            f"{counts[0][0]:5d} {counts[1][0]:4d} {counts[0][1]:5d} {counts[1][1]:4d}",
             flush=True,
         )
         lines.append((now_s - began_s, *memory))

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -16,13 +17,26 @@ import cv2
 import numpy as np
 import pytest
 
+from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.core.luminance import LuminanceMap
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.regions import RectangleShape
 from labcdp.session import Session, SessionConfiguration, example_session
+from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.exposure import better_exposure_s
 from labcdp.web.bench.focus import sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
+from labcdp.web.bench.measured import LiveMeasurements
 from labcdp.web.bench.pair import verdict
 from labcdp.web.bench.recording import PageOperator, Question
+from labcdp.web.regions.display import DisplayScale
+from labcdp.web.regions.drawing import Drawing, History
+from labcdp.web.regions.files import DrawingFiles
+from labcdp.web.regions.measurements import Measurements
+from labcdp.web.regions.page import Page
+from labcdp.web.regions.page_image import PageImage
+from labcdp.web.regions.workspace import Start, Workspace
 
 
 def wait_for(camera: LiveCamera, condition: Callable[[Live], bool]) -> Live:
@@ -130,6 +144,90 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
 def test_no_exposure_is_better_where_the_camera_has_none() -> None:
     dark = np.full(100, 70, np.uint16)
     assert better_exposure_s(dark, 60.0, 12, (20e-6, 60.0)) is None
+
+
+@pytest.mark.parametrize(("pixel_format", "bits", "pattern"), [("Mono8", 8, None), ("BayerGB12", 12, "GB")])
+def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
+    pixel_format: str, bits: int, pattern: str | None
+) -> None:
+    dn = np.random.default_rng(9).integers(20, 200, (60, 80)).astype(np.uint8 if bits == 8 else np.uint16)
+    dn[10:20, 10:30] = highest = 2**bits - 1
+    frame = Frame(
+        dn=dn,
+        exposure_s=1e-3,
+        gain_db=0.0,
+        bit_depth=bits,
+        saturation_dn=highest,
+        black_level_dn=0.0,
+        pixel_format=pixel_format,
+        colour_filter=pattern,
+        temperature_c=None,
+        timestamp=datetime.now(UTC),
+        camera_timestamp_ns=0,
+        frame_id=1,
+        camera=CameraIdentity("a", "b", "c"),
+    )
+    image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
+    drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
+    (means,) = LiveMeasurements(image, None).means(drawing)
+    lit, dark = (means[roi] for roi in drawing.rois)
+    assert (lit.value, lit.saturated, dark.saturated) == (highest, 1.0, 0.0)
+    assert dark.value == pytest.approx(dn[20:40, 40:60].mean())
+    # Light is that of the green pixels: of a GB pattern those of even rows and columns, and of odd ones.
+    part = dn[20:40, 40:60].astype(float)
+    green = part if pattern is None else (part[::2, ::2] + part[1::2, 1::2]) / 2
+    assert dark.light / lit.light == pytest.approx(green.mean() / highest, rel=1e-5)
+    assert dark.light_std / lit.light == pytest.approx(green.std(ddof=1) / highest, rel=1e-5)
+    assert image.readout(15.5, 12.5).endswith("saturated")
+    # One displayed pixel for four of a pattern, with their mean.
+    shown = image.display
+    blocks = dn.astype(float).reshape(30, 2, 40, 2).mean(axis=(1, 3))
+    assert np.abs(shown - (dn if pattern is None else blocks)).max() <= 0.5
+    assert DisplayScale.of_range(highest).to_8_bit(shown).max() == 255
+
+
+def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBench) -> None:
+    from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+
+    nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
+    image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
+    with MinoltaLS110(bench.in_process_port()) as meter:
+        desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False)
+        said = []
+        for text in desk.take(meter, "", 3):
+            said.append(text)
+        assert said == [""]
+        bench.run_command("meter unplug for 1 s")
+        said = list(desk.take(meter, "", 2))
+        assert "lost and waited for" in said[0]
+        assert said[-1] == ""
+    assert [one.n_readings for one in desk.readings] == [2, 3]
+
+
+@pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
+def test_no_refreshes_pile_up_for_a_browser_that_sleeps(tmp_path: Path) -> None:
+    from bokeh.document import Document
+
+    values = np.zeros((40, 40), np.uint16)
+    nothing = LuminanceMap(np.zeros((40, 40)), np.zeros((40, 40)), (), np.zeros((40, 40), np.uint8))
+    image = PageImage("live", values, True, None, nothing, "relative")
+    start = Start(History(Drawing.of(image.size, ())))
+    space = Workspace(Measurements(image, None), DrawingFiles(tmp_path / "r.json", image.size), start, lambda *_: None)
+    page = Page(space, Document())
+
+    def refreshed() -> int:
+        before = page.picture.link.told
+        for _ in range(100):
+            space.changed()
+            for waiting in list(page.document.session_callbacks):
+                page.document.remove_timeout_callback(waiting)
+                waiting.callback()
+        return page.picture.link.told - before
+
+    assert refreshed() < 10
+    assert refreshed() == 0
+    page.picture.link.heard = page.picture.link.told
+    assert 0 < refreshed() < 10
 
 
 def small_plan() -> SessionConfiguration:

@@ -391,12 +391,22 @@ document.addEventListener("click", (event) => {
 const lost = document.createElement("div")
 lost.setAttribute("role", "alert")
 lost.textContent = "labcdp cannot be reached: it has ended, or the line to it broke. What you drew is safe with labcdp."
-  + " Start it again and open the address that it prints, or reload this page once the line is back."
+  + " The page goes on by itself once the line is back. If labcdp has ended, start it again and open its new address."
 lost.style.cssText = "position: fixed; inset: 0 0 auto 0; z-index: 1000; padding: 0.6rem 1rem; background: #fff4e8;"
   + " border-bottom: 3px solid #b34700; font: 600 15px sans-serif; color: #1a1a1a;"
-figure.document.on_event("connection_lost", () => document.body.append(lost))
-// What changed meanwhile was told to nobody here.
-figure.document.on_event("client_reconnected", () => location.reload())
+let looking = null
+figure.document.on_event("connection_lost", () => {
+  document.body.append(lost)
+  // What changed meanwhile was told to nobody here, and after a long sleep labcdp has forgotten this page: a new one.
+  looking ??= setInterval(async () => {
+    const answer = await fetch("static/js/bokeh.min.js", {method: "HEAD", cache: "no-store"}).catch(() => null)
+    if (answer?.ok)
+      location.reload()
+  }, 2000)
+})
+// labcdp waits with the next refresh until the one before was handled, so that none pile up for a browser that sleeps.
+link.heard = link.told
+link.properties.told.change.connect(() => link.heard = link.told)
 
 const TAB = "labcdp tab"
 sessionStorage.setItem(TAB, sessionStorage.getItem(TAB) ?? Math.random().toString(36).slice(2))

@@ -9,7 +9,7 @@ const THEMES = [
 const filters = document.createElement("div")
 filters.style.cssText = "position: absolute; width: 0; height: 0; overflow: hidden"
 filters.innerHTML = '<svg><filter id="labcdp-red" color-interpolation-filters="sRGB"><feColorMatrix'
-  + ' values="0.3 0.59 0.11 0 0  0 0 0 0 0  0 0 0 0 0  0 0 0 1 0"/></filter></svg>'
+  + ' values="0.38 0.74 0.14 0 0  0 0 0 0 0  0 0 0 0 0  0 0 0 1 0"/></filter></svg>'
 document.body.append(filters)
 
 function set_theme() {

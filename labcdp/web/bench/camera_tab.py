@@ -47,10 +47,10 @@ class CameraTab:
         self._rate = pn.widgets.FloatInput(name="Frames per second", start=0.0, width=130)
         self._black = pn.widgets.FloatInput(name="Black level (register)", width=140)
         self._region = pn.widgets.TextInput(name="Region: x, y, width, height", width=210)
-        self._find = pn.widgets.TextInput(name="Find features", placeholder="part of a name", width=200)
-        self._feature = pn.widgets.TextInput(name="Set a feature", placeholder="for example Gamma = 1", width=200)
+        self._find = pn.widgets.TextInput(name="Find features", placeholder="part of a name", width=140)
+        self._feature = pn.widgets.TextInput(name="Set a feature", placeholder="for example Gamma = 1", width=180)
         self._refresh = pn.widgets.Button(name="Read again", margin=(19, 4))
-        self._shown: tuple[CameraSettings | None, tuple[FeatureDescription, ...]] = (None, ())
+        self._shown: tuple[CameraSettings | None, tuple[FeatureDescription, ...], str] = (None, (), "")
         self._filling = False
 
         def change(widget: Any, action: Callable[[Any], object]) -> None:
@@ -79,9 +79,9 @@ class CameraTab:
         """Refresh the tab."""
         self._settings.object = settings_text
         settings, features = live.settings, live.features
-        if settings is None or (settings, features) == self._shown:
+        if settings is None or (settings, features, live.error) == self._shown:
             return
-        self._shown, self._filling = (settings, features), True
+        self._shown, self._filling = (settings, features, live.error), True
         choices = next((one.choices for one in features if one.name == "PixelFormat"), ())
         formats = [one for one in choices if one in PIXEL_FORMATS]
         self._format.param.update(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.frame import Frame
 from ...core.roi import Roi
 
 #: Largest side of the middle of an image, where no region is meant.
@@ -23,16 +24,20 @@ class Focus:
     ----------
     region : str
         Its name; empty for the middle of the image.
+    exposure_s : float
+        Exposure of the image; another one makes the noise another.
     now, best : float
         As of `sharpness`.
     """
 
     region: str = ""
+    exposure_s: float = 0.0
     now: float = 0.0
     best: float = 0.0
 
-    def after(self, values: NDArray[Any], roi: Roi | None) -> Focus:
-        """Return the focus after another image: of a region, or of the middle."""
+    def after(self, frame: Frame, roi: Roi | None) -> Focus:
+        """Return the focus after another frame: of a region, or of the middle."""
+        values = frame.dn
         rows, columns = (_middle(length) for length in values.shape)
         if roi is not None:
             try:
@@ -40,7 +45,8 @@ class Focus:
             except InputError:
                 rows = slice(0)
         name, now = "" if roi is None else roi.name, sharpness(values[rows, columns])
-        return Focus(name, now, max(now, self.best if name == self.region else 0.0))
+        same = (name, frame.exposure_s) == (self.region, self.exposure_s)
+        return Focus(name, frame.exposure_s, now, max(now, self.best if same else 0.0))
 
 
 def _middle(length: int) -> slice:

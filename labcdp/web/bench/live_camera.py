@@ -83,12 +83,17 @@ class Live:
     error: str = ""
 
     @property
-    def overdue(self) -> bool:
+    def stale(self) -> bool:
         """Whether the next frame should have arrived more than a second ago."""
-        if not self.streaming or self.lent or self.settings is None:
+        if self.settings is None:
             return False
         period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
         return monotonic() - self.received_s > 1 + max(self.settings.exposure_s, period_s)
+
+    @property
+    def overdue(self) -> bool:
+        """Whether frames are missing that nobody but the camera holds up."""
+        return self.streaming and not self.lent and self.stale
 
 
 class LiveCamera:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from math import isfinite
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..regions.page import Page
 from ..regions.wording import warning_list
 from .camera_tab import CameraTab
 from .live_bench import LiveBench
+from .live_camera import Live
 from .plots import Plots
 from .record_tab import RecordTab
 from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
@@ -61,7 +63,7 @@ class BenchPage:
             self._contrast.value = f"{100 * bench.target.contrast:g}"
         self._plots = Plots(bench)
         self._highest = highest
-        self._shown: CameraSettings | None = None
+        self._shown: tuple[CameraSettings | None, str] = (None, "")
         self._filling = False
         self._connect()
         for end in (bench.camera.look(), bench.images.listen(self._image_came), self._leave):
@@ -111,13 +113,14 @@ class BenchPage:
             self._filling, self._pause.value = True, bench.images.paused
             self._filling = False
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
-        self._show_settings(bench.camera.live.settings)
+        self._show_settings(bench.camera.live)
         workspace = bench.workspace
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
         self._table.object = reading_table(bench)
         self._show_control()
         self._follow_bits()
-        words = " ".join(dict.fromkeys(one for one in (bench.busy, bench.notice or bench.images.mismatch) if one))
+        said = (bench.busy, bench.notice or bench.images.mismatch, bench.camera.live.error)
+        words = escape(" ".join(dict.fromkeys(one for one in said if one)))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
@@ -228,11 +231,12 @@ class BenchPage:
     def _say(self, text: str) -> None:
         self.bench.say(text)
 
-    def _show_settings(self, settings: CameraSettings | None) -> None:
-        """Update the fields when the settings have changed, also by another program."""
-        if settings is None or settings == self._shown:
+    def _show_settings(self, live: Live) -> None:
+        """Show what was read back when it has changed, also by another program, or when a request was rejected."""
+        settings, shown = live.settings, (live.settings, live.error)
+        if settings is None or shown == self._shown:
             return
-        self._shown, self._filling = settings, True
+        self._shown, self._filling = shown, True
         self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
         self._filling = False
 

@@ -120,8 +120,8 @@ class RecordTab:
         if recording.operator.findings:
             items = "".join(f"<li>{_text(one)}</li>" for one in recording.operator.findings)
             parts.append(f"<h2>Findings</h2><ul>{items}</ul>")
-        if bench.busy or recording.outcome:
-            parts.append(f"<p role='status'>{_text(bench.busy or recording.outcome)}</p>")
+        if recording.outcome:
+            parts.append(f"<p role='status'>{_text(recording.outcome)}</p>")
         if recording.report is not None:
             parts.append("<p><a href='/report/report.html' target='_blank'>Open the report</a></p>")
         return "".join(parts)

@@ -204,6 +204,7 @@ class Recording:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
         finally:
             self.ended.set()
+        yield ""
 
     def _session(self) -> Session:
         if not self.folder.exists():

@@ -16,13 +16,13 @@ def camera_card(bench: LiveBench) -> str:
     """Write the card of the camera: frames per second, exposure, and what is wrong."""
     live = bench.camera.live
     if live.error and not live.streaming:
-        return _card("Camera", "no frames", "bad", f"{live.error}; trying again every second")
+        return _card("Camera", "no frames", "bad", "trying again every second", live.error)
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
     if bench.images.paused:
         return _card("Camera", "paused", "open", "the image is frozen; the camera keeps streaming")
-    if live.lent and not live.streaming:
-        return _card("Camera", "recording", "good", "waits for the recording")
+    if live.lent and live.stale:
+        return _card("Camera", "recording", "good", "frames come when the recording takes them")
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
@@ -31,7 +31,8 @@ def camera_card(bench: LiveBench) -> str:
     where = f" at {focus.region}" if focus.region else ""
     lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
-    lines += [line for line in (live.error, live.changed) if line]
+    rejected = f"rejected: {live.error}" if live.error else ""
+    lines = [*(line for line in (rejected, live.changed) if line), *lines][:3]
     return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
 
 
@@ -47,10 +48,11 @@ def pair_card(bench: LiveBench) -> str:
     asked = f"contrast {100 * point.target:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
     if bench.target.contrast is None:
         asked = f"of the measured contrast, ε {100 * bench.target.epsilon:.3g} %"
+    interval = f"95 % interval {point.low:.4f} to {point.high:.4f}"
+    if not _seen_now(bench):
+        return _card(title, f"{point.cdp:.4f} <small>not now</small>", "open", "of the last frame", interval, raw=True)
     words = f"{point.cdp:.4f} <small>{point.verdict}</small>"
-    return _card(
-        title, words, _STATES[point.verdict], f"95 % interval {point.low:.4f} to {point.high:.4f}", asked, raw=True
-    )
+    return _card(title, words, _STATES[point.verdict], interval, asked, raw=True)
 
 
 def contrast_card(bench: LiveBench) -> str:
@@ -59,7 +61,9 @@ def contrast_card(bench: LiveBench) -> str:
     if point is None:
         return _card("Measured contrast", "-", "open")
     text = with_half_width(100 * point.contrast, 100 * Z_95 * point.contrast_u)
-    return _card("Measured contrast", f"{text} %", "open", "U (95 %) of this frame")
+    return _card(
+        "Measured contrast", f"{text} %", "open", f"U (95 %) of {'this' if _seen_now(bench) else 'the last'} frame"
+    )
 
 
 def meter_card(bench: LiveBench) -> str:
@@ -116,13 +120,18 @@ def _deviation(one: MeterReading) -> list[str]:
     return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %{beyond}"]
 
 
+def _seen_now(bench: LiveBench) -> bool:
+    live = bench.camera.live
+    return live.streaming and not live.stale and not bench.images.paused
+
+
 def _why(bench: LiveBench) -> str:
     pair = bench.workspace.evaluated.pair
     return "measuring" if pair is None or not pair.error else pair.error
 
 
 def _card(title: str, value: str, state: str, *lines: str, raw: bool = False) -> str:
-    body = "".join(f"<p>{_text(line)}</p>" for line in lines)
+    body = "".join(f"<p title='{_text(line)}'>{_text(line)}</p>" for line in lines)
     return f"<div class='card {state}'><h3>{_text(title)}</h3><b>{value if raw else _text(value)}</b>{body}</div>"
 
 

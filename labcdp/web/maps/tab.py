@@ -141,7 +141,8 @@ class MapTab:
     def _fit_scale(self) -> None:
         light = self._workspace.image.light_display
         low, high = np.percentile(light[np.isfinite(light)], (0.5, 99.9)) if np.isfinite(light).any() else (0.0, 1.0)
-        low = max(low, high / LARGEST_RATIO, 0.0)
+        # Noise about 0 would take most colours of a logarithm.
+        low = max(low, high / (LARGEST_RATIO if low > 0 else 1000.0), 0.0)
         self._low.param.update(value=float(f"{low:.3g}"))
         self._high.param.update(value=float(f"{max(high, 1e-6):.3g}"))
         if self._shown.value == _VALUES:

@@ -62,6 +62,8 @@ class Link(DataModel):  # type: ignore[misc]
         Pixel under the pointer; empty outside the image.
     line : list of float
         Ends x, y, x, y of the last line drawn for a profile; empty if none.
+    told, heard : int
+        Number of the newest refresh, and of the newest one that the browser has handled.
     drawn : int
         Number of the newest image that the browser has drawn.
     tab : str
@@ -75,6 +77,8 @@ class Link(DataModel):  # type: ignore[misc]
     view = List(Float)
     pointer = List(Int)
     line = List(Float)
+    told = Int(default=0)
+    heard = Int(default=0)
     drawn = Int(default=0)
     tab = String(default="")
 

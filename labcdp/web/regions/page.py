@@ -22,6 +22,8 @@ from .workspace import Workspace
 
 #: Changes within this time are one refresh.
 _SOON_MS = 30
+#: Refreshes on the way to a browser.
+_MOST_UNHEARD = 3
 
 
 class Page:
@@ -43,7 +45,8 @@ class Page:
         self.after_update: list[Callable[[], None]] = []
         self.picture = Picture(workspace.image)
         self._updating = False
-        self._waits = False
+        #: Whether a refresh is scheduled, and whether one waits for the browser.
+        self._waits, self._late = False, False
         self._asked = count(1)
         css, scrolled = style(), {"overflow-x": "auto", "min-width": "0"}
 
@@ -108,8 +111,10 @@ class Page:
         return (message["do"] == "select" or self.may_change()) and self.workspace.do(message)
 
     def changed(self) -> None:
-        """Schedule a refresh; may be called from anywhere in the server's loop."""
-        if not self._waits:
+        """Schedule a refresh, once the browser has handled those before; call it in the server's loop."""
+        link = self.picture.link
+        self._late = link.told - link.heard > _MOST_UNHEARD
+        if not (self._waits or self._late):
             self._waits = True
             self.document.add_timeout_callback(self.update, _SOON_MS)
 
@@ -124,6 +129,11 @@ class Page:
             self._update()
             for follow in self.after_update:
                 follow()
+            self.picture.link.told += 1
+
+    def _heard(self) -> None:
+        if self._late:
+            self.changed()
 
     def _update(self) -> None:
         workspace = self.workspace
@@ -194,6 +204,7 @@ class Page:
     def _connect(self) -> None:
         link, workspace = self.picture.link, self.workspace
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
+        link.on_change("heard", lambda _attr, _old, _new: self._heard())
         link.on_change("view", lambda _attr, _old, new: self._look(new))
         link.on_change("pointer", lambda _attr, _old, new: self._point(new))
         self._name.param.watch(self._unless_updating(self._rename), "value")

@@ -124,10 +124,11 @@ class PageImage:
         """Displayed values, shape (height, width), half of it for a Bayer frame: one pixel for four."""
         if self.colour_filter is None:
             return self.values
-        height, width = (length // 2 * 2 for length in self.values.shape)
-        blocks = self.values[:height, :width].reshape(height // 2, 2, width // 2, 2)
-        mean: NDArray[np.float32] = blocks.mean(axis=(1, 3), dtype=np.float32)
-        return mean
+        import cv2
+
+        height, width = (length // 2 for length in self.values.shape)
+        blocks = np.ascontiguousarray(self.values[: 2 * height, : 2 * width])
+        return np.asarray(cv2.resize(blocks, (width, height), interpolation=cv2.INTER_AREA))
 
     @cached_property
     def light_display(self) -> NDArray[np.float32]:
@@ -145,7 +146,8 @@ class PageImage:
         value = np.asarray(part.luminance_cd_m2[at], dtype=np.float64)
         relative = [np.broadcast_to(one, part.shape)[at] for one in (part.random_rel, part.common_rel, part.slow_rel)]
         slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
-        u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
+        with np.errstate(invalid="ignore"):
+            u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
         return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
 
     def pixels(self, roi: Roi) -> RegionPixels:

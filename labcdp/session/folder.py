@@ -13,13 +13,13 @@ from ..core.errors import SessionError
 from .configuration import SessionConfiguration
 from .files import FRAMES, reported, write_whole
 from .journal import Journal
-from .journal_text import JOURNAL, JOURNAL_END
+from .journal_text import FORMER_END, JOURNAL
 from .readme import README, README_TEXT
 
 CONFIGURATION = "session.toml"
 
-#: Format of the sessions this labcdp writes and reads.
-FORMAT = 1
+#: Format of the sessions this labcdp writes; it reads earlier ones too.
+FORMAT = 2
 
 
 def require_session(path: Path) -> None:
@@ -49,7 +49,7 @@ def make_folder(folder: Path, configuration: SessionConfiguration, compress: boo
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
-    own = {JOURNAL, JOURNAL_END, FRAMES, *recorded}
+    own = {JOURNAL, FORMER_END, FRAMES, *recorded}
     with reported(folder, "removed"):
         others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
         if others:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
-import secrets
-import shutil
 from collections.abc import Mapping, Sequence
 from itertools import count
 from os import PathLike
@@ -17,10 +14,9 @@ from ..core.disk.quoting import shown
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
-from ..output.file import fsync_folder
 from .configuration import SessionConfiguration
-from .files import read_checked, reported
-from .folder import FORMAT, make_folder, remove_session, require_session
+from .files import read_checked
+from .folder import create_folder, read_configuration, remove_session, require_session
 from .frame_file import frame_from_tiff
 from .frame_folder import FrameFolder
 from .journal import CLOCK, Journal
@@ -71,7 +67,7 @@ class Session:
         self._entries = entries
         self._journal = journal
         self._records: list[Record] = []
-        self.configuration = self._read_configuration()
+        self.configuration = read_configuration(path, entries)
         self._folder = FrameFolder(path, entries[0].content["compress"])
 
     @classmethod
@@ -100,21 +96,7 @@ class Session:
         SessionError
             If there is something at `path` already, or it cannot be written.
         """
-        path = Path(path)
-        if path.resolve() == Path.cwd():
-            raise SessionError("the current folder cannot become a session: give the name of a new folder in it")
-        # Made under a temporary name, so that a session is there with all it needs or not at all.
-        making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
-        try:
-            with reported(path, "written"):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-                    raise SessionError(f"{path} exists already: give a new folder, or open the session in it")
-                make_folder(making, configuration, compress, clock)
-                os.rename(making, path)
-                fsync_folder(path.parent)
-        finally:
-            shutil.rmtree(making, ignore_errors=True)
+        create_folder(Path(path), configuration, compress, clock)
         return cls.open(path, writable=True, clock=clock)
 
     @classmethod
@@ -336,18 +318,6 @@ class Session:
         if self._journal is None:
             raise SessionError(f"{self.path} is not open for writing: open it with writable=True")
         return self._journal
-
-    def _read_configuration(self) -> SessionConfiguration:
-        first = self._entries[0] if self._entries else None
-        if first is None or first.kind != "session" or first.file is None:
-            raise SessionError(f"{self.path / JOURNAL} does not begin with a session: restore it from a copy")
-        event_record(first)
-        if first.content["format"] > FORMAT:
-            raise SessionError(
-                f"{self.path} has format {first.content['format']}, this labcdp knows up to {FORMAT}: update labcdp"
-            )
-        text = read_checked(self.path, first.file).decode(errors="replace")
-        return SessionConfiguration.from_toml(text, str(self.path / first.file.name))
 
     def _recover(self) -> None:
         """Put right what a killed writer left behind."""

@@ -131,8 +131,7 @@ def test_a_damaged_frame_is_not_loaded_but_the_others_are(damaged, make_frame, c
 
 
 def test_a_newer_format_is_refused(tmp_path, configuration, monkeypatch):
-    for module in ("store", "folder"):
-        monkeypatch.setattr(f"labcdp.session.{module}.FORMAT", 3)
+    monkeypatch.setattr("labcdp.session.folder.FORMAT", 3)
     Session.create(tmp_path / "session", configuration).close()
     monkeypatch.undo()
     with pytest.raises(SessionError, match=r"session has format 3, this labcdp knows up to 2: update labcdp"):

@@ -48,11 +48,12 @@ def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
             f"the metadata of frame {frame.frame_id} cannot be written as JSON ({error}): give text and finite numbers"
         ) from error
     little_endian = frame.dn.dtype.newbyteorder("<")
-    pixels: Buffer = memoryview(np.ascontiguousarray(frame.dn, little_endian)).cast("B")
+    own = np.ascontiguousarray(frame.dn, little_endian)
+    pixels: Buffer = own.data.cast("B")
     if compress:
         import imagecodecs
 
-        pixels = imagecodecs.deflate_encode(pixels, level=1)
+        pixels = bytes(imagecodecs.deflate_encode(own.tobytes(), level=1))
     height, width = frame.shape
     tags = (
         (256, _LONG, width),

@@ -176,6 +176,8 @@ def test_opening_resets_what_another_program_left(camera_on_loopback):
     "missing",
     [
         ("SensorWidth", "SensorHeight"),
+        ("OffsetX", "OffsetY", "ReverseX", "ReverseY"),
+        ("AcquisitionFrameRateAbs", "ExposureAuto", "ExposureMode"),
         ("TriggerSelector", "TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware"),
         ("BinningHorizontal", "BinningVertical", "BinningHorizontalMode", "BinningVerticalMode"),
         ("Gain", "GainAuto", "BlackLevel", "Gamma", "ExposureAuto", "DeviceTemperature"),

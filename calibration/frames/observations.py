@@ -283,7 +283,11 @@ class DarkObservation:
 
 def _where_known(expected: object, found: object) -> tuple[str, str]:
     """Texts to compare: equal if either is unknown."""
-    return ("", "") if expected is None or found is None else (f"{expected}", f"{found}")
+    return ("", "") if expected is None or found is None else (_text(expected), _text(found))
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _size(shape: tuple[int, int]) -> str:

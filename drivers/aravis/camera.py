@@ -9,49 +9,33 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
 from math import isfinite
-from typing import Self, TypedDict, Unpack
+from typing import Self, Unpack
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import (
     CameraError,
     CameraLostError,
-    CameraSettingError,
     CameraSettings,
     CameraSetup,
     FeatureDescription,
     FeatureValue,
     Gap,
     Refused,
-    Region,
     StreamStatistics,
-    Trigger,
 )
 from ..device import Device
 from ..host.kernel import overload
 from .connection import Connection
-from .features import described_features, execute_feature, read_feature, readable_features, write_feature
+from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
+from .settings import SettingChanges, exposure_range_s, read_settings, temperature_c
 from .settings import configure as change_settings
-from .settings import exposure_range_s, known_formats, read_settings, temperature_c
 from .snapshot import require_kept, take_snapshot
 from .stream import AcquisitionState, FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
 _LONGEST_WAIT_S = 86_400
-
-
-class SettingChanges(TypedDict, total=False):
-    """Settings that `AravisCamera.configure` changes; None leaves one as it is."""
-
-    exposure_s: float | None
-    gain_db: float | None
-    pixel_format: str | None
-    region: Region | None
-    binning: tuple[int, int] | None
-    black_level: float | None
-    frame_rate_hz: float | None
-    trigger: Trigger | None
 
 
 class AravisCamera(Device):
@@ -85,7 +69,6 @@ class AravisCamera(Device):
         self._connection = Connection(selector, patience_s)
         self._frame_stream: FrameStream | None = None
         self._counted = StreamStatistics()
-        self._size: tuple[int, int] | None = None
 
     def open(self) -> Self:
         """Connect and take control; reconnects to a lost camera.
@@ -101,11 +84,6 @@ class AravisCamera(Device):
             self.close()
             self._connection.open()
             self._counted = StreamStatistics()
-            try:
-                self._learn_size()
-            except BaseException:
-                self.close()
-                raise
         return self
 
     def close(self) -> None:
@@ -125,11 +103,6 @@ class AravisCamera(Device):
     def settings(self) -> CameraSettings:
         """Settings in force, read from the camera."""
         return self._connection.ask("its settings cannot be read", read_settings)
-
-    @property
-    def pixel_formats(self) -> list[str]:
-        """Names of the pixel formats supported by the camera and this driver."""
-        return self._connection.ask("its pixel formats cannot be read", known_formats)
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
@@ -182,8 +155,6 @@ class AravisCamera(Device):
         for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, given)):
             self._connection.changes.setting(name, given[name])
         self._connection.remember_settings()
-        if "region" in given or "binning" in given:
-            self._learn_size()
         return self.settings
 
     def prepare(self, wanted: CameraSetup) -> None:
@@ -226,14 +197,7 @@ class AravisCamera(Device):
         )
         self._connection.changes.feature(name, value)
         self._connection.remember_settings()
-        self._learn_size()
         return applied
-
-    def execute(self, name: str) -> None:
-        """Execute a GenICam command, for example ``TimestampReset``; raises CameraSettingError if there is none."""
-        self._connection.ask(f"command {name} cannot be carried out", lambda camera: execute_feature(camera, name))
-        self._connection.remember_settings()
-        self._learn_size()
 
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
@@ -310,7 +274,6 @@ class AravisCamera(Device):
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
             acquisition_state = AcquisitionState(settings, self._connection.changes.features, n)
-        self._require_size(settings)
         wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
         self._frame_stream = frame_stream
@@ -321,19 +284,6 @@ class AravisCamera(Device):
             if self._frame_stream is frame_stream:
                 self._frame_stream = None
                 self._count(frame_stream)
-
-    def _learn_size(self) -> None:
-        settings = self.settings
-        self._size = (settings.width, settings.height)
-
-    def _require_size(self, settings: CameraSettings) -> None:
-        """Refuse frames of a size set by another program."""
-        if self._size != (settings.width, settings.height):
-            assert self._size is not None
-            raise CameraSettingError(
-                f"{self.identity} is set to {settings.width} x {settings.height} pixels, not to the {self._size[0]} x "
-                f"{self._size[1]} of before: something else has changed it; configure the region, or open it again"
-            )
 
     def _count(self, frame_stream: FrameStream) -> None:
         self._counted = _sum(self._counted, frame_stream.statistics)

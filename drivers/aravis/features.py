@@ -59,20 +59,6 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     return _value(node) if _allows(node, "R") else value
 
 
-def execute_feature(camera: Any, name: str) -> None:
-    """Execute a command. Parameters as `read_feature`.
-
-    Raises
-    ------
-    CameraSettingError
-        If there is no such feature, or it is no command.
-    """
-    node = _node(camera, name)
-    if not isinstance(node, aravis().GcCommand):
-        raise CameraSettingError(f"feature {name} is no command: it is {_kind(node)}; read or set it instead")
-    camera.execute_command(name)
-
-
 def readable_features(camera: Any) -> Iterator[tuple[str, FeatureValue]]:
     """Yield name and value of every readable feature, in the camera's order; raises errors of Aravis."""
     for node in _nodes(camera):

@@ -34,6 +34,7 @@ class CameraInfo:
     device_id: str = ""
 
 
+@cache
 def aravis() -> ModuleType:
     """Import Aravis.
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from numbers import Real
-from typing import Any
+from typing import Any, TypedDict
 
 from ...core.errors import InputError
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
@@ -24,17 +23,20 @@ from .link import Link
 _GAIN = "Gain"
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
-_KINDS: dict[str, tuple[Any, str]] = {
-    "pixel_format": (str, "the name of a pixel format as text"),
-    "binning": (tuple, "a pair of whole numbers, (2, 2)"),
-    "region": (Region, "a Region"),
-    "exposure_s": (Real, "a number of seconds"),
-    "frame_rate_hz": (Real, "a number of frames per second"),
-    "gain_db": (Real, "a number of dB"),
-    "black_level": (Real, "a number"),
-    "trigger": (Trigger, "a Trigger"),
-}
 _TRIGGERS = ("FrameStart", "ExposureStart", "AcquisitionStart")
+
+
+class SettingChanges(TypedDict, total=False):
+    """Settings that `AravisCamera.configure` changes; None leaves one as it is."""
+
+    exposure_s: float | None
+    gain_db: float | None
+    pixel_format: str | None
+    region: Region | None
+    binning: tuple[int, int] | None
+    black_level: float | None
+    frame_rate_hz: float | None
+    trigger: Trigger | None
 
 
 def read_settings(camera: Any) -> CameraSettings:
@@ -92,24 +94,14 @@ def known_formats(camera: Any) -> list[str]:
 def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
     """Change settings in a valid order; if the camera rejects one, all are restored.
 
-    Parameters
-    ----------
-    link : Link
-        Link to the camera, which must not be acquiring.
-    wanted : dict
-        Parameters of `AravisCamera.configure`.
-
-    Returns
-    -------
-    list of str
-        Names of the changed settings, in order.
+    The camera must not be acquiring; `wanted` are parameters of `AravisCamera.configure`. Returns the names of the
+    changed settings, in order.
 
     Raises
     ------
     CameraSettingError
         If the camera has no such setting, or rejects the value.
     """
-    _check_types(wanted)
     with link.using("its settings cannot be read") as camera:
         before = read_settings(camera)
     changed: list[str] = []
@@ -124,20 +116,14 @@ def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
     return changed
 
 
-def _check_types(wanted: dict[str, Any]) -> None:
-    """Reject unknown settings before any change."""
-    for name, value in wanted.items():
-        kind, what = _KINDS[name]
-        pair = name == "binning" and not (isinstance(value, tuple) and len(value) == 2)
-        if pair or isinstance(value, bool) or not isinstance(value, kind):
-            raise CameraSettingError(f"{name} is {value!r}: give {what}")
-
-
 def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
     order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level", "trigger"]
     # Frame rate and exposure limit each other: change the one that relaxes the other first.
     if wanted.get("exposure_s", 0.0) > now.exposure_s:
         order[3], order[4] = order[4], order[3]
+    unknown = sorted(wanted.keys() - set(order))
+    if unknown:
+        raise CameraSettingError(f"{unknown[0]} is no setting: give {', '.join(order)}, or set a feature by name")
     return [name for name in order if name in wanted]
 
 
@@ -155,14 +141,9 @@ def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
 
 
 def change_setting(camera: Any, name: str, value: Any) -> None:
-    """Change one setting; raises errors of Aravis.
+    """Change one setting, a parameter of `AravisCamera.configure`, of a camera that does not acquire.
 
-    Parameters are an open camera that does not acquire, a parameter of `AravisCamera.configure` and its new value.
-
-    Raises
-    ------
-    CameraSettingError
-        If the camera has no such setting, or rejects the value; the message states the accepted values.
+    Raises errors of Aravis, and CameraSettingError as `configure`; the message states the accepted values.
     """
     changers: dict[str, Callable[[Any, Any], None]] = {
         "pixel_format": _change_pixel_format,

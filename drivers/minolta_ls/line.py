@@ -51,18 +51,15 @@ class MeterLine:
         Where the meter is.
     timeout_s : float
         Longest wait for a reply, in seconds.
-    rtscts : bool
-        Whether to use hardware handshake (RTS, CTS).
     transcript : TranscriptWriter or None
         Receives every byte.
     """
 
-    def __init__(self, port: Port, timeout_s: float, rtscts: bool, transcript: TranscriptWriter | None) -> None:
+    def __init__(self, port: Port, timeout_s: float, transcript: TranscriptWriter | None) -> None:
         self.port = port.name
         self.clock = port.clock
         self._place = port
         self.timeout_s = timeout_s
-        self._rtscts = rtscts
         self._transcript = transcript
         self._serial: Any = None
         self._one_at_a_time = threading.Lock()
@@ -248,7 +245,7 @@ class MeterLine:
 
     def _connected(self) -> Any:
         try:
-            return self._place.connect(min(self.timeout_s, _SLICE_S), self.timeout_s, self._rtscts)
+            return self._place.connect(min(self.timeout_s, _SLICE_S), self.timeout_s)
         except (OSError, termios.error) as error:
             match getattr(error, "errno", None):
                 case errno.ENOENT | errno.ENXIO | errno.ENODEV:

@@ -21,7 +21,7 @@ from ..device import Device
 from ..meter import MeterIncident
 from .line import MeterLine
 from .port import SETTINGS, NamedPort, Port
-from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_acknowledgement, parse_reading
+from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_reading
 from .recovery import MeterLink
 from .transcript import TranscriptWriter
 
@@ -51,14 +51,12 @@ class MinoltaLS(Device):
     ----------
     port : str or Port
         Serial port, for example ``/dev/ttyUSB0``; the names in ``/dev/serial/by-id`` persist when an adapter is
-        reconnected.
+        reconnected. `NamedPort` uses the RTS and CTS lines of the cable LS-A12.
     identity : MeterIdentity, optional
         Serial number and calibration date to record; the meter cannot report them.
     timeout_s : float
         Longest wait for a reply, in seconds. The meter itself gives up after 5 s, so use more for a real one. After a
         failed exchange the next one first waits as long again for a late reply, which is dropped.
-    rtscts : bool
-        True to use the RTS and CTS lines of the cable LS-A12.
     modes : sequence of MeterMode
         Set on opening; PRESET, ABS, FAST and CONT in the groups that it leaves out.
     attempts : int
@@ -89,7 +87,6 @@ class MinoltaLS(Device):
         identity: MeterIdentity | None = None,
         *,
         timeout_s: float = 6.0,
-        rtscts: bool = False,
         modes: Sequence[MeterMode] = (),
         attempts: int = 1,
         patience_s: float = 0.0,
@@ -104,14 +101,13 @@ class MinoltaLS(Device):
         place = NamedPort(port) if isinstance(port, str) else port
         self._port = place
         self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
-        self._on_opening = _ON_OPENING
+        self._modes = _ON_OPENING
         for mode in modes:
-            self._on_opening = _replaced(self._on_opening, mode)
-        self._modes = self._on_opening
-        about = {"meter": self.data_sheet.model, "port": place.name, **SETTINGS, "rtscts": rtscts}
+            self._modes = _replaced(self._modes, mode)
+        about = {"meter": self.data_sheet.model, "port": place.name, **SETTINGS, "rtscts": place.rtscts}
         about |= {"timeout_s": timeout_s}
         writer = None if transcript is None else TranscriptWriter(transcript, about, place.clock)
-        self._line = MeterLine(place, timeout_s, rtscts, writer)
+        self._line = MeterLine(place, timeout_s, writer)
         self._link = MeterLink(self._line, attempts, patience_s, lambda: [_command(mode) for mode in self._modes])
 
     @property
@@ -148,7 +144,6 @@ class MinoltaLS(Device):
             If the transcript cannot be created.
         """
         if not self._line.is_open:
-            self._modes = self._on_opening
             self._link.connect()
         return self
 
@@ -172,17 +167,6 @@ class MinoltaLS(Device):
     def close(self) -> None:
         """Close the port; may be called twice."""
         self._line.close()
-
-    def set_mode(self, mode: MeterMode) -> None:
-        """Set one mode until the next `open`; the other groups keep theirs.
-
-        Raises
-        ------
-        MeterError
-            As `measure`.
-        """
-        self._link.ask(_command(mode), parse_acknowledgement)
-        self._modes = _replaced(self._modes, mode)
 
     def measure(self) -> Reading:
         """Take one reading in the modes that are set; in mode RATIO its unit is ``%``.

@@ -36,7 +36,11 @@ class Port(Protocol):
     def may_be_simulated(self) -> bool:
         """Whether a simulated meter may be on it."""
 
-    def connect(self, slice_s: float, write_timeout_s: float, rtscts: bool) -> Any:
+    @property
+    def rtscts(self) -> bool:
+        """Whether it uses hardware handshake."""
+
+    def connect(self, slice_s: float, write_timeout_s: float) -> Any:
         """Open it; returns an object with ``read``, ``write``, ``in_waiting``, ``reset_output_buffer`` and ``close``.
 
         Raises
@@ -53,10 +57,13 @@ class NamedPort:
     ----------
     name : str
         For example ``/dev/ttyUSB0``.
+    rtscts : bool
+        Whether to use the lines RTS and CTS of the cable.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, rtscts: bool = False) -> None:
         self.name = name
+        self.rtscts = rtscts
         self.clock = SystemClock()
 
     @property
@@ -64,8 +71,8 @@ class NamedPort:
         """Whether it is a pseudo-terminal."""
         return realpath(self.name).startswith(_PSEUDO_TERMINALS)
 
-    def connect(self, slice_s: float, write_timeout_s: float, rtscts: bool) -> serial.Serial:
+    def connect(self, slice_s: float, write_timeout_s: float) -> serial.Serial:
         """Open it, exclusively among pyserial programs; a `read` takes at most `slice_s`."""
         return serial.Serial(
-            self.name, **SETTINGS, rtscts=rtscts, timeout=slice_s, write_timeout=write_timeout_s, exclusive=True
+            self.name, **SETTINGS, rtscts=self.rtscts, timeout=slice_s, write_timeout=write_timeout_s, exclusive=True
         )

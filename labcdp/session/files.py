@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,19 +49,19 @@ def write_whole(folder: Path, name: str, data: Buffer) -> StoredFile:
     OSError
         If it cannot be written; then no temporary file is left behind.
     """
-    (stored,) = write_several(folder, [(name, data)])
+    (stored,) = write_several(folder, [(name, (data,))])
     return stored
 
 
-def write_several(folder: Path, files: Iterable[tuple[str, Buffer]]) -> list[StoredFile]:
+def write_several(folder: Path, files: Iterable[tuple[str, Sequence[Buffer]]]) -> list[StoredFile]:
     """Write files as `write_whole` does, and flush their folder once; all are of one folder below `folder`.
 
     Parameters
     ----------
     folder : Path
         Where names begin.
-    files : iterable of (str, bytes)
-        Names and contents, taken one by one and not kept.
+    files : iterable of (str, sequence of bytes)
+        Names and contents in parts, taken one by one and not kept.
 
     Raises
     ------
@@ -72,12 +72,16 @@ def write_several(folder: Path, files: Iterable[tuple[str, Buffer]]) -> list[Sto
     partials: list[Path] = []
     named: list[Path] = []
     try:
-        for name, data in files:
+        for name, parts in files:
             partials.append(temporary_name(folder / name))
+            digest, size = hashlib.sha256(), 0
             with open(partials[-1], "xb", buffering=0) as file:
-                write_all(file.fileno(), data)
+                for data in parts:
+                    write_all(file.fileno(), data)
+                    digest.update(data)
+                    size += memoryview(data).nbytes
                 os.fsync(file.fileno())
-            written.append(StoredFile(name, hashlib.sha256(data).hexdigest(), memoryview(data).nbytes))
+            written.append(StoredFile(name, digest.hexdigest(), size))
         for partial, stored in zip(partials, written, strict=True):
             os.rename(partial, folder / stored.name)
             named.append(folder / stored.name)

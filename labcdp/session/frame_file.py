@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import json
-from io import BytesIO
+import struct
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from ..core.disk import parse_json, reason
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
+from ..output.file import Buffer
 
 #: What messages call the file, which the session names itself.
 _IT = Path("it")
+#: Types of a TIFF's values (TIFF 6.0, section 2), and the value that stands for where the pixels begin.
+_ASCII, _SHORT, _LONG, _PIXELS = 2, 3, 4, -1
 
 
-def frame_to_tiff(frame: Frame, compress: bool) -> memoryview:
-    """Make the bytes of a one-page grey TIFF with the frame's own depth, 8 or 16 bit.
+def frame_to_tiff(frame: Frame, compress: bool) -> bytes:
+    """Make the bytes of a one-page grey TIFF; as `tiff_parts`."""
+    return b"".join(tiff_parts(frame, compress))
+
+
+def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
+    """Make a one-page grey TIFF with the frame's own depth, 8 or 16 bit: its head, and its pixels without a copy.
 
     Parameters
     ----------
@@ -30,27 +41,48 @@ def frame_to_tiff(frame: Frame, compress: bool) -> memoryview:
     InputError
         If the metadata has a value JSON does not have.
     """
-    import tifffile
-
     try:
         description = json.dumps(frame.metadata(), allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"the metadata of frame {frame.frame_id} cannot be written as JSON ({error}): give text and finite numbers"
         ) from error
-    file = BytesIO()
-    tifffile.imwrite(
-        file,
-        frame.dn,
-        byteorder="<",
-        photometric="minisblack",
-        compression="zlib" if compress else None,
-        description=description,
-        metadata=None,
-        software="labcdp",
+    little_endian = frame.dn.dtype.newbyteorder("<")
+    own = np.ascontiguousarray(frame.dn, little_endian)
+    pixels: Buffer = own.data.cast("B")
+    if compress:
+        import imagecodecs
+
+        pixels = bytes(imagecodecs.deflate_encode(own.tobytes(), level=1))
+    height, width = frame.shape
+    tags = (
+        (256, _LONG, width),
+        (257, _LONG, height),
+        (258, _SHORT, 8 * little_endian.itemsize),
+        (259, _SHORT, 8 if compress else 1),
+        (262, _SHORT, 1),  # 0 is black
+        (270, _ASCII, description.encode("ascii") + b"\0"),
+        (273, _LONG, _PIXELS),
+        (277, _SHORT, 1),
+        (278, _LONG, height),
+        (279, _LONG, memoryview(pixels).nbytes),
+        (305, _ASCII, b"labcdp\0"),
     )
-    # Not a copy: a frame has megabytes.
-    return file.getbuffer()
+    return _head(tags), pixels
+
+
+def _head(tags: Sequence[tuple[int, int, int | bytes]]) -> bytes:
+    """Return header and directory of a little-endian TIFF (TIFF 6.0, section 2); pixels follow at once."""
+    texts_at = 8 + 2 + 12 * len(tags) + 4
+    texts = b"".join(value + bytes(-len(value) % 4) for _, _, value in tags if isinstance(value, bytes))
+    entries, text_at, pixels_at = b"", texts_at, texts_at + len(texts)
+    for tag, kind, value in tags:
+        if isinstance(value, bytes):
+            entries += struct.pack("<HHII", tag, kind, len(value), text_at)
+            text_at += len(value) + -len(value) % 4
+        else:
+            entries += struct.pack("<HHII", tag, kind, 1, pixels_at if value == _PIXELS else value)
+    return struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + entries + bytes(4) + texts
 
 
 def frame_from_tiff(data: bytes, source: str) -> Frame:

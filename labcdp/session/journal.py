@@ -16,7 +16,7 @@ from ..core.clock import Clock
 from ..core.errors import SessionError
 from ..output.file import write_all
 from .files import StoredFile, reported, write_whole
-from .journal_text import JOURNAL, JOURNAL_END, START, Entry, JournalText, Line, decode, encode, end_text, read_journal
+from .journal_text import JOURNAL, Entry, JournalText, Line, decode, encode, read_journal
 
 #: Kind of a line that says that the clock was set back.
 CLOCK = "clock"
@@ -66,12 +66,11 @@ class Journal:
     def create(cls, folder: Path, clock: Clock) -> Self:
         """Make an empty journal and open it; raises OSError if it cannot be written."""
         write_whole(folder, JOURNAL, b"")
-        write_whole(folder, JOURNAL_END, end_text([]))
         return cls.open(folder, clock)
 
     @classmethod
     def open(cls, folder: Path, clock: Clock) -> Self:
-        """Lock the journal, read it and verify its chain.
+        """Lock the journal, read it and verify its lines.
 
         Raises
         ------
@@ -87,8 +86,6 @@ class Journal:
         except BaseException:
             file.close()
             raise
-        if not text.has_end:
-            _log.warning("%s was missing and is made anew", folder / JOURNAL_END)
         return cls(folder, file, text, clock)
 
     def close(self) -> None:
@@ -136,29 +133,19 @@ class Journal:
             )
             lines = [Line(CLOCK, {"set_back_s": round(stepped_back_s, 3)}), *lines]
         text, entries = b"", []
-        check = self.entries[-1].check if self.entries else START
         for number, line in enumerate(lines, start=len(self.entries) + 1):
-            encoded = encode(check, line.values(number, now))
-            entry = decode(encoded, check)
+            encoded = encode(line.values(number, now))
+            entry = decode(encoded)
             assert entry is not None
-            text, check = text + encoded + b"\n", entry.check
+            text += encoded + b"\n"
             entries.append(entry)
         with reported(self._folder / JOURNAL, "written"):
             self._require_untouched()
             self._append(text, entries)
-        self.write_end()
         return [entry for entry in entries if entry.kind != CLOCK]
 
     def _last_time_s(self, now: datetime) -> float:
         return (self.entries[-1].time if self.entries else now).timestamp()
-
-    def write_end(self) -> None:
-        """Bring ``journal.end`` up to date."""
-        try:
-            write_whole(self._folder, JOURNAL_END, end_text(self.entries))
-        except OSError as error:
-            # The line itself is safe; only a cut at the journal's end would go unnoticed until the next line.
-            _log.warning("%s cannot be written (%s)", self._folder / JOURNAL_END, error.strerror)
 
     def _append(self, text: bytes, entries: list[Entry]) -> None:
         """Write lines, or leave the journal as it was, also if Ctrl-C comes in between."""

@@ -1,9 +1,7 @@
-"""The journal: one line of JSON for each thing recorded, chained so that an altered or lost line is noticed.
+"""The journal: one line of JSON for each thing recorded, with a check by which an altered line is noticed.
 
-Line n ends with a check, the SHA-256 of line n - 1's check followed by line n without its own. A line that was
-altered, removed or swapped breaks the chain from there on. Lines cut off the end leave a good chain, so a second
-file, ``journal.end``, holds the number and the check of the last line. It is written after the line, so after
-a kill it may be one line late, but never early.
+A line ends with the SHA-256 of what stands before it. Lines are numbered, so that one that was removed or swapped is
+noticed too. Sessions of format 1 have checks over the check of the line before as well, and a file ``journal.end``.
 """
 
 from __future__ import annotations
@@ -24,9 +22,10 @@ from ..core.errors import InputError, SessionError
 from .files import StoredFile, reported
 
 JOURNAL = "journal.jsonl"
-JOURNAL_END = "journal.end"
+#: File of sessions of format 1, which is not read any more.
+FORMER_END = "journal.end"
 
-START = "0" * 64
+_FORMER_START = "0" * 64
 #: Size from which a journal is refused: some 100 000 frames.
 _MOST_BYTES = 2**28
 _LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}', re.DOTALL)
@@ -81,19 +80,16 @@ class JournalText:
     Parameters
     ----------
     entries : list of Entry
-        The whole lines; their chain is good.
+        The whole lines.
     whole_bytes : int
         Length of the whole lines.
     torn : bytes
         The rest: a line without its end, left by a writer that was killed, or that is writing just now.
-    has_end : bool
-        Whether ``journal.end`` is there.
     """
 
     entries: list[Entry]
     whole_bytes: int
     torn: bytes
-    has_end: bool
 
 
 @dataclass(frozen=True)
@@ -128,56 +124,31 @@ class Line:
 
 
 def read_journal(folder: Path) -> JournalText:
-    """Read a session's journal and verify its chain; changes nothing.
+    """Read a session's journal and verify its lines; changes nothing.
 
     Raises
     ------
     SessionError
         If there is no journal, it cannot be read, or a line was altered, removed or swapped.
     """
-    # The end first: a writer may append between the two, and the end must not be ahead of the lines.
-    end_path, path = folder / JOURNAL_END, folder / JOURNAL
-    with reported(end_path, "read"):
-        end = read_at_most(end_path, 1000) if end_path.exists() else None
+    path = folder / JOURNAL
     with reported(path, "read"):
         text = read_at_most(path, _MOST_BYTES)
     *lines, torn = text.split(b"\n")
     entries: list[Entry] = []
     for number, line in enumerate(lines, start=1):
-        entry = decode(line, entries[-1].check if entries else START)
+        entry = decode(line, entries[-1].check if entries else _FORMER_START)
         if entry is None or entry.sequence != number:
             raise SessionError(
                 f"{path} line {number} was altered, or a line there was removed or swapped: restore the journal "
                 "from a copy of the session"
             )
         entries.append(entry)
-    if end is not None:
-        _check_end(folder, entries, end)
-    return JournalText(entries, len(text) - len(torn), torn, end is not None)
+    return JournalText(entries, len(text) - len(torn), torn)
 
 
-def _check_end(folder: Path, entries: list[Entry], end: bytes) -> None:
-    found = re.fullmatch(rb"(\d{1,18}) [0-9a-f]{64}\n", end)
-    written = int(found[1]) if found else 0
-    if written > len(entries):
-        raise SessionError(
-            f"{folder / JOURNAL} has {len(entries)} whole lines, but {written} were written: lines at its end are "
-            f"missing; restore it from a copy of the session, or delete {JOURNAL_END} to do without them"
-        )
-    if not found or end != end_text(entries[:written]):
-        raise SessionError(
-            f"{folder / JOURNAL_END} was altered, or belongs to another journal: restore both from a copy of the "
-            f"session, or delete {JOURNAL_END} if the journal is known to be complete"
-        )
-
-
-def end_text(entries: list[Entry]) -> bytes:
-    """Content of ``journal.end`` for a journal with these lines."""
-    return f"{len(entries)} {entries[-1].check if entries else START}\n".encode()
-
-
-def encode(previous_check: str, values: dict[str, Any]) -> bytes:
-    """Make a line, without its end, that follows one with that check; raises InputError for what JSON has not."""
+def encode(values: dict[str, Any]) -> bytes:
+    """Make a line, without its end; raises InputError for what JSON has not."""
     try:
         body = json.dumps(values, ensure_ascii=False, allow_nan=False).encode()
     except (TypeError, ValueError) as error:
@@ -185,17 +156,17 @@ def encode(previous_check: str, values: dict[str, Any]) -> bytes:
             f"the content of this {values['kind']} record cannot be written as JSON ({error}): give text, finite "
             "numbers, truth values, lists and tables"
         ) from error
-    check = hashlib.sha256(previous_check.encode() + body).hexdigest()
+    check = hashlib.sha256(body).hexdigest()
     return body[:-1] + f', "check": "{check}"}}'.encode()
 
 
-def decode(line: bytes, previous_check: str) -> Entry | None:
-    """Return the entry, or None if the line does not follow one with that check, or is no line of a journal."""
+def decode(line: bytes, former_check: str = "") -> Entry | None:
+    """Return the entry, None if it is no whole line; the check may be over that of the line before as well."""
     found = _LINE.fullmatch(line)
     if not found:
         return None
     body, check = found[1] + b"}", found[2].decode()
-    if hashlib.sha256(previous_check.encode() + body).hexdigest() != check:
+    if check not in (hashlib.sha256(before + body).hexdigest() for before in (b"", former_check.encode())):
         return None
     try:
         values = parse_json(body)

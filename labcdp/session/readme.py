@@ -16,8 +16,6 @@ journal.jsonl   What was recorded, in order, one line of JSON each: line number,
                 a file its name, size and SHA-256. Frames are in DN (digital numbers). A reading has the unit
                 the meter stated with it, its patch of the target, and the meter's reply as received.
 
-journal.end     Number and check of the journal's last line.
-
 frames/         The images, named number_role_exposure: 0001_light_5ms.tif is the first frame, taken of the
                 target with an exposure of 5 ms; "dark" was taken with the lens covered. They are grey TIFF
                 files of 8 or 16 bit that image programs open. A 12-bit image looks dark there, since white
@@ -26,8 +24,8 @@ frames/         The images, named number_role_exposure: 0001_light_5ms.tif is th
 
 journal.torn-*  Only there if the recording was cut off in the middle of a line: what was left of that line.
 
-Please change nothing here. Every file has its checksum in the journal, and every line of the journal has a
-check that includes the line before it, so a change is noticed and the session no longer counts as sound.
+Please change nothing here. Every file has its checksum in the journal, and every line of the journal has one
+of its own, so a change is noticed and the session no longer counts as sound.
 Copy the folder as a whole. To read it in Python:
 
     from labcdp.session import Session

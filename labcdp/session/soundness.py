@@ -8,13 +8,13 @@ from pathlib import Path
 from ..core.errors import SessionError
 from ..output.file import is_temporary
 from .files import read_checked, reported
-from .journal_text import JOURNAL, JOURNAL_END, Entry, read_journal
+from .journal_text import FORMER_END, JOURNAL, Entry, read_journal
 from .records import SUPERSEDED
 
 
 def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Files in a session's folder that its journal does not know, as names inside it."""
-    known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, JOURNAL_END}
+    known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, FORMER_END}
     with reported(folder, "read"):
         files = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
     return sorted({path.relative_to(folder).as_posix() for path in files} - known)
@@ -42,11 +42,6 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
             found.append(
                 f"{folder / JOURNAL} ends with a line that is not whole: open the session for writing once to set it "
                 "aside"
-            )
-        if not text.has_end:
-            found.append(
-                f"{folder / JOURNAL_END} is missing: restore it from a copy of the session, or open the session for "
-                "writing once to make a new one"
             )
         if [entry.check for entry in text.entries[: len(entries)]] != [e.check for e in entries]:
             found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")

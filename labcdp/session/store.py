@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import logging
-import os
-import re
-import secrets
-import shutil
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -19,11 +14,11 @@ from ..core.disk.quoting import shown
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
-from ..output.file import fsync_folder
 from .configuration import SessionConfiguration
-from .files import FRAMES, read_checked, remove_partial, reported, write_several
-from .folder import FORMAT, make_folder, remove_session, require_session
-from .frame_file import frame_file_name, frame_from_tiff, frame_to_tiff
+from .files import read_checked
+from .folder import create_folder, read_configuration, remove_session, require_session
+from .frame_file import frame_from_tiff
+from .frame_folder import FrameFolder
 from .journal import CLOCK, Journal
 from .journal_text import JOURNAL, Entry, Line, read_journal
 from .records import (
@@ -72,8 +67,8 @@ class Session:
         self._entries = entries
         self._journal = journal
         self._records: list[Record] = []
-        self._next_number = 1
-        self.configuration = self._read_configuration()
+        self.configuration = read_configuration(path, entries)
+        self._folder = FrameFolder(path, entries[0].content["compress"])
 
     @classmethod
     def create(
@@ -101,21 +96,7 @@ class Session:
         SessionError
             If there is something at `path` already, or it cannot be written.
         """
-        path = Path(path)
-        if path.resolve() == Path.cwd():
-            raise SessionError("the current folder cannot become a session: give the name of a new folder in it")
-        # Made under a temporary name, so that a session is there with all it needs or not at all.
-        making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
-        try:
-            with reported(path, "written"):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-                    raise SessionError(f"{path} exists already: give a new folder, or open the session in it")
-                make_folder(making, configuration, compress, clock)
-                os.rename(making, path)
-                fsync_folder(path.parent)
-        finally:
-            shutil.rmtree(making, ignore_errors=True)
+        create_folder(Path(path), configuration, compress, clock)
         return cls.open(path, writable=True, clock=clock)
 
     @classmethod
@@ -225,37 +206,20 @@ class Session:
                 raise InputError(f"role is {role!r}: give 'light' or 'dark'")
             if patch is not None:
                 self._require_patch(patch)
-        journal = self._writer()
-        first = self._next_number
-        names = [
-            f"{FRAMES}/{frame_file_name(number, role, frame.exposure_s)}"
-            for number, (frame, role, _) in enumerate(frames, start=first)
+        journal, first = self._writer(), self._folder.next_number
+        files = self._folder.write([(frame, role) for frame, role, _ in frames])
+        lines = [
+            Line("frame", frame_content(number, role, frame.shape, frame.metadata(), patch), file)
+            for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False)
         ]
-        compress = self._entries[0].content["compress"]
-        data = (frame_to_tiff(frame, compress) for frame, _, _ in frames)
-        # Counted first: a number is used again only if its file is surely gone.
-        self._next_number += len(frames)
         try:
-            with reported(self.path / names[0], "written"):
-                files = write_several(self.path, zip(names, data, strict=True))
-            lines = [
-                Line("frame", frame_content(number, role, frame.shape, frame.metadata(), patch), file)
-                for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False)
-            ]
             entries = journal.append_several(lines)
         except BaseException:
-            self._take_back(first, names)
+            # Ctrl-C may come when the lines are written.
+            if not {entry.file for entry in self._entries[-len(files) :]} & set(files):
+                self._folder.take_back(first, [file.name for file in files])
             raise
         return [frame_record(entry) for entry in entries]
-
-    def _take_back(self, first: int, names: list[str]) -> None:
-        """Remove files the journal does not know; their numbers are free again if all are surely gone."""
-        if {entry.file.name for entry in self._entries[-len(names) :] if entry.file} & set(names):
-            return
-        with suppress(OSError):
-            for name in names:
-                (self.path / name).unlink(missing_ok=True)
-            self._next_number = first
 
     def damaged(self) -> list[tuple[FrameRecord, str]]:
         """List the frames that count whose files are missing or altered, each with its fault."""
@@ -355,32 +319,11 @@ class Session:
             raise SessionError(f"{self.path} is not open for writing: open it with writable=True")
         return self._journal
 
-    def _read_configuration(self) -> SessionConfiguration:
-        first = self._entries[0] if self._entries else None
-        if first is None or first.kind != "session" or first.file is None:
-            raise SessionError(f"{self.path / JOURNAL} does not begin with a session: restore it from a copy")
-        event_record(first)
-        if first.content["format"] != FORMAT:
-            raise SessionError(
-                f"{self.path} has format {first.content['format']}, this labcdp knows {FORMAT}: update labcdp"
-            )
-        text = read_checked(self.path, first.file).decode(errors="replace")
-        return SessionConfiguration.from_toml(text, str(self.path / first.file.name))
-
     def _recover(self) -> None:
-        """Put right what a killed writer left behind, and find the next frame's number."""
+        """Put right what a killed writer left behind."""
         journal = self._writer()
-        frames = self.path / FRAMES
-        with reported(frames, "written"):
-            # Programs that copy or pack folders may leave out an empty one.
-            frames.mkdir(exist_ok=True)
-            remove_partial(self.path)
-            remove_partial(frames)
+        self._folder.recover(self._entries)
         if journal.torn:
             journal.set_torn_line_aside()
-        journal.write_end()
         for name in self.unrecorded():
             _log.warning("%s is not in the journal: it is left alone and not part of the session", self.path / name)
-        names = [path.name for path in frames.iterdir()] + [entry.file.name for entry in self._entries if entry.file]
-        numbers = [int(found[1]) for name in names if (found := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
-        self._next_number = max(numbers, default=0) + 1

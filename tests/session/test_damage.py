@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labcdp.core.errors import SessionError
-from labcdp.session import Session
+from labcdp.session import Session, example_session
 
 FRAME = "frames/0001_light_5ms.tif"
-FILES = ("session.toml", "README.txt", "journal.jsonl", "journal.end", FRAME, "frames/0002_dark_5ms.tif")
+FILES = ("session.toml", "README.txt", "journal.jsonl", FRAME, "frames/0002_dark_5ms.tif")
 
 
 @pytest.fixture(scope="module")
@@ -63,16 +63,12 @@ def test_a_missing_file_is_named(damaged, name):
         open_and_verify(damaged)
 
 
-@pytest.mark.parametrize("line", range(6))
+@pytest.mark.parametrize("line", range(5))
 def test_a_removed_line_is_noticed(damaged, line):
     journal = damaged / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[:line] + lines[line + 1 :]))
-    message = (
-        rf"line {line + 1} was altered, or a line there was removed or swapped: restore the journal from a copy"
-        if line < 5
-        else r"has 5 whole lines, but 6 were written: lines at its end are missing; restore it from a copy"
-    )
+    message = rf"line {line + 1} was altered, or a line there was removed or swapped: restore the journal from a copy"
     for writable in (False, True):
         with pytest.raises(SessionError, match=message):
             Session.open(damaged, writable=writable)
@@ -88,29 +84,28 @@ def test_swapped_lines_are_noticed(damaged, line):
         Session.open(damaged)
 
 
-def test_a_line_made_to_fit_is_noticed_too(damaged):
-    """A line with a check of its own still lacks the one before it."""
-    journal = damaged / "journal.jsonl"
-    lines = journal.read_bytes().splitlines()
-    values = json.loads(lines[3])
-    del values["check"]
-    values["content"]["reading"]["value"] = 99.9
-    body = json.dumps(values).encode()
-    check = hashlib.sha256(body).hexdigest()
-    lines[3] = body[:-1] + f', "check": "{check}"}}'.encode()
-    journal.write_bytes(b"\n".join(lines) + b"\n")
-    with pytest.raises(SessionError, match=r"line 4 was altered"):
-        Session.open(damaged)
-
-
-def test_the_chain_is_as_documented(sound):
-    previous = "0" * 64
+def test_the_checks_are_as_documented(sound):
     for line in (sound / "journal.jsonl").read_text().splitlines():
         check = json.loads(line)["check"]
-        body = line.replace(f', "check": "{check}"', "")
-        assert hashlib.sha256((previous + body).encode()).hexdigest() == check
-        previous = check
-    assert (sound / "journal.end").read_text() == f"6 {previous}\n"
+        assert hashlib.sha256(line.replace(f', "check": "{check}"', "").encode()).hexdigest() == check
+
+
+def test_sessions_of_format_1_are_read_and_resumed(tmp_path, make_reading):
+    """Their checks are over the line before as well."""
+    path = shutil.copytree(example_session(), tmp_path / "session")
+    session = Session.open(path)
+    assert session.records[0].content["format"] == 1
+    session.verify()
+    patch, n_readings = session.configuration.target.patches[0].name, len(session.readings())
+    with Session.open(path, writable=True) as resumed:
+        resumed.add_reading(make_reading(), patch)
+    again = Session.open(path)
+    again.verify()
+    assert len(again.readings()) == n_readings + 1
+    lines = (path / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (path / "journal.jsonl").write_bytes(b"".join([*lines[:2], lines[2].replace(b"e", b"f", 1), *lines[3:]]))
+    with pytest.raises(SessionError, match="line 3 was altered"):
+        Session.open(path)
 
 
 @pytest.mark.parametrize(
@@ -135,17 +130,9 @@ def test_a_damaged_frame_is_not_loaded_but_the_others_are(damaged, make_frame, c
     np.testing.assert_array_equal(session.load(second).dn, make_frame(2, shape=(3, 5)).dn)
 
 
-def test_a_missing_end_can_be_made_anew(damaged, caplog):
-    (damaged / "journal.end").unlink()
-    Session.open(damaged, writable=True).close()
-    open_and_verify(damaged)
-    assert "journal.end was missing and is made anew" in caplog.text
-
-
 def test_a_newer_format_is_refused(tmp_path, configuration, monkeypatch):
-    for module in ("store", "folder"):
-        monkeypatch.setattr(f"labcdp.session.{module}.FORMAT", 2)
+    monkeypatch.setattr("labcdp.session.folder.FORMAT", 3)
     Session.create(tmp_path / "session", configuration).close()
     monkeypatch.undo()
-    with pytest.raises(SessionError, match=r"session has format 2, this labcdp knows 1: update labcdp"):
+    with pytest.raises(SessionError, match=r"session has format 3, this labcdp knows up to 2: update labcdp"):
         Session.open(tmp_path / "session")

@@ -134,7 +134,7 @@ def test_the_folder_holds_what_its_page_says(path, configuration, make_frame):
         session.add_frame(make_frame())
     files = {str(name) for name in contents(path)}
     assert files == {
-        "README.txt", "session.toml", "journal.jsonl", "journal.end", "frames/0001_light_5ms.tif",
+        "README.txt", "session.toml", "journal.jsonl", "frames/0001_light_5ms.tif",
     }  # fmt: skip
     page = (path / "README.txt").read_text()
     assert all(name.removeprefix("frames/") in page for name in files - {"README.txt"})

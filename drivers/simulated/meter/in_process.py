@@ -29,6 +29,7 @@ class InProcessPort(FaultyMeter):
     def __init__(self, engine: MeterEngine, clock: Clock, response_time_s: float = 0.8) -> None:
         super().__init__(engine, response_time_s)
         self.clock = clock
+        self.rtscts = False
         self._plugged = True
         self._slice_s = 0.0
         self._busy_until_s = clock.monotonic_s()
@@ -44,7 +45,7 @@ class InProcessPort(FaultyMeter):
         """Reconnect the cable."""
         self._plugged = True
 
-    def connect(self, slice_s: float, write_timeout_s: float, rtscts: bool) -> Self:
+    def connect(self, slice_s: float, write_timeout_s: float) -> Self:
         """Open it; a `read` takes at most `slice_s`."""
         self._require_cable(errno.ENOENT)
         self._slice_s = slice_s

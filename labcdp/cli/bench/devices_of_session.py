@@ -246,13 +246,13 @@ def _try(camera: Camera) -> None:
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
     from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
+    from ...drivers.minolta_ls.port import NamedPort
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
     meter = DRIVERS[described.model](
-        port,
+        NamedPort(port, described.rtscts) if isinstance(port, str) else port,
         described.identity,
-        rtscts=described.rtscts,
         modes=modes,
         attempts=_METER_ATTEMPTS,
         patience_s=choice.patience_s,

@@ -65,9 +65,8 @@ def verify_session(
             "session"
         )
     calibration = calibration_for(session, calibration)
-    findings = mismatch(session.configuration, calibration)
-    certificate = certificate or certificate_of(calibration, session)
-    observed = observe_session(session, without, report, corrections_of(calibration), certificate)
+    corrections, certificate = corrections_of(calibration), certificate or certificate_of(calibration, session)
+    observed = observe_session(session, without, report, corrections, certificate)
     result = verify(
         calibration,
         {name or "": [o for group in seen.patches.values() for o in group] for name, seen in observed.planes.items()},
@@ -76,4 +75,4 @@ def verify_session(
         observed.meter_scale,
         tolerance_rel,
     )
-    return replace(result, findings=(*result.findings, *findings)), observed
+    return replace(result, findings=(*result.findings, *mismatch(session.configuration, calibration))), observed

@@ -72,6 +72,7 @@ def test_what_the_camera_does_not_take_is_refused_and_nothing_changed(camera):
         ({"binning": (9, 1)}, r"binning of columns is 9: the camera takes 1 to 4"),
         ({"black_level": 300}, r"black_level is 300: the camera takes 0 to 255"),
         ({"frame_rate_hz": 5000}, r"frame_rate_hz is 5000 Hz: the camera takes .* to 1000 Hz"),
+        ({"exposure": 0.01}, r"exposure is no setting: give pixel_format, binning"),
         ({"trigger": Trigger("Line7")}, r"no trigger source 'Line7': choose one of Line1, Software"),
     ):
         with pytest.raises(CameraSettingError, match=r"SIM-1, simulated\): .*" + message):

@@ -20,6 +20,7 @@ from labcdp.drivers.meter import (
     MeterTimeoutError,
 )
 from labcdp.drivers.minolta_ls.meter import MeterMode, MinoltaLS110
+from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
 
 from .conftest import TIMEOUT_S
@@ -50,11 +51,19 @@ def counting(start=1.0):
 # --- The driver: what goes over the wire --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rtscts", [False, True])
-def test_open_sets_every_mode_it_relies_on(opened, rtscts):
+def test_open_sets_every_mode_it_relies_on(opened):
     engine = Recorder(SimulatedLS(lambda: 83.02))
-    with opened(engine, rtscts=rtscts):
+    with opened(engine):
         assert engine.commands == OPENING
+
+
+def test_handshake_lines_are_used_where_the_port_has_them():
+    engine = SimulatedLS(lambda: 83.02)
+    with (
+        PtyMeter(engine, response_time_s=0) as port,
+        MinoltaLS110(NamedPort(port.port, rtscts=True), timeout_s=TIMEOUT_S) as meter,
+    ):
+        assert meter.measure().value == 83.02
 
 
 def test_measure_and_held_value(opened):
@@ -70,9 +79,13 @@ def test_measure_and_held_value(opened):
 @pytest.mark.parametrize("number", range(10))
 def test_every_mode_on_the_wire(opened, number):
     engine = Recorder(SimulatedLS(lambda: 83.02))
-    with opened(engine) as (_, meter):
-        meter.set_mode(MeterMode(f"{number:02d}"))
-    assert engine.commands[4:] == [f"MDS,{number:02d}\r\n".encode()]
+    mode = MeterMode(f"{number:02d}")
+    with opened(engine, modes=[mode]) as (_, meter):
+        assert mode in meter.modes
+    command = f"MDS,{number:02d}\r\n".encode()
+    assert command in engine.commands
+    assert len(set(engine.commands) - set(OPENING) - {command}) == 0
+    assert len(engine.commands) == 4
 
 
 def test_foot_lamberts_are_converted_and_noticed(opened, caplog):

@@ -59,8 +59,6 @@ def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(asked, 
         # The reply to either of the two commands is a reading of this call, never of the next.
         assert first in (1.0, 2.0)
         assert meter.measure().value == engine.commands.count("MES")
-        meter.set_mode(MeterMode.SLOW)
-        assert meter.modes[2] is MeterMode.SLOW
     warnings = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
     assert warnings
     assert "asking again (attempt 2 of 3)" in warnings[0]
@@ -103,8 +101,7 @@ def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading(asked, tr
 
 
 def test_a_pulled_cable_is_waited_for_and_the_modes_restored(asked, transport, caplog):
-    with asked(patience_s=8) as (engine, port, meter):
-        meter.set_mode(MeterMode.SLOW)
+    with asked(patience_s=8, modes=[MeterMode.SLOW]) as (engine, port, meter):
         assert meter.measure().value == 1.0
         port.unplug()
         for command in (b"MDS,06\r\n", b"MDS,08\r\n"):

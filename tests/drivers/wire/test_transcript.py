@@ -12,6 +12,7 @@ import serial
 
 from labcdp.core.errors import InputError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.simulated.meter.meter import Fault, PtyMeter, SimulatedLS
 
 TIMEOUT_S = 0.4
@@ -22,10 +23,10 @@ OPENING = [
 
 
 @contextmanager
-def opened(path, **options):
+def opened(path, rtscts=False, **options):
     with (
         PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0) as port,
-        MinoltaLS110(port.port, timeout_s=TIMEOUT_S, transcript=path, **options) as meter,
+        MinoltaLS110(NamedPort(port.port, rtscts), timeout_s=TIMEOUT_S, transcript=path, **options) as meter,
     ):
         yield port, meter
 

@@ -150,7 +150,7 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
 
 
 def test_another_black_level_is_refused(observed):
-    with pytest.raises(CalibrationError, match=r"black level of .* is 128 DN, but .* has 64 DN"):
+    with pytest.raises(CalibrationError, match=r"black level of .* is 128, but .* has 64"):
         calibrate_session(changed(observed, lambda _, o: replace(o, state=replace(o.state, black_level_dn=128.0))))
 
 

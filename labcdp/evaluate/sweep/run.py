@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack
 from itertools import product
 from math import nan
@@ -156,22 +156,13 @@ def _simulated(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[
         assert sweep.stage is not None
         return index, _row(*evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon))
 
-    waiting = iter(blocks)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        running: set[Future[tuple[int, NDArray[np.float64]]]] = set()
-        try:
-            while True:
-                while len(running) < 2 * (os.cpu_count() or 1) and (block := next(waiting, None)) is not None:
-                    running.add(pool.submit(simulate, block.start))
-                if not running:
-                    return
-                finished, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    index, row = future.result()
-                    yield index, row[None]
-        finally:
-            for future in running:
-                future.cancel()
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        for future in as_completed([pool.submit(simulate, block.start) for block in blocks]):
+            index, row = future.result()
+            yield index, row[None]
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float64]:

@@ -43,11 +43,16 @@ class NoisyRegion:
         """Factor by which the correlation of the pixels raises the variance of their mean."""
         return variance_inflation(self.image, self.mask)
 
-    def shares(self, of_value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Image of a quantity given for each distinct value."""
-        image = np.zeros(self.image.shape)
-        image[self.mask] = of_value[np.searchsorted(self.distribution.values, self.image[self.mask])]
-        return image
+    @cached_property
+    def _places(self) -> NDArray[np.intp]:
+        """Place of each pixel's value among the distinct values, shape (n,)."""
+        return np.searchsorted(self.distribution.values, self.image[self.mask])
+
+    def inflation_of(self, of_value: NDArray[np.float64]) -> tuple[float, float]:
+        """Inflation as for the pixels, but of a quantity given for each distinct value; and its variance."""
+        each, image = of_value[self._places], np.zeros(self.image.shape)
+        image[self.mask] = each
+        return variance_inflation(image, self.mask), float(each.var())
 
 
 def cdp_correlated(
@@ -135,8 +140,8 @@ def _inflation(tally: PairTally, regions: Sequence[NoisyRegion]) -> float:
         return most
     plain = inflated = 0.0
     for region, of_value in zip(regions, (tally.inside_per_bright, tally.inside_per_dark), strict=True):
-        each = region.shares(of_value)
-        scatter = float(each[region.mask].var()) / np.count_nonzero(region.mask)
+        inflation, variance = region.inflation_of(of_value)
+        scatter = variance / np.count_nonzero(region.mask)
         plain += scatter
-        inflated += variance_inflation(each, region.mask) * scatter
+        inflated += inflation * scatter
     return min(most, inflated / plain)

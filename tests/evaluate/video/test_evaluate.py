@@ -19,7 +19,7 @@ from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
 from labcdp.evaluate.video.frame.neighbours import NeighbourTables
 from labcdp.evaluate.video.frame.pair import evaluate_frame_pair
 from labcdp.evaluate.video.settings import VideoSettings
@@ -410,3 +410,28 @@ def test_paths_may_be_texts(tmp_path: Path) -> None:
     settings = VideoSettings((1.0,), (BRIGHT, DARK), "fixed")
     assert evaluate_video(str(path), settings).identical(evaluate_video(path, settings))
     assert VideoSettings((1.0,), (BRIGHT, DARK), calibration="a.json").calibration == Path("a.json")
+
+
+def test_pairs_and_neighbours_in_one_pass_are_as_each_alone_also_when_resumed(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", scenes())
+    ground = Roi.rectangle("ground", 90, 50, 20, 20)
+    asked = [fixed(), fixed(rois=(ground, BRIGHT), contrasts=None), VideoSettings((0.5, 1.0))]
+    alone = [evaluate_video(path, one) for one in asked]
+    parts = [Part(one, tmp_path / str(number)) for number, one in enumerate(asked)]
+    for told_in_all in (8, 0):
+        told: list[int] = []
+        with evaluated_parts(path, parts, progress=lambda done, _total, told=told: told.append(done)) as rows:
+            for one, result in zip(rows, alone, strict=True):
+                xr.testing.assert_identical(one().dataset(), result)
+        # The video is gone through once, and what is known is not done again.
+        assert len(told) == told_in_all
+
+
+def test_a_pair_without_a_result_does_not_cost_the_others_theirs(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", [np.where(np.arange(120) < 50, frame, 0).astype(np.uint8) for frame in scenes(3)])
+    black = Roi.rectangle("black", 90, 20, 20, 20), Roi.rectangle("blacker", 90, 50, 20, 20)
+    parts = [Part(fixed(rois=black)), Part(fixed(rois=(BRIGHT, Roi.rectangle("ground", 20, 50, 20, 20))))]
+    with evaluated_parts(path, parts) as (none, some):
+        assert np.isfinite(some().dataset()["cdp"]).all()
+        with pytest.raises(InputError, match="no frame could be evaluated; frame 0: neither region holds a value above 0"):
+            none()

@@ -13,7 +13,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -68,9 +68,9 @@ def scene() -> Callable[[int], NDArray[np.uint8]]:
     return frame
 
 
-def make(folder: Path) -> list[Path]:
+def make(folder: Path, codecs: Sequence[tuple[str, str]] = CODECS, n_frames: int = N_FRAMES) -> list[Path]:
     made = []
-    for codec, suffix in CODECS:
+    for codec, suffix in codecs:
         path = folder / f"{codec.strip()}.{suffix}"
         flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 25, (WIDTH, HEIGHT), flags)
@@ -78,7 +78,7 @@ def make(folder: Path) -> list[Path]:
             print(f"{codec}: OpenCV cannot write it here")
             continue
         frame = scene()
-        for number in range(N_FRAMES):
+        for number in range(n_frames):
             writer.write(frame(number))
         writer.release()
         made.append(path)

@@ -1,4 +1,4 @@
-"""Truths that need a stream or a clock: losses of a grab, Aravis' own programs, speeds in ratio to others."""
+"""Truths that need a stream or a clock: losses of a grab, Aravis' own programs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
-from functools import partial
 from itertools import pairwise
 
-import bench_cdp
 import bench_grab
-import bench_sensor
 
 import labcdp
-from labcdp.chain import Chain
 
 from .check import Check, absolute, not_run, stated
 
@@ -54,17 +50,3 @@ def _aravis_tools() -> Iterator[Check]:
         yield absolute(f"arv-tool: {name}", truth, int(value[1]), 0, source) if value else not_run(name, text[:80])
     found = bench_grab.theirs(2, "Mono8", 100.0)
     yield stated("arv-camera-test: completed frames in 2 s", found.frames, "frames", "arv-camera-test-0.8")
-
-
-def speeds() -> Iterator[Check]:
-    """Speeds, each in ratio to what its result takes at least, in the same run."""
-    a, b = (region.round().astype("uint16") for region in bench_cdp.regions(1000))
-    cdp = partial(labcdp.cdp, a, b, bench_cdp.CONTRAST, bench_cdp.EPSILON)
-    floor_ms, cdp_ms = bench_cdp.interleaved_ms(partial(bench_cdp.count, a, b), cdp)
-    yield stated("exact CDP of two megapixels of 12 bits", cdp_ms / floor_ms, "times np.bincount", "lower is better")
-    sensor = Chain.load("manta-g505").camera().sensor
-    bench_sensor.expose(sensor, 0.0, None)
-    ratio = bench_sensor.best_s(partial(bench_sensor.expose, sensor, 3000.0, None)) / bench_sensor.best_s(
-        partial(bench_sensor.draw, sensor, 3000.0, None)
-    )
-    yield stated("simulated exposure, 3000 electrons", ratio, "times drawing its random numbers", "lower is better")

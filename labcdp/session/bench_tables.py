@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..core.errors import InputError
+from ..core.errors import ConfigurationError, InputError
 from ..core.frame import Frame
 from ..core.spectral.table import SpectralTable, read_spectral_file
 
@@ -88,9 +88,14 @@ class CameraConfiguration(Table):
     )
 
     def stated(self, frame: Frame) -> Frame:
-        """Return a frame with the saturation that is stated here."""
+        """Return a frame with the saturation that is stated here; raises ConfigurationError if it is not above black."""
         if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
             return frame
+        if self.saturation_dn <= frame.black_level_dn:
+            raise ConfigurationError(
+                f"camera.saturation_dn is {self.saturation_dn:g} DN, but the black level of the camera is "
+                f"{frame.black_level_dn:g} DN: give a value above it"
+            )
         return replace(frame, saturation_dn=self.saturation_dn)
 
 

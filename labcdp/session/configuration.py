@@ -187,11 +187,18 @@ class SessionConfiguration(Table):
     guess: GuessConfiguration | None = Field(None, description="a [guess] table")
 
     @model_validator(mode="after")
-    def _saturation_within_format(self) -> Self:
+    def _saturation_within_range(self) -> Self:
         stated, name = self.camera.saturation_dn, self.plan.pixel_format
+        if stated is None:
+            return self
+        # The black level of the camera itself is known from its first frame on.
+        darks = {"camera.black_level": self.camera.black_level, "guess.dark_dn": self.guess and self.guess.dark_dn}
+        for key, dark_dn in darks.items():
+            if dark_dn is not None and stated <= dark_dn:
+                raise ValueError(f"camera.saturation_dn is {stated:g} DN, {key} {dark_dn:g}: give a value above it")
         # A format that is not known is refused when the camera is opened.
         known = PIXEL_FORMATS.get(name)
-        if stated is not None and known is not None and stated > 2**known.bit_depth - 1:
+        if known is not None and stated > 2**known.bit_depth - 1:
             raise ValueError(
                 f"camera.saturation_dn is {stated:g} DN: give a value up to {2**known.bit_depth - 1}, the end of {name}"
             )

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import PredictionError
 from ..hdr.merge import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 
 FloatArray = NDArray[np.float64]
@@ -18,8 +19,10 @@ FloatArray = NDArray[np.float64]
 #: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
 BINS = 28
 
-#: Most values a zone is given for the sake of another.
-_MOST = 20_000
+#: Most values a zone is given for the sake of another, and most that are tabulated one by one.
+_MOST, _MOST_ALONE = 20_000, 500_000
+#: Parts of a bin in a standard deviation of a lump of values too many to be tabulated, and most parts of a bin.
+_LUMP_PARTS, _MOST_PARTS = 3, 64
 
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
 #: interval then matter less than 2e-4.
@@ -102,6 +105,13 @@ def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
     return smooth
 
 
+def _lump_dn(zone: Zone, variances: Sequence[Any]) -> Any:
+    """Standard deviation of the narrowest lumps, in DN of the merge; infinite where there are none (`is_smooth`)."""
+    parts = [step**2 * variance for step, variance in zip(zone.steps, variances, strict=True)]
+    rests = [(step, sum(parts) - part) for step, part in zip(zone.steps, parts, strict=True)]
+    return zone.unit * np.sqrt(np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0))
+
+
 def _factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
     """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
     ratios = ladder.ratios[first:]
@@ -163,12 +173,33 @@ class ValueBins:
                 fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
                 low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
                 unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
-                bins = bins._with_lattice(zone.origin, unit, low, high)
+                if high - low > _MOST_ALONE * unit:
+                    at = (dn >= low) & (dn <= high)
+                    widths = _LUMP_PARTS * spread[at] / BINS / np.maximum(_lump_dn(zone, variances)[at], zone.unit)
+                    bins = bins._divided(max(ceil(widths.max()), 1), low, high)
+                else:
+                    bins = bins._with_lattice(zone.origin, unit, low, high)
         return bins
 
     @classmethod
     def _between(cls, edges: FloatArray) -> Self:
         return cls(edges, (edges[1:] + edges[:-1]) / 2, np.zeros(edges.size - 1, dtype=np.bool_))
+
+    def _divided(self, parts: int, low: float, high: float) -> ValueBins:
+        """Divide the bins between two limits, so that they resolve lumps of values."""
+        if parts > _MOST_PARTS:
+            raise PredictionError(
+                "the exposure times make too many values of the merge to be tabulated: give ratios of small whole "
+                "numbers, or simulate instead"
+            )
+        first, last = (int(np.searchsorted(self.edges, end)) for end in (low, high))
+        places = np.linspace(first, last, (last - first) * parts + 1)
+        inner = np.interp(places, np.arange(self.edges.size), self.edges)
+        bins = self._between(np.concatenate([self.edges[:first], inner, self.edges[last + 1 :]]))
+        # Values that are alone stay so, by their place.
+        kept = np.searchsorted(bins.edges, self.values[self.exact], side="right") - 1
+        bins.values[kept], bins.exact[kept] = self.values[self.exact], True
+        return bins
 
     def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> ValueBins:
         """Replace the bins between two limits by one for each value of a lattice."""

@@ -8,7 +8,7 @@ import pytest
 from labcdp.calibration import load, save
 from labcdp.calibration.response.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
-from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -195,3 +195,9 @@ def test_a_stated_saturation_needs_no_finding(corrections, tmp_path):
     assert calibration.state.saturation_dn == 1550
     assert "full-below-saturation" not in {one.code for one in calibration.findings}
     assert np.abs(deviations(calibration)).max() < 0.01
+
+
+def test_a_saturation_below_the_black_level_is_refused_with_the_first_frame(tmp_path):
+    camera = {"pixel_pitch_m": 4e-6, "saturation_dn": 50.0}
+    with pytest.raises(ConfigurationError, match=r"is 50 DN, but the black level of the camera is 64 DN: give a value"):
+        bench_of(tmp_path / "s", camera=camera)

@@ -55,10 +55,11 @@ def fit(
 ) -> Calibration:
     """Calibrate a camera.
 
-    Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V L
-    with errors in both variables (`labcdp.calibration.fit.problem.solve`). The meter's scale error is not part of the
-    fit (a consistently wrong unit of the meter cannot be detected). h is selected by leave-one-out errors, or that of a
-    bracket, which the patches then scale. With a tone curve all is fitted twice, at last with the noise before it. A single bad reading is left out; the model's assumptions are checked.
+    Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V
+    L with errors in both variables (`labcdp.calibration.fit.problem.solve`). The meter's scale error is not part of
+    the fit (a consistently wrong unit of the meter cannot be detected). h is selected by leave-one-out errors, or
+    that of a bracket, which the patches then scale. With a tone curve all is fitted twice, at last with the noise
+    before it. A single bad reading is left out; the model's assumptions are checked.
 
     Parameters
     ----------

@@ -307,7 +307,9 @@ class _Combined:
         """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
         import cv2
 
-        around, inner = zip(*(_widened(part, n) for part, n in zip(window, self.maps[0].shape, strict=True)), strict=True)
+        around, inner = zip(
+            *(_widened(part, n) for part, n in zip(window, self.maps[0].shape, strict=True)), strict=True
+        )
         size = 2 * _NEIGHBOURS + 1
         means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self.maps]
         return np.stack(means, axis=-1)

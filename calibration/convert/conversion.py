@@ -153,7 +153,9 @@ class _Conversion:
     def slow_cd_m2(self) -> _Maps | float:
         """Return a number for a linear response, whose slope is that of all pixels."""
         if self.tables.calibration.response.kind == "linear":
-            return float(self.tables.slow_cd_m2[0]) * _mean_inverse_v(self.tables.calibration.vignetting, self.frame.shape)
+            return float(self.tables.slow_cd_m2[0]) * _mean_inverse_v(
+                self.tables.calibration.vignetting, self.frame.shape
+            )
         return _look_up(self.tables.slow_cd_m2, self.dn, self.inverse_v)
 
     def common(self, window: Window) -> tuple[CommonError, ...]:

@@ -160,7 +160,7 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
     pattern, unit = _pattern(solution, kind), _unit(solution, kind)
 
     def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
-        rest = {one: size for one in kinds[1:]}
+        rest = dict.fromkeys(kinds[1:], size)
         likelihood = _Likelihood.of(solution, _with(solution, rest), pattern)
         own = likelihood.best(unit) if kinds else 0.0
         return likelihood.deviance(own), {kind: own, **rest} if kinds else {}

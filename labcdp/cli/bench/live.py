@@ -70,7 +70,8 @@ class Stand:
 
         wanted = None if plan is None else plan.camera
         selector = self.camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
-        described = MeterConfiguration(model=self.meter_model, serial="unknown") if plan is None else plan.meter
+        unplanned = {"model": self.meter_model, "serial": "unknown"}
+        described = plan.meter if plan else MeterConfiguration.model_validate(unplanned)
         port = self.meter or described.port
         with ExitStack() as stack:
             camera = stack.enter_context(AravisCamera(selector))

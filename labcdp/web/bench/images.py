@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from threading import Thread
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
@@ -170,7 +171,7 @@ class LiveImages:
                 measured = self.newest
                 if image is not None and frame is not None:
                     self.focus = self.focus.after(frame, self._focused(workspace))
-                self._call(lambda image=image: self._hand_on(measure, image))
+                self._call(partial(self._hand_on, measure, image))
             sleep(max(0.0, 1 / _MOST_HZ - (monotonic() - began_s)))
 
     def _focused(self, workspace: Workspace) -> Roi | None:

@@ -25,18 +25,17 @@ from labcdp.regions import RectangleShape
 from labcdp.session import Session, SessionConfiguration, example_session
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.exposure import better_exposure_s
-from labcdp.web.bench.focus import sharpness
+from labcdp.web.bench.images import sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
-from labcdp.web.bench.measured import LiveMeasurements
-from labcdp.web.bench.pair import verdict
+from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing, History
-from labcdp.web.regions.files import DrawingFiles
+from labcdp.web.regions.files import DrawingFiles, Start
 from labcdp.web.regions.measurements import Measurements
 from labcdp.web.regions.page import Page
 from labcdp.web.regions.page_image import PageImage
-from labcdp.web.regions.workspace import Start, Workspace
+from labcdp.web.regions.workspace import Workspace
 
 
 def wait_for(camera: LiveCamera, condition: Callable[[Live], bool]) -> Live:

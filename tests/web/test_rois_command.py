@@ -4,6 +4,7 @@ import http.client
 import json
 import re
 import signal
+import socket
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
@@ -78,6 +79,13 @@ def test_nothing_answers_without_the_token(served: Served) -> None:
         response = get(served.port, path)
         assert response.status == 403
         assert "open the whole address that labcdp printed" in response.text
+
+
+def test_a_long_body_is_refused_before_it_is_read(served: Served) -> None:
+    with socket.create_connection(("127.0.0.1", served.port), timeout=60) as line:
+        line.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100000000\r\n\r\n")
+        answer = line.recv(100)
+    assert answer == b"" or b" 4" in answer.split(b"\r\n")[0]
 
 
 def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served: Served) -> None:

@@ -14,11 +14,11 @@ from labcdp.metrics.regions.pair import evaluate_pair
 from labcdp.metrics.regions.region import evaluate_region
 from labcdp.regions import RectangleShape, load_regions, save_regions
 from labcdp.web.regions.drawing import Drawing, History
-from labcdp.web.regions.files import DrawingFiles
+from labcdp.web.regions.files import DrawingFiles, Start
 from labcdp.web.regions.measurements import Measurements
 from labcdp.web.regions.page_image import PageImage
 from labcdp.web.regions.wording import pair_table, region_table, warning_list
-from labcdp.web.regions.workspace import Start, Workspace
+from labcdp.web.regions.workspace import Workspace
 
 from .conftest import HEIGHT, WIDTH, known_dn
 

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from ...drivers.camera import Camera
     from ...evaluate.picture.light.picture import PictureConversion
     from ...session import SessionConfiguration
+    from ...web.bench.desk import BenchOfPage
     from ...web.bench.live_bench import LiveBench
-    from ...web.bench.measured import BenchOfPage, Target
-    from ...web.regions.files import DrawingFiles
-    from ...web.regions.workspace import Start
+    from ...web.bench.pair import Target
+    from ...web.regions.files import DrawingFiles, Start
     from ...web.server import Address, Server
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
@@ -66,11 +66,12 @@ class Stand:
     def _real(self, plan: SessionConfiguration | None, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
         from ...drivers.aravis.camera import AravisCamera
         from ...session.meter_tables import MeterConfiguration
-        from ...web.bench.measured import BenchOfPage
+        from ...web.bench.desk import BenchOfPage
 
         wanted = None if plan is None else plan.camera
         selector = self.camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
-        described = MeterConfiguration(model=self.meter_model, serial="unknown") if plan is None else plan.meter
+        unplanned = {"model": self.meter_model, "serial": "unknown"}
+        described = plan.meter if plan else MeterConfiguration.model_validate(unplanned)
         port = self.meter or described.port
         with ExitStack() as stack:
             camera = stack.enter_context(AravisCamera(selector))
@@ -88,7 +89,7 @@ class Aim:
 
     def target(self) -> Target:
         """Return what is to be detected; raises InputError."""
-        from ...web.bench.measured import Target
+        from ...web.bench.pair import Target
 
         contrasts = (None,) if self.contrast is None else parse_contrasts([self.contrast])
         if len(contrasts) != 1:
@@ -158,7 +159,7 @@ def bench(
 @contextmanager
 def _simulated(plan: SessionConfiguration, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
     from ...drivers.simulated.bench import SimulatedBench
-    from ...web.bench.measured import BenchOfPage
+    from ...web.bench.desk import BenchOfPage
 
     described = simulated_bench_file(choice.bench)
     with (
@@ -224,7 +225,7 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
     """Return the regions to begin with: drawn and not saved, or the file's, or the plan's patches."""
     from ...regions import PolygonShape, RectangleShape, load_regions
     from ...web.regions.drawing import Drawing, History
-    from ...web.regions.workspace import Start
+    from ...web.regions.files import Start
 
     stored = files.fingerprint(files.output)
     saved = load_regions(files.output, files.size) if stored else ()

@@ -175,8 +175,9 @@ def _serve(
 ) -> None:
     from ...web.maps.page import map_page
     from ...web.regions.drawing import Drawing, History
+    from ...web.regions.files import Start
     from ...web.regions.measurements import Measurements
-    from ...web.regions.workspace import Start, Workspace
+    from ...web.regions.workspace import Workspace
     from ...web.server import Server, Site
 
     history = History(Drawing.of(files.size, start.read or start.saved))

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from threading import Thread
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ...core.errors import CalibrationError
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.roi import Roi
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
-from .focus import Focus
 from .live_camera import LiveCamera
 
 if TYPE_CHECKING:
@@ -22,8 +26,78 @@ if TYPE_CHECKING:
 _MOST_HZ = 12.0
 #: Seconds between two measurements; digits that change faster cannot be read.
 _MEASURE_S = 0.25
+#: Largest side of the middle of an image, where no region is meant.
+_MIDDLE_PX = 600
 #: How often it is looked whether frames are overdue.
 _LOOK_S = 0.5
+
+
+@dataclass(frozen=True)
+class Focus:
+    """Sharpness of a region, and the largest of the same region so far.
+
+    Parameters
+    ----------
+    region : str
+        Its name; empty for the middle of the image.
+    exposure_s : float
+        Exposure of the image; another one makes the noise another.
+    now, best : float
+        As of `sharpness`.
+    """
+
+    region: str = ""
+    exposure_s: float = 0.0
+    now: float = 0.0
+    best: float = 0.0
+
+    def after(self, frame: Frame, roi: Roi | None) -> Focus:
+        """Return the focus after another frame: of a region, or of the middle."""
+        values = frame.dn
+        rows, columns = (_middle(length) for length in values.shape)
+        if roi is not None:
+            try:
+                rows, columns = roi.window((values.shape[0], values.shape[1]))
+            except InputError:
+                rows = slice(0)
+        name, now = "" if roi is None else roi.name, sharpness(values[rows, columns])
+        same = (name, frame.exposure_s) == (self.region, self.exposure_s)
+        return Focus(name, frame.exposure_s, now, max(now, self.best if same else 0.0))
+
+
+def _middle(length: int) -> slice:
+    side = min(length // 2, _MIDDLE_PX)
+    return slice((length - side) // 2, (length + side) // 2)
+
+
+def sharpness(values: NDArray[Any]) -> float:
+    """Compute the variance of the Laplacian over the squared mean.
+
+    The Laplacian is that of means of 2 x 2 pixels: a Bayer pattern does not count, and noise counts less. The value
+    compares images of the same scene and exposure; the sharpest has the largest one.
+
+    Parameters
+    ----------
+    values : ndarray of int or float, shape (height, width)
+        The part, of at least 6 x 6 pixels.
+
+    Returns
+    -------
+    float
+        0 for a smaller part, or one without light.
+    """
+    import cv2
+
+    height, width = (length // 2 * 2 for length in values.shape)
+    if min(height, width) < 6:
+        return 0.0
+    blocks = cv2.resize(values[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    blocks = blocks.astype(np.float32)
+    mean = float(blocks.mean())
+    if mean <= 0:
+        return 0.0
+    inner = cv2.Laplacian(blocks, cv2.CV_32F)[1:-1, 1:-1]
+    return float(inner.var()) / mean**2
 
 
 class LiveImages:
@@ -97,7 +171,7 @@ class LiveImages:
                 measured = self.newest
                 if image is not None and frame is not None:
                     self.focus = self.focus.after(frame, self._focused(workspace))
-                self._call(lambda image=image: self._hand_on(measure, image))
+                self._call(partial(self._hand_on, measure, image))
             sleep(max(0.0, 1 / _MOST_HZ - (monotonic() - began_s)))
 
     def _focused(self, workspace: Workspace) -> Roi | None:

@@ -19,12 +19,11 @@ from ...drivers.manual.text import stated_accuracy
 from ..regions.measurements import Evaluated
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
-from .desk import MeterDesk
+from .desk import BenchOfPage, MeterDesk
 from .exposure import fit_exposure
 from .images import LiveImages
 from .live_camera import LiveCamera
-from .measured import BenchOfPage, LiveMeasurements, Target
-from .pair import Trace, cdp_curve, pair_point
+from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_point
 from .plan import with_regions
 from .recording import PageOperator, Recording
 
@@ -168,6 +167,12 @@ class LiveBench:
         """Folder of the last report."""
         report = None if self.recording is None else self.recording.report
         return None if report is None else report.parent
+
+    @property
+    def question(self) -> str:
+        """What the acquisition asks now; empty if nothing."""
+        asked = None if self.recording is None or not self.busy else self.recording.operator.question
+        return "" if asked is None else asked.text
 
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:
         return self.workspace.image, self.workspace.drawing.rois

@@ -119,7 +119,7 @@ class BenchPage:
         self._table.object = reading_table(bench)
         self._show_control()
         self._follow_bits()
-        said = (bench.busy, bench.notice or bench.images.mismatch, bench.camera.live.error)
+        said = (bench.question or bench.busy, bench.notice or bench.images.mismatch, bench.camera.live.error)
         words = escape(" ".join(dict.fromkeys(one for one in said if one)))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         if self._plots.update(bench):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.regions.pair import PairResult
+from ..regions.drawing import Drawing
+from ..regions.measurements import Evaluated, Evaluation, Measurements
 from ..regions.page_image import PageImage
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
@@ -22,6 +24,25 @@ TRACE_S = 180.0
 _SATURATED = 0.001
 #: Range of a curve over the measured contrast, and number of its points.
 _RANGE, _N_POINTS = (0.05, 20.0), 60
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to be detected.
+
+    Parameters
+    ----------
+    contrast : float or None
+        Weber contrast, a fraction; None for the measured one.
+    epsilon : float
+        Relative tolerance.
+    limit : float
+        CDP from which it counts as detected.
+    """
+
+    contrast: float | None = None
+    epsilon: float = 0.5
+    limit: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -121,3 +142,19 @@ def cdp_curve(
     values = [image.light_in(roi) for roi in pair]
     bright, dark = sorted(values, key=lambda one: float(one.mean()), reverse=True)
     return contrasts, cdp(bright, dark, contrasts, epsilon).cdp
+
+
+class LiveMeasurements(Measurements):
+    """Measurements of a frame that the next one replaces: uncertainties of the pair and of regions with limits."""
+
+    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
+        """Yield the results of the pair and of regions with limits."""
+        found = next(super().evaluations(drawing), Evaluated())
+        of_pair = (
+            {}
+            if found.pair is None or found.pair.result is None
+            else {one.roi: Evaluation(one) for one in (found.pair.result.a, found.pair.result.b)}
+        )
+        limited = [roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()]
+        judged = {roi: self._evaluated(roi) for roi in limited if roi not in of_pair}
+        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | judged | of_pair, found.pair)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from html import escape
 
 from ...report.digits import Z_95, exposure, printable, significant, with_half_width
+from .desk import MeterReading
 from .live_bench import LiveBench
 from .live_camera import Live
-from .measured import MeterReading
 
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 

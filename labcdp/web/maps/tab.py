@@ -160,7 +160,9 @@ class MapTab:
         image, picture = self._workspace.image, self._picture
         found = isolines(image.luminance, self._levels) if self._levels else []
         picture.isolines.data = {"xs": [one.x for one in found], "ys": [one.y for one in found]}
-        middle = [(one.x[len(one.x) // 2], one.y[len(one.y) // 2], f"{one.level:g}") for one in found]
+        # Noise makes many lines of a level: the longest has the label.
+        longest = {one.level: one for one in sorted(found, key=lambda one: len(one.x))}.values()
+        middle = [(one.x[len(one.x) // 2], one.y[len(one.y) // 2], f"{one.level:g}") for one in longest]
         picture.isoline_labels.data = dict(zip("xy", ([row[at] for row in middle] for at in (0, 1)), strict=True)) | {
             "text": [row[2] for row in middle]
         }

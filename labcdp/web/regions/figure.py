@@ -7,8 +7,6 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from bokeh.core.properties import Float, Int, List, String
-from bokeh.model import DataModel
 from bokeh.models import (
     ColorBar,
     ColumnDataSource,
@@ -25,9 +23,9 @@ from numpy.typing import NDArray
 
 from .display import DisplayScale, Tile, tile
 from .drawing import Drawing
+from .messages import Link, state_of
 from .page_image import PageImage
-from .shape_edit import handles
-from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
+from .wording import PROPOSAL_COLOUR
 
 #: Largest side of the reduced whole image shown below the visible part.
 _OVERVIEW_PX = 1000
@@ -43,44 +41,6 @@ MODES = ("Select", "Polygon", "Rectangle", "Ellipse", "Line")
 #: Colours of pixels at 0 or below the black, and of saturated ones.
 _BLACK, _SATURATED = "#3050ff", "#ff3020"
 _GREY = tuple(f"#{level:02x}{level:02x}{level:02x}" for level in range(256))
-
-
-class Link(DataModel):  # type: ignore[misc]
-    """Messages between the page and labcdp.
-
-    Parameters
-    ----------
-    state, answer : str
-        From labcdp: the drawing, and whether the last message was applied; JSON.
-    ask : str
-        From a button: ``fit``, ``in`` or ``out``, and a counter that makes each message different.
-    sent : str
-        From mouse and keys: a message for `Workspace.do`; JSON.
-    view : list of float
-        Left, top, right and bottom of the visible part, in pixels of the image, and its size on the screen.
-    pointer : list of int
-        Pixel under the pointer; empty outside the image.
-    line : list of float
-        Ends x, y, x, y of the last line drawn for a profile; empty if none.
-    told, heard : int
-        Number of the newest refresh, and of the newest one that the browser has handled.
-    drawn : int
-        Number of the newest image that the browser has drawn.
-    tab : str
-        Name of the tab of the browser, which stays while it is reloaded.
-    """
-
-    state = String(default="{}")
-    answer = String(default="{}")
-    ask = String(default="")
-    sent = String(default="")
-    view = List(Float)
-    pointer = List(Int)
-    line = List(Float)
-    told = Int(default=0)
-    heard = Int(default=0)
-    drawn = Int(default=0)
-    tab = String(default="")
 
 
 class Picture:
@@ -157,7 +117,7 @@ class Picture:
 
     def show(self, drawing: Drawing, selected: str | None) -> None:
         """Show a drawing."""
-        state = json.dumps({"image": self.image.name} | _state(drawing, selected), separators=(",", ":"))
+        state = json.dumps({"image": self.image.name} | state_of(drawing, selected), separators=(",", ":"))
         if state != self.link.state:
             self.link.state = state
 
@@ -278,29 +238,6 @@ class Picture:
         plot.text("x", "y", text="text", text_color="white", text_font_size="11px", source=self.isoline_labels)
         plot.line("x", "y", line_color="white", line_dash="dashed", line_width=2, source=self.profile_line)
         return plot
-
-
-def _state(drawing: Drawing, selected: str | None) -> dict[str, Any]:
-    width, height = drawing.size
-    shapes = []
-    for shape in (*drawing.shapes, *drawing.proposals):
-        proposal = drawing.is_proposal(shape.name)
-        rois = shape.rois()
-        colours = [PROPOSAL_COLOUR if proposal else colour(drawing, roi.name) for roi in rois]
-        shapes.append(
-            {
-                "name": shape.name,
-                "kind": shape.kind,
-                "outlines": [[[round(x, 2), round(y, 2)] for x, y in roi.corners] for roi in rois],
-                "colours": colours,
-                "handles": handles(shape),
-                "angle": getattr(shape, "angle_deg", 0.0),
-                "label": "" if proposal and shape.name != selected else shape.name,
-                "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
-                "proposal": proposal,
-            }
-        )
-    return {"width": width, "height": height, "selected": selected, "shapes": shapes}
 
 
 def _source(*columns: str) -> ColumnDataSource:

@@ -8,6 +8,7 @@ from pathlib import Path
 from ...core.disk import file_sha256
 from ...core.errors import InputError
 from ...regions import REGION_SUFFIXES, Shape, load_regions, save_regions
+from .drawing import History
 from .shape_edit import ImageSize
 
 
@@ -104,3 +105,28 @@ class DrawingFiles:
         """Write the drawing atomically and return the file's fingerprint; raises InputError if it cannot be written."""
         save_regions(path, shapes, self.size, force=True)
         return self.fingerprint(path)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Initial state of a workspace.
+
+    Parameters
+    ----------
+    history : History
+        The drawing.
+    saved : tuple of Shape
+        Content of the output file; empty if there is none.
+    read : tuple of Shape
+        Content of another file read at the start; it counts as saved there until changed.
+    proposals : tuple of Shape
+        Proposals to be confirmed.
+    stored : str
+        Fingerprint of the output when it was read; empty if there was none.
+    """
+
+    history: History
+    saved: tuple[Shape, ...] = ()
+    read: tuple[Shape, ...] = ()
+    proposals: tuple[Shape, ...] = ()
+    stored: str = ""

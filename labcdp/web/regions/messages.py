@@ -1,4 +1,4 @@
-"""Validation of mouse and key messages, and the changes of a drawing they request."""
+"""Messages between the page and labcdp, and the changes of a drawing that those of mouse and keys request."""
 
 from __future__ import annotations
 
@@ -6,13 +6,79 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from bokeh.core.properties import Float, Int, List, String
+from bokeh.model import DataModel
+
 from ...core.disk import parse_json
 from ...core.errors import InputError
 from .drawing import Drawing
-from .shape_edit import Corner, box_shape, moved, polygon_shape, with_corner, with_handle, without_corner
+from .shape_edit import Corner, box_shape, handles, moved, polygon_shape, with_corner, with_handle, without_corner
+from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
 
 #: Most corners of a drawn polygon.
 _MOST_CORNERS = 10_000
+
+
+class Link(DataModel):  # type: ignore[misc]
+    """Messages between the page and labcdp.
+
+    Parameters
+    ----------
+    state, answer : str
+        From labcdp: the drawing, and whether the last message was applied; JSON.
+    ask : str
+        From a button: ``fit``, ``in`` or ``out``, and a counter that makes each message different.
+    sent : str
+        From mouse and keys: a message for `Workspace.do`; JSON.
+    view : list of float
+        Left, top, right and bottom of the visible part, in pixels of the image, and its size on the screen.
+    pointer : list of int
+        Pixel under the pointer; empty outside the image.
+    line : list of float
+        Ends x, y, x, y of the last line drawn for a profile; empty if none.
+    told, heard : int
+        Number of the newest refresh, and of the newest one that the browser has handled.
+    drawn : int
+        Number of the newest image that the browser has drawn.
+    tab : str
+        Name of the tab of the browser, which stays while it is reloaded.
+    """
+
+    state = String(default="{}")
+    answer = String(default="{}")
+    ask = String(default="")
+    sent = String(default="")
+    view = List(Float)
+    pointer = List(Int)
+    line = List(Float)
+    told = Int(default=0)
+    heard = Int(default=0)
+    drawn = Int(default=0)
+    tab = String(default="")
+
+
+def state_of(drawing: Drawing, selected: str | None) -> dict[str, Any]:
+    """Return a drawing as the page gets it, in values JSON can hold."""
+    width, height = drawing.size
+    shapes = []
+    for shape in (*drawing.shapes, *drawing.proposals):
+        proposal = drawing.is_proposal(shape.name)
+        rois = shape.rois()
+        colours = [PROPOSAL_COLOUR if proposal else colour(drawing, roi.name) for roi in rois]
+        shapes.append(
+            {
+                "name": shape.name,
+                "kind": shape.kind,
+                "outlines": [[[round(x, 2), round(y, 2)] for x, y in roi.corners] for roi in rois],
+                "colours": colours,
+                "handles": handles(shape),
+                "angle": getattr(shape, "angle_deg", 0.0),
+                "label": "" if proposal and shape.name != selected else shape.name,
+                "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
+                "proposal": proposal,
+            }
+        )
+    return {"width": width, "height": height, "selected": selected, "shapes": shapes}
 
 
 def parse_message(text: str) -> dict[str, Any]:

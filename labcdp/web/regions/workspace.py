@@ -10,8 +10,8 @@ from typing import Any
 from ...core.errors import InputError
 from ...core.roi import Roi
 from ...regions import Shape, new_shapes
-from .drawing import Drawing, History
-from .files import DrawingFiles
+from .drawing import Drawing
+from .files import DrawingFiles, Start
 from .lane import Lane, RunElsewhere
 from .measurements import Evaluated, Means, Measurements
 from .messages import change
@@ -32,31 +32,6 @@ class Notice:
 
     text: str
     kind: str = "info"
-
-
-@dataclass(frozen=True)
-class Start:
-    """Initial state of a workspace.
-
-    Parameters
-    ----------
-    history : History
-        The drawing.
-    saved : tuple of Shape
-        Content of the output file; empty if there is none.
-    read : tuple of Shape
-        Content of another file read at the start; it counts as saved there until changed.
-    proposals : tuple of Shape
-        Proposals to be confirmed.
-    stored : str
-        Fingerprint of the output when it was read; empty if there was none.
-    """
-
-    history: History
-    saved: tuple[Shape, ...] = ()
-    read: tuple[Shape, ...] = ()
-    proposals: tuple[Shape, ...] = ()
-    stored: str = ""
 
 
 class Workspace:

@@ -2,9 +2,10 @@
 
 Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
 loopback, with priority where that is permitted; arv-camera-test and labcdp take turns receiving from it. The rate is
-compared where the camera sends as fast as it can, the processor time also at the 15 frames/s of a Manta. Processor time
-is that of the receiving process alone, its start left out. The last line grabs small frames and tells how many were lost, and whether memory, file descriptors
-and threads grew on the way. ``python benchmarks/bench_grab.py small`` does that alone.
+compared where the camera sends as fast as it can, the processor time also at the 15 frames/s of a Manta. Processor
+time is that of the receiving process alone, its start left out. The last line grabs small frames and tells how many
+were lost, and whether memory, file descriptors and threads grew on the way. ``python benchmarks/bench_grab.py small``
+does that alone.
 """
 
 from __future__ import annotations

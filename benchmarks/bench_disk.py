@@ -1,11 +1,11 @@
 """Full frames of a Manta to the disk at its 15 frames/s, and how fast the disk would let them go.
 
-Run ``python benchmarks/bench_disk.py [FOLDER]``; FOLDER is on the disk to try, by default a temporary one. A simulated
-camera in a process of its own streams 2452 x 2056 pixels of 16 bits over GigE Vision on loopback; each frame is
-recorded in a session, with its checksum, and flushed. The frame ids tell whether one is missing. The first line is a
-program that does nothing but write and flush as many bytes. The third line is with two other processes that compute all
-the time. At 60 frames/s the disk is what limits: every frame that was grabbed is there, and the ids left out are those
-the camera sent while the grab waited.
+Run ``python benchmarks/bench_disk.py [FOLDER]``; FOLDER is on the disk to try, by default a temporary one. A
+simulated camera in a process of its own, with priority where that is permitted, streams 2452 x 2056 pixels of 16 bits
+over GigE Vision on loopback; each frame is recorded in a session, with its checksum, and flushed. The frame ids tell
+whether one is missing. The first line is a program that does nothing but write and flush as many bytes. The third
+line is with two other processes that compute all the time. At 60 frames/s the disk is what limits: every frame that
+was grabbed is there, and the ids left out are those the camera sent while the grab waited.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Frames per second and processor time per frame, beside Debian's arv-camera-test on the same simulated camera.
 
 Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
-loopback; arv-camera-test and labcdp take turns receiving from it. The rate is compared where the camera sends as fast
-as it can, the processor time also at the 15 frames/s of a Manta. Processor time is that of the receiving process alone,
-its start left out. The last line grabs small frames and tells how many were lost, and whether memory, file descriptors
-and threads grew on the way. ``python benchmarks/bench_grab.py small`` does that alone.
+loopback, with priority where that is permitted; arv-camera-test and labcdp take turns receiving from it. The rate is
+compared where the camera sends as fast as it can, the processor time also at the 15 frames/s of a Manta. Processor
+time is that of the receiving process alone, its start left out. The last line grabs small frames and tells how many
+were lost, and whether memory, file descriptors and threads grew on the way. ``python benchmarks/bench_grab.py small``
+does that alone.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import resource
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
@@ -63,6 +65,9 @@ class Run:
 
 
 def serve(width: int, height: int, frame_rate_hz: float) -> None:
+    # A real camera computes elsewhere.
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -10)
     device = SimulatedDevice(SERIAL, width=width, height=height, frame_rate_hz=frame_rate_hz)
     with SimulatedGigECamera(device, Still(height, width)):
         print("ready", flush=True)

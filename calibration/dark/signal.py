@@ -170,7 +170,7 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]
     temperature, if significant; else `TYPICAL_DOUBLING_C` with a standard uncertainty of a third of that growth. The
     black level's drift from frame to frame is one number of all exposures, and part of each mean's uncertainty, which
     is widened by the Birge ratio where the means scatter more. Dark frames at one exposure give a constant, which may
-    be dark current as far as it is above the black level, 0 if unknown, or half a DN.
+    be dark current as far as it is above the nominal black level, or half a DN.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]
     y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
     parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
     if np.unique(t).size == 1:
-        covariance += of_unknown_rate(float(t[0]), float(parameters[0]) - (darks[0].state.black_level_dn or 0.0))
+        covariance += of_unknown_rate(float(t[0]), float(parameters[0]) - darks[0].state.nominal_black_dn)
     else:
         covariance += of_rounding(max(d.rounding_dn2 for d in darks), float(np.ptp(t)))
     growth = 2 ** (warmer_c * parameters[2])

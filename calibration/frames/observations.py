@@ -8,7 +8,7 @@ from datetime import datetime
 from math import inf
 
 from ...core.errors import CalibrationError
-from ...core.frame import CameraIdentity, Frame
+from ...core.frame import CameraIdentity, Frame, nominal_black_dn
 from ...core.readout import Readout
 from ...core.vignetting import AnyVignetting
 from ..signal_limits import ROUNDING_DN2
@@ -116,6 +116,11 @@ class CameraState:
     def black_level(self) -> float | None:
         """Black level for comparisons: that set in the camera, else that which files state."""
         return self.black_level_dn if self.black_level_register is None else self.black_level_register
+
+    @property
+    def nominal_black_dn(self) -> float:
+        """Black level in DN where nothing was measured."""
+        return nominal_black_dn(self.black_level_dn, self.black_level_register, self.bit_depth)
 
     def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
         """Texts to compare: equal if the gain is one of the allowed."""

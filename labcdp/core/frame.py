@@ -16,6 +16,8 @@ from .readout import Readout
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
 _NOT_RECORDED = ("dn", "camera", "clipped")
+#: Depth of the DN in which the register of a Manta counts.
+_REGISTER_BITS = 12
 #: Colour planes of a Bayer frame: green pixels by the colour they share a row with.
 PLANES = ("R", "Gr", "Gb", "B")
 
@@ -159,6 +161,11 @@ class Frame:
         return self.dn.shape[0], self.dn.shape[1]
 
     @property
+    def nominal_black_dn(self) -> float:
+        """Black level in DN where nothing was measured; see `nominal_black_dn`."""
+        return nominal_black_dn(self.black_level_dn, self.black_level_register, self.bit_depth)
+
+    @property
     def saturated(self) -> NDArray[np.bool_]:
         """Mask of pixels at or above `saturation_dn`, or with a colour at its end; shape (height, width)."""
         return self.dn >= self.saturation_dn if self.clipped is None else self.clipped
@@ -203,6 +210,13 @@ def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"frame metadata cannot be read: {error}") from error
     return metadata
+
+
+def nominal_black_dn(stated_dn: float | None, register: float | None, bit_depth: int) -> float:
+    """Return the black level in DN that is stated, else a guess: a register in DN of 12 bits, as of a Manta; else 0."""
+    if stated_dn is not None:
+        return stated_dn
+    return (register or 0.0) * 2.0 ** (bit_depth - _REGISTER_BITS)
 
 
 def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:

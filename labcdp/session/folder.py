@@ -1,4 +1,4 @@
-"""The folder of a session: its names, a new one, and whether a folder is one."""
+"""The folder of a session: its names, a new one, whether a folder is one, and whether it is sound."""
 
 from __future__ import annotations
 
@@ -12,15 +12,49 @@ from pathlib import Path
 
 from ..core.clock import Clock
 from ..core.errors import SessionError
-from ..output.file import fsync_folder
+from ..output.file import fsync_folder, is_temporary
 from .configuration import SessionConfiguration
 from .files import FRAMES, read_checked, reported, write_whole
 from .journal import Journal
-from .journal_text import FORMER_END, JOURNAL, Entry
-from .readme import README, README_TEXT
-from .records import event_record
+from .journal_text import FORMER_END, JOURNAL, Entry, read_journal
+from .records import SUPERSEDED, event_record
 
 CONFIGURATION = "session.toml"
+README = "README.txt"
+
+_README_TEXT = """\
+A session recorded by labcdp
+============================
+
+This folder holds one measurement: a camera and a luminance meter looked at the same target, and everything
+they said is here as they said it. Nothing in it is computed, so a result can be computed again from it.
+
+session.toml    The configuration as it was used: camera, lens, meter with its serial number and calibration
+                date, operator, target and plan. Lengths are in metres, times in seconds, luminance in cd/m2.
+
+journal.jsonl   What was recorded, in order, one line of JSON each: line number, time, kind, content, and for
+                a file its name, size and SHA-256. Frames are in DN (digital numbers). A reading has the unit
+                the meter stated with it, its patch of the target, and the meter's reply as received.
+
+frames/         The images, named number_role_exposure: 0001_light_5ms.tif is the first frame, taken of the
+                target with an exposure of 5 ms; "dark" was taken with the lens covered. They are grey TIFF
+                files of 8 or 16 bit that image programs open. A 12-bit image looks dark there, since white
+                is 4095 of 65535; the values are right. The tag ImageDescription holds exposure, gain,
+                temperature, time and camera as JSON.
+
+journal.torn-*  Only there if the recording was cut off in the middle of a line: what was left of that line.
+
+Please change nothing here. Every file has its checksum in the journal, and every line of the journal has one
+of its own, so a change is noticed and the session no longer counts as sound.
+Copy the folder as a whole. To read it in Python:
+
+    from labcdp.session import Session
+
+    session = Session.open("this folder")
+    session.verify()                                # raises an error if something is missing or altered
+    frame = session.load(session.frames()[0])       # frame.dn holds the pixels
+    readings = [(r.patch, r.reading.luminance_cd_m2) for r in session.readings()]
+"""
 
 #: Format of the sessions this labcdp writes; it reads earlier ones too.
 FORMAT = 2
@@ -72,7 +106,7 @@ def create_folder(path: Path, configuration: SessionConfiguration, compress: boo
 def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> None:
     (folder / FRAMES).mkdir(parents=True)
     toml = write_whole(folder, CONFIGURATION, configuration.to_toml().encode())
-    readme = write_whole(folder, README, README_TEXT.encode())
+    readme = write_whole(folder, README, _README_TEXT.encode())
     versions = {"labcdp": version("labcdp"), "numpy": version("numpy"), "python": platform.python_version()}
     journal = Journal.create(folder, clock)
     try:
@@ -93,3 +127,53 @@ def remove_session(folder: Path, recorded: Iterable[str]) -> None:
             (folder / name).unlink(missing_ok=True)
         (folder / FRAMES).rmdir()
         folder.rmdir()
+
+
+def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
+    """Files in a session's folder that its journal does not know, as names inside it."""
+    known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, FORMER_END}
+    with reported(folder, "read"):
+        files = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
+    return sorted({path.relative_to(folder).as_posix() for path in files} - known)
+
+
+def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
+    """Check a session's journal on the disk and every file in it.
+
+    Parameters
+    ----------
+    folder : Path
+        The session's folder.
+    entries : sequence of Entry
+        The journal's lines as they were read.
+
+    Returns
+    -------
+    list of str
+        One line for each fault, none if all is sound.
+    """
+    found: list[str] = []
+    try:
+        text = read_journal(folder)
+        if text.torn:
+            found.append(
+                f"{folder / JOURNAL} ends with a line that is not whole: open the session for writing once to set it "
+                "aside"
+            )
+        if [entry.check for entry in text.entries[: len(entries)]] != [e.check for e in entries]:
+            found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")
+    except SessionError as error:
+        found.append(str(error))
+    replaced = {
+        line
+        for entry in entries
+        if entry.kind == SUPERSEDED and entry.content.get("damaged")
+        for line in entry.content["lines"]
+    }
+    for entry in entries:
+        if entry.file is not None and entry.sequence not in replaced:
+            try:
+                read_checked(folder, entry.file)
+            except SessionError as error:
+                found.append(str(error))
+    return found

@@ -62,14 +62,14 @@ def _evaluated(
 ) -> TwinEvaluation:
     from ...calibration import load
     from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.corrections import Corrections, PlaneCorrections
+    from ...evaluate.bench.corrections import calibration_for, corrections_of
     from ...evaluate.bench.observe import observe_session
     from ...evaluate.bench.recorded import certificate_of
     from ...evaluate.camera.characterise import characterise_session
     from ...evaluate.twin.evaluate import twin_session
 
-    loaded = None if calibration is None else load(calibration)
-    corrections: PlaneCorrections | None = None if loaded is None else {None: Corrections.of(loaded)}
+    loaded = None if calibration is None else calibration_for(session, load(calibration))
+    corrections = None if loaded is None else corrections_of(loaded)
     with progress_bars() as bars:
         certificate = None if loaded is None else certificate_of(loaded, session)
         observed = observe_session(session, without, partial(bars.update, "reading"), corrections, certificate)

@@ -212,7 +212,7 @@ def _clipping(frame: Frame) -> Table:
     )
     rows = []
     for name, dn in zip(names, planes_of(frame.dn, frame.colour_filter), strict=True):
-        found = PlaneClipping.of(dn, frame.black_level_dn or 0.0, frame.saturation_dn)
+        found = PlaneClipping.of(dn, frame.nominal_black_dn, frame.saturation_dn)
         pile = None if found.pile is None else found.pile[0]
         rows.append(
             {"pixels": name, "largest_dn": found.largest_dn, "at_largest": found.at_largest, "clipped_from_dn": pile,

@@ -187,7 +187,7 @@ class FrameRows:
 
     def _neighbour_tables(self, frame: Frame) -> NeighbourTables | None:
         """Tables for frames of this setting, made once for each; None if more than the DN decides."""
-        setting = (frame.exposure_s, frame.gain_db, frame.black_level_dn, frame.saturation_dn, frame.temperature_c)
+        setting = (frame.exposure_s, frame.gain_db, frame.nominal_black_dn, frame.saturation_dn, frame.temperature_c)
         with self._lock:
             if setting != self._setting:
                 light = light_by_dn(frame, self._conversion)

@@ -151,7 +151,9 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
 
 def test_another_black_level_is_refused(observed):
     with pytest.raises(CalibrationError, match=r"black level of .* is 128, but .* has 64"):
-        calibrate_session(changed(observed, lambda _, o: replace(o, state=replace(o.state, black_level_dn=128.0))))
+        calibrate_session(
+            changed(observed, lambda _, o: replace(o, state=replace(o.state, black_level_register=128.0)))
+        )
 
 
 def test_a_patch_passes_limits_that_hold_all_of_its_interval(evaluation):

@@ -28,7 +28,7 @@ class _Setting:
 
     bit_depth: int
     saturation_dn: float
-    black_level_dn: float | None
+    nominal_black_dn: float
     exposure_s: float
     gain_db: float
     temperature_c: float | None
@@ -87,7 +87,7 @@ def specified_light(
 def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
     n = 2**setting.bit_depth
     linear = np.arange(n) / n if encoding == "linear" else decoded_table(setting.bit_depth, encoding)
-    black = np.interp(setting.black_level_dn or 0.0, np.arange(linear.size), linear)
+    black = np.interp(setting.nominal_black_dn, np.arange(linear.size), linear)
     steps = _steps(linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * steps
     light = (linear - black).astype(np.float32)
@@ -102,7 +102,7 @@ def _specified(
     linear = decoded_table(setting.bit_depth, encoding)
     black_dn = specification.black_dn
     if black_dn is None:
-        black_dn = top_dn * float(np.interp(setting.black_level_dn or 0.0, np.arange(linear.size), linear))
+        black_dn = top_dn * float(np.interp(setting.nominal_black_dn, np.arange(linear.size), linear))
     k_dn_per_e = specification.system_gain_dn_per_e(setting.gain_db)
     dark_e = specification.dark_electrons(setting.exposure_s, setting.temperature_c)
     per_cd_m2 = specification.electrons_per_cd_m2_s(f_number) * setting.exposure_s

@@ -6,6 +6,7 @@ import logging
 import os
 import secrets
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
@@ -66,7 +67,7 @@ class TlsFiles:
 class Cluster(Generic[_Task]):
     """Workers of a cluster, with the interface of `labcdp.core.computer.processes.Processes`.
 
-    Dask gives the tasks out, and once more where a worker died.
+    Where a worker dies, Dask gives its task to another one, as often as its `allowed-failures` says.
 
     Parameters
     ----------
@@ -98,12 +99,25 @@ class Cluster(Generic[_Task]):
         from distributed.scheduler import KilledWorker
 
         try:
-            each = [[one] * len(tasks) for one in arguments]
-            futures = self._client.map(function, tasks, *each, pure=False, workers=self._usable())
-            of_future = dict(zip(futures, tasks, strict=True))
-            del futures
-            for future in as_completed(list(of_future)):
-                value, error = None, None
+            waiting, completed = deque(tasks), as_completed()
+            running: dict[Any, _Task] = {}
+
+            def fill() -> None:
+                # What waits for a worker that dies would be suspected, too: no more is given out than is done at once.
+                usable = self._usable() if waiting else {}
+                while waiting and len(running) < sum(usable.values()):
+                    task = waiting.popleft()
+                    # A worker that died comes back under another address.
+                    future = self._client.submit(
+                        function, task, *arguments, pure=False, workers=list(usable), allow_other_workers=True
+                    )
+                    running[future] = task
+                    completed.add(future)
+
+            fill()
+            for future in completed:
+                value: _Value | None = None
+                error: BaseException | None = None
                 try:
                     value = future.result(timeout=_ANSWER_S)
                 except (CommClosedError, CancelledError):
@@ -115,16 +129,17 @@ class Cluster(Generic[_Task]):
                     )
                 except Exception as raised:
                     error = raised
-                yield of_future.pop(future), value, error
-                del future
+                task = running.pop(future)
+                fill()
+                yield task, value, error
         except (CommClosedError, CancelledError, OSError) as error:
             raise InputError(
                 f"the Dask scheduler at {self._client.scheduler.address} no longer answers: start it again; what was "
                 "finished is recorded"
             ) from error
 
-    def _usable(self) -> list[str]:
-        """Wait for workers that have the same packages and see the folder."""
+    def _usable(self) -> dict[str, int]:
+        """Wait for workers that have the same packages and see the folder; return the threads of each."""
         until = time.monotonic() + _WORKER_S
         probe = self._folder / f".labcdp-{secrets.token_hex(8)}.part"
         try:
@@ -137,7 +152,7 @@ class Cluster(Generic[_Task]):
                 time.sleep(_LOOK_S)
         finally:
             probe.unlink(missing_ok=True)
-        return usable
+        return {address: threads for address, threads in self._client.nthreads().items() if address in usable}
 
     def _looked_at(self, probe: Path) -> list[str]:
         """Look at the workers there are now; return those that can be used, and remember why others cannot."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import secrets
-import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
@@ -17,8 +17,8 @@ from ..errors import InputError
 
 #: Loggers that Dask gives levels and outputs of their own.
 _LOGGERS = ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio")
-#: Time a scheduler is given to answer, and one to get a worker that can be used, in seconds; between two looks.
-_ANSWER_S, _WORKER_S, _LOOK_S = 10.0, 60.0, 0.3
+#: Time a scheduler is given to answer, and one to get a worker, in seconds.
+_ANSWER_S, _WORKER_S = 10.0, 60.0
 
 _Task = TypeVar("_Task")
 _Value = TypeVar("_Value")
@@ -66,7 +66,7 @@ class TlsFiles:
 class Cluster(Generic[_Task]):
     """Workers of a cluster, with the interface of `labcdp.core.computer.processes.Processes`.
 
-    Dask gives the tasks out, and once more where a worker died.
+    Where a worker dies, Dask gives its task to another one, as often as its `allowed-failures` says.
 
     Parameters
     ----------
@@ -80,8 +80,6 @@ class Cluster(Generic[_Task]):
 
     def __init__(self, client: Any, folder: Path, versions: Mapping[str, str]) -> None:
         self._client, self._folder, self._versions = client, folder, versions
-        #: Why workers are not used.
-        self.refused: dict[str, str] = {}
 
     def run(
         self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
@@ -91,19 +89,29 @@ class Cluster(Generic[_Task]):
         Raises
         ------
         InputError
-            If the scheduler does not answer any more, or there is no worker that can be used.
+            If the scheduler does not answer any more, there is no worker, or one that cannot be used.
         """
         from distributed import as_completed
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
         try:
-            each = [[one] * len(tasks) for one in arguments]
-            futures = self._client.map(function, tasks, *each, pure=False, workers=self._usable())
-            of_future = dict(zip(futures, tasks, strict=True))
-            del futures
-            for future in as_completed(list(of_future)):
-                value, error = None, None
+            waiting, completed = deque(tasks), as_completed()
+            running: dict[Any, _Task] = {}
+
+            def fill() -> None:
+                # What waits for a worker that dies would be suspected, too: no more is given out than is done at once.
+                n_threads = self._n_threads() if waiting else 0
+                while waiting and len(running) < n_threads:
+                    task = waiting.popleft()
+                    future = self._client.submit(function, task, *arguments, pure=False)
+                    running[future] = task
+                    completed.add(future)
+
+            fill()
+            for future in completed:
+                value: _Value | None = None
+                error: BaseException | None = None
                 try:
                     value = future.result(timeout=_ANSWER_S)
                 except (CommClosedError, CancelledError):
@@ -115,47 +123,42 @@ class Cluster(Generic[_Task]):
                     )
                 except Exception as raised:
                     error = raised
-                yield of_future.pop(future), value, error
-                del future
+                task = running.pop(future)
+                fill()
+                yield task, value, error
         except (CommClosedError, CancelledError, OSError) as error:
             raise InputError(
                 f"the Dask scheduler at {self._client.scheduler.address} no longer answers: start it again; what was "
                 "finished is recorded"
             ) from error
 
-    def _usable(self) -> list[str]:
-        """Wait for workers that have the same packages and see the folder."""
-        until = time.monotonic() + _WORKER_S
+    def _n_threads(self) -> int:
+        """Wait for a worker, make sure that all can be used, and count their threads."""
+        try:
+            self._client.wait_for_workers(1, timeout=_WORKER_S)
+        except TimeoutError as error:
+            raise InputError(
+                f"the cluster has had no worker for {_WORKER_S:g} s: start workers, and try again"
+            ) from error
         probe = self._folder / f".labcdp-{secrets.token_hex(8)}.part"
         try:
             probe.touch()
-            while not (usable := self._looked_at(probe)):
-                if time.monotonic() > until:
-                    reasons = [f"worker {address}: {reason}" for address, reason in self.refused.items()]
-                    none = f"the cluster has had no worker for {_WORKER_S:g} s: start workers, and try again"
-                    raise InputError("; ".join(reasons) or none)
-                time.sleep(_LOOK_S)
+            sees = self._client.run(os.path.exists, str(probe), on_error="ignore")
         finally:
             probe.unlink(missing_ok=True)
-        return usable
-
-    def _looked_at(self, probe: Path) -> list[str]:
-        """Look at the workers there are now; return those that can be used, and remember why others cannot."""
-        found = self._client.get_versions(packages=list(self._versions))["workers"]
-        sees = self._client.run(os.path.exists, str(probe), on_error="ignore")
-        for address, node in found.items():
-            differing = [
-                f"{package} {node['packages'].get(package)}, this computer {version}"
-                for package, version in self._versions.items()
-                if node["packages"].get(package) != version
-            ]
-            if differing:
-                self.refused[address] = f"it has {'; '.join(differing)}: install the same, for the same results"
-            elif not sees.get(address):
-                self.refused[address] = (
-                    f"it does not see the folder {self._folder}: give a folder that all workers see under the same path"
+        for address, node in self._client.get_versions(packages=list(self._versions))["workers"].items():
+            for package, version in self._versions.items():
+                if (there := node["packages"].get(package)) != version:
+                    raise InputError(
+                        f"worker {address} has {package} {there}, this computer {version}: install the same, for the "
+                        "same results"
+                    )
+            if not sees.get(address, True):
+                raise InputError(
+                    f"worker {address} does not see the folder {self._folder}: give a folder that all workers see "
+                    "under the same path"
                 )
-        return [address for address in found if address not in self.refused]
+        return sum(self._client.nthreads().values())
 
 
 @contextmanager

@@ -229,7 +229,8 @@ def _step(seen: Seen, pattern: Pattern) -> NDArray[np.float64]:
     least = max(scatter / max(total, 1e-9), pattern.noise**2)
     for k in range(pull.size):
         products[k, k] += pattern.damping[k] * least + 1e-6 * products[k, k] + 1e-9
-    return np.linalg.solve(products, pull)[: pattern.generators.shape[0]]
+    steps = np.linalg.solve(products, pull).astype(np.float64)
+    return steps[: pattern.generators.shape[0]]
 
 
 @compiled

@@ -63,7 +63,7 @@ class ArchiveResult:
     outcomes : tuple of VideoOutcome
         In the order of the tasks.
     findings : tuple of Finding
-        Processes that died, with the video they were at, and workers that could not be used.
+        Processes that died, with the video they were at.
     """
 
     outcomes: tuple[VideoOutcome, ...]
@@ -214,7 +214,8 @@ def evaluate_archive(
             for group, found, error in run.run(evaluate_task, [*groups.values()], work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
                     done(outcome)
-            findings = _findings(run)
+            died = run.died if isinstance(run, Processes) else []
+            findings = tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -256,13 +257,6 @@ def evaluate_task(
             record_finished(task, settings, values, folders[task.part])
             outcomes[task] = VideoOutcome(task, values)
     return tuple(outcomes[task] for task in group)
-
-
-def _findings(run: Cluster[_Group] | Processes[_Group]) -> tuple[Finding, ...]:
-    """Workers that were not used, and processes that died, with the video they were at."""
-    if isinstance(run, Cluster):
-        return tuple(warning("worker-refused", address, reason=reason) for address, reason in run.refused.items())
-    return tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in run.died)
 
 
 def _reason(error: BaseException | None) -> str:

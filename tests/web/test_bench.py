@@ -152,7 +152,9 @@ def live_page(tmp_path: Path) -> Iterator[tuple[Any, str]]:
     from playwright.sync_api import sync_playwright
 
     (tmp_path / "plan.toml").write_text(small_plan().to_toml())
-    command = [Path(sys.executable).with_name("labcdp"), "bench", "plan.toml", "--simulated", "--no-open"]
+    (tmp_path / "small.toml").write_text("[sensor]\nwidth = 480\nheight = 400\n")
+    options = ("--simulated-bench", "small.toml")
+    command = [Path(sys.executable).with_name("labcdp"), "bench", "plan.toml", *options, "--no-open"]
     with (
         subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process,
         sync_playwright() as playwright,

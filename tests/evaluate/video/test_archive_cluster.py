@@ -126,12 +126,11 @@ def programs() -> Iterator[ExitStack]:
         yield stack
 
 
-def start(programs: ExitStack, *command: str) -> int:
-    """Start a program and return its number."""
+def start(programs: ExitStack, *command: str) -> None:
+    """Start a program."""
     program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     programs.callback(program.wait)
     programs.callback(program.kill)
-    return program.pid
 
 
 def free_port() -> int:
@@ -148,18 +147,17 @@ def make_certificate(folder: Path) -> TlsFiles:
     return TlsFiles(certificate, certificate, key)
 
 
-def start_cluster(programs: ExitStack, blind: Path | None, tls: TlsFiles | None = None) -> tuple[str, int]:
+def start_cluster(programs: ExitStack, blind: Path | None, tls: TlsFiles) -> str:
     """Start a scheduler and a worker, and one that does not see a folder, as on a computer without it.
 
-    Return the scheduler's address and the number of its process.
+    Return the scheduler's address.
     """
     port = free_port()
-    address = f"{'tcp' if tls is None else 'tls'}://127.0.0.1:{port}"
+    address = f"tls://127.0.0.1:{port}"
     dask = (sys.executable, "-m", "dask")
-    quiet: tuple[str, ...] = ("--no-dashboard", "--host", address.rpartition(":")[0])
-    if tls is not None:
-        quiet += ("--tls-ca-file", str(tls.ca), "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key))
-    number = start(programs, *dask, "scheduler", "--port", str(port), *quiet)
+    quiet = ("--no-dashboard", "--host", address.rpartition(":")[0])
+    quiet += ("--tls-ca-file", str(tls.ca), "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key))
+    start(programs, *dask, "scheduler", "--port", str(port), *quiet)
     worker = (*dask, "worker", address, "--nthreads", "1", "--no-nanny", *quiet)
     start(programs, *worker)
     if blind is not None:
@@ -168,7 +166,7 @@ def start_cluster(programs: ExitStack, blind: Path | None, tls: TlsFiles | None 
     until = time.monotonic() + 300
     while time.monotonic() < until:
         with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-            return address, number
+            return address
         time.sleep(0.1)
     raise AssertionError("the scheduler does not listen")
 
@@ -178,32 +176,22 @@ def may_mount(folder: Path) -> bool:
     return os.geteuid() == 0 and shutil.which("unshare") is not None and subprocess.run(command).returncode == 0
 
 
-def test_cluster_given_by_address_does_as_one_by_one(
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+def test_cluster_with_certificates_does_as_one_by_one(
     videos: list[Path], tmp_path: Path, programs: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # However late the worker that can be used comes.
     monkeypatch.setattr(archive_cluster, "_USABLE_S", 60)
-    folder = tmp_path / "results"
+    folder, tls = tmp_path / "results", make_certificate(tmp_path)
     folder.mkdir()
-    address, _ = start_cluster(programs, folder if may_mount(folder) else None)
+    address = start_cluster(programs, folder if may_mount(folder) else None, tls)
     settings = VideoSettings((0.2, 1.0))
-    result = evaluate_videos(videos, settings, folder, workers=Workers(address))
+    result = evaluate_videos(videos, settings, folder, workers=Workers(address, tls=tls))
     assert_as_one_by_one(result, videos, settings)
     assert not list(folder.glob(".*"))
     for one in result.findings:
-        assert (one.code, one.subject.partition(":")[0]) == ("worker-refused", "tcp")
+        assert (one.code, one.subject.partition(":")[0]) == ("worker-refused", "tls")
         assert f"it does not see the folder {folder}: give a folder that all workers see" in str(one.values["reason"])
-
-
-def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs: ExitStack) -> None:
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl is not installed")
-    tls = make_certificate(tmp_path)
-    address, _ = start_cluster(programs, None, tls)
-    settings = VideoSettings((0.2, 1.0))
-    assert_as_one_by_one(
-        evaluate_videos(videos, settings, tmp_path / "a", workers=Workers(address, tls=tls)), videos, settings
-    )
     with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):

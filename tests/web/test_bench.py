@@ -133,7 +133,7 @@ def test_no_exposure_is_better_where_the_camera_has_none() -> None:
 
 
 def small_plan() -> SessionConfiguration:
-    """Six patches and two exposures of the demonstration's target."""
+    """Six patches and two exposures of the demonstration's target, at a frame rate that costs little."""
     plan = SessionConfiguration.load(example_session() / "session.toml")
     names = ("P01", "P07", "upper left", "upper right", "lower left", "lower right")
     patches = [patch for patch in plan.target.patches if patch.name in names]
@@ -142,7 +142,7 @@ def small_plan() -> SessionConfiguration:
         update={"exposures_s": (0.002, 0.032), "frames_per_exposure": 2, "readings_per_patch": 1}
     )
     target = plan.target.model_copy(update={"patches": tuple(patches)})
-    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400)})
+    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400), "frame_rate_hz": 4.0})
     return plan.model_copy(update={"camera": camera, "target": target, "plan": short, "contrasts": pairs})
 
 
@@ -152,9 +152,7 @@ def live_page(tmp_path: Path) -> Iterator[tuple[Any, str]]:
     from playwright.sync_api import sync_playwright
 
     (tmp_path / "plan.toml").write_text(small_plan().to_toml())
-    (tmp_path / "small.toml").write_text("[sensor]\nwidth = 480\nheight = 400\n")
-    options = ("--simulated-bench", "small.toml")
-    command = [Path(sys.executable).with_name("labcdp"), "bench", "plan.toml", *options, "--no-open"]
+    command = [Path(sys.executable).with_name("labcdp"), "bench", "plan.toml", "--simulated", "--no-open"]
     with (
         subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process,
         sync_playwright() as playwright,

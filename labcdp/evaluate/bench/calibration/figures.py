@@ -112,7 +112,7 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         ),
     ]
     figure = _figure(calibration, 10.0, 6.4)
-    margins = {"left": 0.07, "right": 0.985, "bottom": 0.08, "top": 0.95, "wspace": 0.05, "hspace": 0.26}
+    margins = {"left": 0.07, "right": 0.985, "bottom": 0.08, "top": 0.95, "wspace": 0.08, "hspace": 0.26}
     panels = figure.subplots(2, 2, sharey=True, gridspec_kw=margins).ravel()
     for axes, (name, place) in zip(panels, places, strict=True):
         in_legend = axes is panels[0] and bool(calibration.held_out)

@@ -9,6 +9,9 @@ TEST_PACKAGES := aravis-tools-cli aravis-tools chromium libatomic1 libreoffice-c
 
 PYTHON := .venv/bin/python
 
+# Compiled modules are kept, or each of hundreds of processes would compile them again.
+unexport PYTHONDONTWRITEBYTECODE
+
 demo: setup
 	.venv/bin/labcdp demo --force
 

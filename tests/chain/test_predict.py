@@ -203,12 +203,14 @@ CAMERAS = {
 }
 
 
-def test_simulation_agrees() -> None:
+@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.long)])
+def test_simulation_agrees(step: int) -> None:
+    """Of all sensors with all cameras every fourth, by which each of them is met."""
     contrast = 0.25
     rates = np.array([500.0, 4e3, 3e4, 2.6e5, 3.6e5, 1.2e6])
     veil = 0.3 * rates
     scores = []
-    for number, (sensor, made) in enumerate(product(SENSORS.values(), CAMERAS.values())):
+    for number, (sensor, made) in list(enumerate(product(SENSORS.values(), CAMERAS.values())))[::step]:
         exposures_s, hdr, tone_curve = made
         if tone_curve is not None and sensor.bits == 8:
             continue
@@ -224,7 +226,7 @@ def test_simulation_agrees() -> None:
             zero = camera.dark_dn + camera.dn_per_e_s * float(veil[i])
             result = cdp(bright - zero, dark - zero, contrast)
             scores.append((result.cdp - float(prediction.cdp[i])) / result.u)
-    assert len(scores) > 80
+    assert len(scores) > 80 / step
     assert max(np.abs(scores)) < 4
     assert sqrt(np.mean(np.square(scores))) == pytest.approx(1, abs=4 / sqrt(2 * len(scores)))
 

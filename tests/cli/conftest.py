@@ -21,6 +21,10 @@ from labcdp.session import example_session
 #: Bars of work done before a mistake could be seen, and what a person was asked, may stand before its line.
 _PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|^Resuming |^labcdp: simulated")
 _LABCDP = Path(sys.executable).with_name("labcdp")
+#: A bench whose frames are small.
+SMALL_BENCH = Path(__file__).with_name("small-bench.toml")
+#: Options of what runs on it in no time.
+SIMULATED = ("--simulated-bench", SMALL_BENCH, "--virtual-clock")
 #: Checkerboard of 24 x 16 pixels.
 _CHAIN = """
 name = "small"
@@ -104,8 +108,9 @@ def running_bench(aravis):
     started = []
 
     def start():
+        command = (_LABCDP, "simulate-bench", example_session() / "session.toml")
         process = subprocess.Popen(
-            [_LABCDP, "simulate-bench", example_session() / "session.toml", "--response-s", "0", "--json"],
+            [*command, "--simulated-bench", SMALL_BENCH, "--response-s", "0", "--json"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

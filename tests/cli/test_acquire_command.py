@@ -15,9 +15,8 @@ import pytest
 
 from labcdp.session import EventRecord, Session, example_configuration, example_session
 
-from .conftest import only_line, plan, results_of
+from .conftest import SIMULATED, SMALL_BENCH, only_line, plan, results_of
 
-SIMULATED = ("--simulated", "--virtual-clock")
 #: A meter no driver knows.
 ANOTHER = 'model = "Mavo"\nserial = "1"\nscale_half_width_rel = 0.03\nrepeatability_rel = 0.002\ndigits = 1'
 
@@ -237,7 +236,7 @@ def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_of
 
 def test_modes_of_the_configuration_are_set_at_the_meter(labcdp, bench, tmp_path):
     meter = 'model = "LS-110"\nserial = "1"\nresponse = "slow"\nrtscts = true\ncorrection = "colour"'
-    done = labcdp("acquire", bench(meter=meter), "own", "--simulated", "--transcript", "wire.jsonl")
+    done = labcdp("acquire", bench(meter=meter), "own", "--simulated-bench", SMALL_BENCH, "--transcript", "wire.jsonl")
     assert done.returncode == 0, done.stderr
     header, *wire = [json.loads(line) for line in (tmp_path / "wire.jsonl").read_text().splitlines()]
     assert header["rtscts"]

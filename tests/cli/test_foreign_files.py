@@ -27,7 +27,7 @@ FOLDERS = {
     "demo": [],
 }
 #: Commands that are only refused here.
-SLOW = ("demo", "evaluate", "reproduce", "twin", "characterise")
+SLOW = ("demo", "calibrate", "evaluate", "reproduce", "twin", "characterise", "verify", "video")
 #: Commands with single files.
 FILES = {
     "luminance": (["c/calibration.json", "s"], ["--output"], ".tif"),

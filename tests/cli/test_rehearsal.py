@@ -18,6 +18,8 @@ model = "acA2440-20gm"
 serial = "40012345"
 naming = "sfnc"
 [sensor]
+width = 700
+height = 400
 black_level_dn = 32.0
 k_dn_per_e = 0.3
 [meter]

@@ -12,14 +12,14 @@ import pytest
 from labcdp.acquire import acquire
 from labcdp.calibration import load, save
 from labcdp.core.clock import SimulatedClock
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated import SimulatedBenchFile
+from labcdp.drivers.simulated.bench import SimulatedBench
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.session import Session, SessionConfiguration
 
-from .conftest import plan, results_of, rows_of
+from .conftest import SIMULATED, SMALL_BENCH, plan, results_of, rows_of
 
-SIMULATED = ("--simulated", "--virtual-clock")
 PLAN = plan("P01|P04|P07|P12|upper right|lower right", [0.002, 0.032])
 CERTIFICATE = """number = "K 42"
 laboratory = "A laboratory <of> Berlin"
@@ -33,7 +33,7 @@ degrees_of_freedom = 50
 
 def record(path, clock):
     configuration = SessionConfiguration.from_toml(PLAN, "plan")
-    bench = SimulatedBench(configuration, BenchDevices.standard(), clock=clock)
+    bench = SimulatedBench(configuration, SimulatedBenchFile.load(SMALL_BENCH).devices(), clock=clock)
     with (
         Session.create(path, configuration, clock=clock) as session,
         bench,
@@ -46,7 +46,7 @@ def record(path, clock):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A session on the bench that --simulated opens."""
+    """A session on the small bench."""
     return record(tmp_path_factory.mktemp("recorded") / "session", SimulatedClock())
 
 
@@ -131,13 +131,13 @@ def test_a_lens_that_lets_less_light_through_and_a_camera_that_is_warmer(labcdp,
     assert deviation == pytest.approx(100 * (0.85 / 0.90 - 1), abs=1.0)
     assert "calibrate again" in done.stderr
     (tmp_path / "bench.toml").write_text(PLAN)
-    (tmp_path / "faults.txt").write_text("temperature +40 C\n")
+    (tmp_path / "faults.txt").write_text("temperature +50 C\n")
     done = labcdp("verify", saved, "bench.toml", "warm", *SIMULATED, "--faults", "faults.txt", "--json")
     values = results_of(done, status=done.returncode)
     assert (done.returncode, verdict(values)) in ((3, "not conform"), (4, "undecided"))
     assert "P01" in [one["subject"] for one in values["findings"] if one["code"] == "patch-not-verified"]
     warmer = next(one["values"] for one in values["findings"] if one["code"] == "temperature-not-covered")
-    assert (warmer["temperature_c"], warmer["highest_c"]) == pytest.approx((75.0, 35.0))
+    assert (warmer["temperature_c"], warmer["highest_c"]) == pytest.approx((85.0, 35.0))
 
 
 def test_a_certificate_is_applied_stated_and_found_overdue(labcdp, recorded, again, tmp_path):

@@ -78,8 +78,9 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     assert float(cell["saturated_share"]) == bright.saturated_share
 
 
-@pytest.mark.parametrize("glare_subtracted", [True, False])
-@pytest.mark.parametrize("stage", ["sensor 10 ms", "sensor 1 ms", "hdr", "isp"])
+@pytest.mark.parametrize(
+    ("stage", "glare_subtracted"), [("sensor 10 ms", True), ("sensor 1 ms", False), ("hdr", True), ("isp", False)]
+)
 def test_exact_and_simulated_agree(chain, stage, glare_subtracted):
     chain = chain.with_(windscreen__glare_subtracted=glare_subtracted)
     axes = (LUMINANCE, CONTRAST, TEMPERATURE)

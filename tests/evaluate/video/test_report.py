@@ -48,8 +48,9 @@ def test_files(written: Path) -> None:
     assert names == {"results.nc", "results.json", "results.xlsx", "report.html", "figures/over-time.png", LIST_FILE}
 
 
-@pytest.mark.parametrize("block", [7, 1000])
-@pytest.mark.parametrize("data", [synthetic_video(reference=10.0), synthetic_video(30, regions=())])
+@pytest.mark.parametrize(
+    ("data", "block"), [(synthetic_video(reference=10.0), 7), (synthetic_video(30, regions=()), 1000)]
+)
 def test_netcdf_comes_back_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: xr.Dataset, block: int) -> None:
     monkeypatch.setattr(video_dataset, "BLOCK", block)
     write_video(data, tmp_path)

@@ -12,7 +12,7 @@ from ....calibration import AnyCalibration, Calibration, PatchResidual
 from ....core.table import Z_95
 from ....report.digits import fixed, printable, shortened, with_half_width
 from ....report.figure import ReportFigure
-from ....report.figures.drawing import BLUE, ORANGE, finish, new_figure, plain_numbers, png
+from ....report.figures.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, png
 from .quantities import responsivity
 
 if TYPE_CHECKING:
@@ -42,13 +42,13 @@ def calibration_figures(calibration: AnyCalibration, prefix: str = "") -> list[R
 
 
 def _figure(calibration: AnyCalibration, width_in: float, height_in: float) -> Figure:
-    return new_figure(width_in, height_in, "bench" if calibration.state.camera.simulated else "")
+    return placed_figure(width_in, height_in, "bench" if calibration.state.camera.simulated else "")
 
 
 def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
     rows = sorted(calibration.residuals, key=lambda row: row.reading_cd_m2)
     figure = _figure(calibration, 6.4, 5.0)
-    axes = figure.add_subplot()
+    axes = figure.add_axes((0.13, 0.11, 0.84, 0.78))
     r = calibration.responsivity.responsivity_dn_s_cd_m2
     ends = np.array([rows[0].reading_cd_m2 / 1.5, rows[-1].reading_cd_m2 * 1.5])
     axes.plot(ends, r * ends, color=BLUE, linewidth=1.5, label="fitted line through zero")
@@ -87,7 +87,7 @@ def _response(calibration: Calibration, prefix: str) -> ReportFigure:
     net = np.linspace(0, 1.1 * high, 400)[1:]
     bend = 100 * (calibration.response.linearise(net) / net - 1)
     figure = _figure(calibration, 7.0, 3.6)
-    axes = figure.add_subplot()
+    axes = figure.add_axes((0.11, 0.15, 0.86, 0.7))
     inside = (net >= low) & (net <= high)
     axes.plot(net, bend, color="0.7", linestyle="--", linewidth=1.2, label="beyond the calibrated signals")
     axes.plot(net[inside], bend[inside], color=BLUE, linewidth=1.8, label="calibrated")
@@ -112,12 +112,13 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         ),
     ]
     figure = _figure(calibration, 10.0, 6.4)
-    panels = figure.subplots(2, 2, sharey=True).ravel()
+    margins = {"left": 0.07, "right": 0.985, "bottom": 0.08, "top": 0.95, "wspace": 0.08, "hspace": 0.26}
+    panels = figure.subplots(2, 2, sharey=True, gridspec_kw=margins).ravel()
     for axes, (name, place) in zip(panels, places, strict=True):
         in_legend = axes is panels[0] and bool(calibration.held_out)
         _draw_over(axes, calibration.residuals, place, "black", "white", "fit" if in_legend else None)
         _draw_over(axes, calibration.held_out, place, ORANGE, ORANGE, "held out" if in_legend else None)
-        finish(axes, name, "deviation from meter in %", "")
+        finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")
     panels[0].set_xscale("log")
     plain_numbers(panels[0].xaxis)
     panels[1].set_xlim(0, width)

@@ -16,6 +16,7 @@ from ..sweep.plan import Sweep
 from ..sweep.run import run_sweep
 from .difference import Difference, difference
 from .grid import Grid, map_grid, responsivity_grid
+from .pictures import PictureQuestion
 from .rows import Named, values_of
 from .subject import Subject, read_subjects
 
@@ -113,7 +114,10 @@ class Comparison:
 
 
 def compare_subjects(
-    sources: Sequence[Any], question: Question | None = None, progress: Callable[[int, int], None] | None = None
+    sources: Sequence[Any],
+    question: Question | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    pictures: PictureQuestion | None = None,
 ) -> Comparison:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
 
@@ -125,14 +129,18 @@ def compare_subjects(
         What chains are asked; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
+    pictures : PictureQuestion or None
+        What pictures are asked.
 
     Raises
     ------
     InputError
-        If subjects cannot be read or compared, or there is a question but no chain.
+        If subjects cannot be read or compared, or there is a question but no chain or no picture.
     """
-    subjects = read_subjects(sources)
+    subjects = read_subjects(sources, pictures)
     kind = subjects[0].kind
+    if pictures is not None and kind != "picture":
+        raise InputError(f"regions and light are options for pictures, {subjects[0].name} is a {kind}")
     if kind == "chain":
         return _chains(subjects, question or Question(), progress)
     if question is not None:

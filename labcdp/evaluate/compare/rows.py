@@ -80,7 +80,9 @@ def _picture(subject: Subject) -> Iterator[Named]:
         ends = [_percent(below) if below == above else f"{_percent(below)}, {_percent(above)}"]
         yield Named(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", "", _cdp(row, picture, calibration), True)
     for row in {row["pair"]: row for row in rows}.values():
-        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], {}, (picture, calibration))
+        u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
+        shares = _shares(u, by_pixels, picture, calibration)
+        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], shares)
         yield Named(f"contrast of {row['pair']}", "%", value)
 
 
@@ -115,10 +117,14 @@ def _symmetric(value: Any, expanded: Any, shares: _Shares, sources: tuple[str, .
 def _cdp(row: Mapping[str, Any], pixels: str, calibration: str) -> Uncertain:
     """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
     value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
-    u, by_pixels = _number(row["u_cdp"]), _number(row["u_cdp_pixels"])
+    shares = _shares(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
+    return Uncertain(value, value - low, high - value, _roots(shares))
+
+
+def _shares(u: float, by_pixels: float, pixels: str, calibration: str) -> _Shares:
     # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
     share = min(by_pixels / u, 1.0) ** 2 if u > 0 else 1.0
-    return Uncertain(value, value - low, high - value, _roots({pixels: share, calibration: 1 - share}))
+    return {pixels: share, calibration: 1 - share}
 
 
 def _roots(shares: _Shares) -> dict[str, float]:

@@ -22,6 +22,7 @@ from ..bench.recorded_calibration import calibrate_recorded
 from ..bench.report.result import session_input, session_result
 from ..bench.session import evaluate_session
 from ..sweep.maps.axes import check_map
+from .pictures import PictureQuestion
 
 #: Kinds by the command whose results they are; the file next to results.json that holds them, if not that itself.
 _OF_COMMAND = {
@@ -33,6 +34,8 @@ _OF_COMMAND = {
     "sweep": ("sweep", "map.nc"),
     "simulate": ("chain", "chain.toml"),
 }
+#: Of files that are no pictures.
+_SUFFIXES = (".json", ".nc", ".toml")
 _HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of labcdp evaluate, image or characterise"
 
 
@@ -64,7 +67,7 @@ class Subject:
     simulated: bool
 
 
-def read_subjects(sources: Sequence[Any]) -> tuple[Subject, ...]:
+def read_subjects(sources: Sequence[Any], pictures: PictureQuestion | None = None) -> tuple[Subject, ...]:
     """Recognise and read what is compared.
 
     Parameters
@@ -72,13 +75,15 @@ def read_subjects(sources: Sequence[Any]) -> tuple[Subject, ...]:
     sources : sequence
         Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
         are as many subjects.
+    pictures : PictureQuestion or None
+        How pictures are evaluated.
 
     Raises
     ------
     InputError
         If one cannot be read or is nothing that can be compared, if they are of different kinds, or less than two.
     """
-    found = [subject for source in sources for subject in _read(source)]
+    found = [subject for source in sources for subject in _read(source, pictures)]
     kinds = {subject.kind: subject.name for subject in reversed(found)}
     if len(kinds) > 1:
         (one, a), (other, b), *_ = reversed(kinds.items())
@@ -95,8 +100,10 @@ def _names(subjects: Sequence[Subject]) -> list[str]:
     return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
 
 
-def _read(source: Any) -> list[Subject]:
+def _read(source: Any, pictures: PictureQuestion | None) -> list[Subject]:
     if isinstance(source, str | Path):
+        if Path(source).suffix.lower() not in _SUFFIXES and Path(source).is_file():
+            return _picture(Path(source), pictures)
         return _file(str(source), Path(source))
     if isinstance(source, Chain):
         return [_chain(source.name or "chain", source, ())]
@@ -135,6 +142,14 @@ def _file(text: str, path: Path) -> list[Subject]:
         case ".toml":
             return [_chain(name, Chain.load(path), (InputFile.of("chain", path),))]
     raise InputError(f"{text} cannot be compared: {_HINT}")
+
+
+def _picture(path: Path, asked: PictureQuestion | None) -> list[Subject]:
+    """Evaluate a picture, as `labcdp image` does."""
+    if asked is None:
+        raise InputError(f"{path} is compared as a picture: give its regions with --roi, or {_HINT.removeprefix('give ')}")
+    result = asked.evaluate(path)
+    return _results(str(path), path, envelope(result), result.inputs)
 
 
 def _document(name: str, path: Path) -> list[Subject]:

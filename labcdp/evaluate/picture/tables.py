@@ -24,6 +24,7 @@ _CDP_COLUMNS = (
     Column("bright", "bright region", shown=False),
     Column("dark", "dark region", shown=False),
     *uncertain(Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.")),
+    Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2, shown=False),
     Column("contrast", "target contrast", "%", "Contrast whose CDP is computed."),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured."),
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected."),
@@ -144,6 +145,7 @@ def _pair_values(pair: ImagePair) -> dict[str, Any]:
         "bright": pair.result.bright_region.roi.name,
         "dark": pair.result.dark_region.roi.name,
         **uncertain_values("measured_contrast", contrast.value, contrast.standard_error),
+        "u_measured_contrast_pixels": pair.result.contrast_pixels,
         **uncertain_values("csnr", csnr.value, csnr.standard_error),
     }
 

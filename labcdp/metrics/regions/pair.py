@@ -53,6 +53,8 @@ class PairResult:
         One for each target contrast; the intervals combine pixels, whose noise may be correlated, and calibration.
     contrast : Estimate
         Weber contrast of the means, with its standard uncertainty; common errors of both regions have cancelled.
+    contrast_pixels : float
+        Part of that standard uncertainty by the pixels; the rest is by the calibration.
     csnr : Estimate
         Mean over standard deviation of the contrasts of all pairs of pixels, with its standard uncertainty.
     findings : tuple of Finding
@@ -64,6 +66,7 @@ class PairResult:
     bright: Literal["a", "b"]
     results: tuple[CalibratedCdp[CdpResult], ...]
     contrast: Estimate
+    contrast_pixels: float
     csnr: Estimate
     findings: tuple[Finding, ...]
 
@@ -127,7 +130,7 @@ def evaluate_regions(
     name = bright_and_dark(first.distribution, second.distribution)[2]
     bright, dark = (first, second) if name == "a" else (second, first)
     errors = paired_errors(first, second)
-    contrast = _contrast(bright, dark, errors if name == "a" else [(y, x) for x, y in errors])
+    contrast, by_pixels = _contrast(bright, dark, errors if name == "a" else [(y, x) for x, y in errors])
     measured = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
     asked = _asked(measured if contrasts is None else tuple(contrasts), epsilon)
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
@@ -153,6 +156,7 @@ def evaluate_regions(
             for one, variance in zip(cdps, variances[3:].tolist(), strict=True)
         ),
         contrast=contrast,
+        contrast_pixels=by_pixels,
         csnr=with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
         findings=tuple(findings),
     )
@@ -237,13 +241,13 @@ def size_findings(region: str, n_pixels: int) -> list[Finding]:
     return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
 
 
-def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> Estimate:
-    """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2)."""
+def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> tuple[Estimate, float]:
+    """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2), and its part by the pixels."""
     contrast = float(weber_contrast(bright.mean, dark.mean))
     if not isfinite(contrast):
-        return Estimate(contrast, nan)
-    of_pixels = [hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)]
+        return Estimate(contrast, nan), nan
+    of_pixels = hypot(*(hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)))
     of_calibration = [
         float(np.mean(x * bright.values)) / bright.mean - float(np.mean(y * dark.values)) / dark.mean for x, y in errors
     ]
-    return Estimate(contrast, (1 + contrast) * hypot(*of_pixels, *of_calibration))
+    return Estimate(contrast, (1 + contrast) * hypot(of_pixels, *of_calibration)), (1 + contrast) * of_pixels

@@ -118,9 +118,8 @@ def measured():
 
     A signal is 1 for a perfect white; "L" is luminance.
     """
-    from labcdp.core.spectral.photometry import source_names, spectral_weights
+    from labcdp.core.spectral.photometry import spectral_weights
 
-    source_names()  # imports colour without its warnings
     import colour
 
     nm, power, visibility = spectral_weights("LED-B3")

@@ -162,7 +162,7 @@ def live_page(tmp_path: Path) -> Iterator[tuple[Any, str]]:
         arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.set_default_timeout(120_000)
+        page.set_default_timeout(300_000)
         answer = page.goto(url)
         assert answer is not None
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
@@ -231,7 +231,7 @@ def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(
 
     # A second browser looks on until it takes control, and then the first one does.
     other = live_page.context.browser.new_page()
-    other.set_default_timeout(120_000)
+    other.set_default_timeout(300_000)
     other.goto(address)
     control = "Take control"
     other.get_by_role("button", name=control).wait_for()
@@ -267,7 +267,7 @@ def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(
 
     report, done = live_page.get_by_text("Open the report"), live_page.get_by_role("button", name="Done", exact=True)
     asked = []
-    until_s = time.monotonic() + 300
+    until_s = time.monotonic() + 600
     while not report.is_visible():
         assert time.monotonic() < until_s, live_page.locator(".card").all_inner_texts()
         # A question may change while the hand is on its way.

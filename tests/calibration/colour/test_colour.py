@@ -70,7 +70,6 @@ def make_chart(light: str = "LED-B3") -> Chart:
 
 @pytest.fixture(scope="module")
 def chart() -> Chart:
-
     return make_chart()
 
 

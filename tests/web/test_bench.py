@@ -133,7 +133,7 @@ def test_no_exposure_is_better_where_the_camera_has_none() -> None:
 
 
 def small_plan() -> SessionConfiguration:
-    """Six patches and two exposures of the demonstration's target, at a frame rate that costs little."""
+    """Six patches and two exposures of the demonstration's target."""
     plan = SessionConfiguration.load(example_session() / "session.toml")
     names = ("P01", "P07", "upper left", "upper right", "lower left", "lower right")
     patches = [patch for patch in plan.target.patches if patch.name in names]
@@ -142,7 +142,7 @@ def small_plan() -> SessionConfiguration:
         update={"exposures_s": (0.002, 0.032), "frames_per_exposure": 2, "readings_per_patch": 1}
     )
     target = plan.target.model_copy(update={"patches": tuple(patches)})
-    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400), "frame_rate_hz": 4.0})
+    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400)})
     return plan.model_copy(update={"camera": camera, "target": target, "plan": short, "contrasts": pairs})
 
 

@@ -19,14 +19,6 @@ def test_preset_loads_and_runs(name: str) -> None:
     assert all(np.isfinite(signal.luminance_cd_m2).all() for signal in run.values())
 
 
-@pytest.mark.parametrize("name", preset_names())
-def test_text_of_a_preset_is_a_chain_file(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "copy.toml"
-    path.write_text(preset_text(name), encoding="utf-8")
-    assert Chain.load(path).document == Chain.load(str(path)).document == Chain.load(name).document
-    assert preset_text(name).startswith("#")
-
-
 def test_thesis_preset_has_the_values_of_its_tables() -> None:
     chain = Chain.load("thesis-2018")
     sensor = chain.sensors[0][1]

@@ -118,10 +118,9 @@ def measured():
 
     A signal is 1 for a perfect white; "L" is luminance.
     """
-    from labcdp.core.spectral.photometry import source_names, spectral_weights
-
-    source_names()  # imports colour without its warnings
     import colour
+
+    from labcdp.core.spectral.photometry import spectral_weights
 
     nm, power, visibility = spectral_weights("LED-B3")
     camera = colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]

@@ -182,8 +182,7 @@ def _tables(name: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float6
     lines = (files("labcdp") / "data" / "spectra" / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     nm, *columns = zip(*csv.reader(lines), strict=True)
     tables = {}
-    for column in columns:
-        given = [(float(at), float(value)) for at, value in zip(nm[1:], column[1:], strict=True) if value]
-        wavelength_nm, values = np.array(given).T
-        tables[column[0]] = wavelength_nm, values
+    for source, *values in columns:
+        given = np.array([(float(at), float(value)) for at, value in zip(nm[1:], values, strict=True) if value])
+        tables[source] = given[:, 0], given[:, 1]
     return tables

@@ -70,9 +70,6 @@ def make_chart(light: str = "LED-B3") -> Chart:
 
 @pytest.fixture(scope="module")
 def chart() -> Chart:
-    from labcdp.core.spectral.photometry import source_names
-
-    source_names()  # imports colour without its warnings
     return make_chart()
 
 

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from labcdp.calibration.colour.combination import ColourData, Prior, combine
 from labcdp.calibration.colour.mismatch import colourfulness, mismatch_errors
-from labcdp.core.spectral.photometry import source_names, spectral_weights
+from labcdp.core.spectral.photometry import spectral_weights
 
 LIGHTS = ("LED-B3", "LED-B1", "LED-B4", "D65", "A", "E", "FL11", "LED-V1", "LED-BH1")
 COLOURS = arrays(float, 3, elements=st.floats(0.1, 10))
@@ -76,7 +76,6 @@ def test_contrasts_of_other_colours_lie_in_their_interval():
     import colour
 
     rng, noise_rel = np.random.default_rng(14), 0.003
-    source_names()  # imports colour without its warnings
     nm, _, visibility = spectral_weights("E")
     chart = colour.SDS_COLOURCHECKERS["ColorChecker N Ohta"]
     reflectances = np.array([np.interp(nm, one.wavelengths, one.values) for one in chart.values()])[:18]

@@ -1,7 +1,7 @@
 """The live bench under trouble in Chromium: a browser that sleeps, a line that is cut, a flood of messages.
 
-Run ``python benchmarks/live_trouble.py``; ``--asleep-s 3600`` lets the browser sleep for an hour. It prints the memory of
-the server and what waits to be sent while the browser is stopped, whether images go on afterwards, how long the page
+Run ``python benchmarks/live_trouble.py``; ``--asleep-s 3600`` lets the browser sleep for an hour. It prints the memory
+of the server and what waits to be sent while the browser is stopped, whether images go on afterwards, how long the page
 takes to come back after its websocket was closed, and the memory after 30 MB of messages that mean nothing.
 """
 

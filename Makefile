@@ -31,7 +31,7 @@ lint: setup-test
 	tools/lint
 
 # All but the comparison with Pyxel, which installs 1.5 GB.
-bench: setup
+bench: setup-test
 	for file in benchmarks/bench_[!p]*.py; do $(PYTHON) "$$file"; done
 
 # Every truth from outside with labcdp's deviation, in build/validation; LABCDP_EMVA_DATA names the folder of the EMVA

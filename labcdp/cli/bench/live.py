@@ -75,8 +75,9 @@ class Stand:
         port = self.meter or described.port
         with ExitStack() as stack:
             camera = stack.enter_context(AravisCamera(selector))
-            serial = port is not None and described.entry == "serial"
-            meter = serial_meter(stack, described, port, choice) if serial else None
+            meter = None
+            if port is not None and described.entry == "serial":
+                meter = serial_meter(stack, described, port, choice)
             yield camera, BenchOfPage(meter, plan)
 
 

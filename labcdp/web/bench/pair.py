@@ -85,22 +85,20 @@ class Trace:
         The oldest first.
     pair : tuple of str
         Names of the regions.
+    newest : PairPoint or None
+        That of the newest image; None if it has none.
     """
 
     points: tuple[PairPoint, ...] = ()
     pair: tuple[str, ...] = ()
-
-    @property
-    def newest(self) -> PairPoint | None:
-        """The newest point, if there is any."""
-        return self.points[-1] if self.points else None
+    newest: PairPoint | None = None
 
     def after(self, point: PairPoint | None, pair: tuple[str, ...]) -> Trace:
         """Return the trace with another point; it begins anew with another pair."""
         kept = self.points if pair == self.pair else ()
         if point is not None:
             kept = (*(one for one in kept if point.time_s - one.time_s < TRACE_S), point)
-        return Trace(kept, pair)
+        return Trace(kept, pair, point)
 
 
 def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:

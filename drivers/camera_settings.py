@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from ..core.readout import Readout
+from ..core.frame import Readout
 
 #: Value of a GenICam feature.
 FeatureValue = bool | int | float | str

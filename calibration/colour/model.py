@@ -82,7 +82,7 @@ class ColourCalibration(ColourConverter):
             saturation_dn=min(state.saturation_dn for state in states),
             black_level_dn=float(np.mean(stated)) if stated else None,
             plane=None,
-            readout=states[0].readout and states[0].readout.of_bayer,
+            readout=states[0].readout and states[0].readout.in_larger_pixels(1 / 2),
         )
 
     @property

@@ -67,26 +67,12 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
     setting = calibration.setting(frame.gain_db)
     # Said once for a frame, and not for each of its blocks.
     if window[0].start in (None, 0):
-        low, high = calibration.exposures_s[0], calibration.exposures_s[-1]
-        if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
-            _log.warning(
-                "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
-                frame.frame_id,
-                frame.exposure_s,
-                low,
-                high,
-            )
-        taken = [(frame.exposure_s, frame.temperature_c)]
-        log_findings(_log, setting.dark.temperature_findings(taken, f"frame {frame.frame_id}"))
+        _say_what_was_not_calibrated(calibration, frame)
     library = calibration.dark_library
-    pattern, noise_dn = None, 0.0
-    if library is not None:
-        pattern = library.correction_dn(frame.shape, frame.exposure_s, frame.temperature_c)
-        if pattern is not None:
-            noise_dn = library.noise_dn(frame.exposure_s, frame.temperature_c)
-    tables = DnTables(
-        calibration, setting, frame.exposure_s, frame.temperature_c, frame.bit_depth, library_noise_dn=noise_dn
-    )
+    taken = frame.exposure_s, frame.temperature_c
+    pattern = None if library is None else library.correction_dn(frame.shape, *taken)
+    noise_dn = 0.0 if library is None or pattern is None else library.noise_dn(*taken)
+    tables = DnTables(calibration, setting, *taken, frame.bit_depth, library_noise_dn=noise_dn)
     inverse_v = _inverse_v(calibration.vignetting, frame.shape)
     conversion = _Conversion(
         frame,
@@ -107,6 +93,21 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
         fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
         fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
     )
+
+
+def _say_what_was_not_calibrated(calibration: Calibration, frame: Frame) -> None:
+    low, high = calibration.exposures_s[0], calibration.exposures_s[-1]
+    if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
+        _log.warning(
+            "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
+            frame.frame_id,
+            frame.exposure_s,
+            low,
+            high,
+        )
+    taken = [(frame.exposure_s, frame.temperature_c)]
+    dark = calibration.setting(frame.gain_db).dark
+    log_findings(_log, dark.temperature_findings(taken, f"frame {frame.frame_id}"))
 
 
 def _slow_rel(calibration: Calibration) -> float:

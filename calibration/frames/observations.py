@@ -8,8 +8,7 @@ from datetime import datetime
 from math import inf
 
 from ...core.errors import CalibrationError
-from ...core.frame import CameraIdentity, Frame, nominal_black_dn
-from ...core.readout import Readout
+from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting
 from ..signal_limits import ROUNDING_DN2
 from .nonuniformity import Nonuniformity

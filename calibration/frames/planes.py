@@ -62,7 +62,7 @@ def split(frame: Frame) -> dict[str, Frame]:
             colour_filter=None,
             plane=plane,
             plane_black_levels_dn=None,
-            readout=frame.readout and frame.readout.of_planes,
+            readout=frame.readout and frame.readout.in_larger_pixels(2),
         )
         for plane, black in zip(PLANES, black_dn, strict=True)
     }

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any, TypedDict
 
 from ...core.errors import InputError
+from ...core.frame import Readout
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
-from ...core.readout import Readout
 from ..camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
 from .features import available, read_feature, writable, write_feature
 from .known_state import show_whole_sensor

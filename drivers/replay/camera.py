@@ -13,8 +13,7 @@ from os import PathLike
 from typing import Self
 
 from ...core.clock import Clock
-from ...core.frame import CameraIdentity, Frame, black_levels
-from ...core.readout import Readout
+from ...core.frame import CameraIdentity, Frame, Readout, black_levels
 from ...session import EventRecord, FrameRecord, Session
 from ..camera import (
     CameraError,

@@ -10,8 +10,7 @@ from typing import Final, Self
 import numpy as np
 
 from ...core.clock import Clock, SystemClock
-from ...core.frame import CameraIdentity, Frame
-from ...core.readout import Readout
+from ...core.frame import CameraIdentity, Frame, Readout
 from ..camera import (
     MOST_REFUSED,
     CameraError,

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from labcdp.core.errors import InputError, SessionError
-from labcdp.core.frame import CameraIdentity, Frame
-from labcdp.core.readout import Readout
+from labcdp.core.frame import CameraIdentity, Frame, Readout
 from labcdp.session import EventRecord, FrameRecord, ReadingRecord, Session
 from labcdp.session.frame_file import frame_from_tiff, frame_to_tiff
 

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.emva.result import Characterisation
+from ...calibration.frames.observations import PatchObservation
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info, warning
 from ...metrics.interval import TargetContrast
@@ -84,9 +85,8 @@ def twin_session(
     calibration, characterisation : Calibration, Characterisation
         Of this camera and its settings.
     contrast, epsilon : float or None, float
-        Weber contrast to be detected between all pairs of patches, a fraction, with its tolerance; None for each pair's
-        own by the meter. Pairs below `LEAST_CONTRAST` by the meter are left out. The pairs of the session's
-        configuration are compared at theirs as well.
+        Weber contrast to be detected between all pairs of patches from `LEAST_CONTRAST` by the meter on, a fraction,
+        with its tolerance; None for each pair's own. Pairs of the configuration are compared at theirs as well.
     report : callable
         Called with the number of exposures done, and of all.
 
@@ -97,16 +97,12 @@ def twin_session(
     InputError
         If contrast or epsilon is out of range.
     """
-    frame = require_monochrome(session)
+    require_monochrome(session)
     if not isinstance(calibration, Calibration):
         raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
     found = mismatch(observed.configuration, calibration)
     twin = twin_parameters(session, observed, calibration, characterisation)
-    regions = regions_of(observed, calibration, twin, calibration.to_luminance(frame).slow_rel)
-    if len(regions) < _PAIR:
-        raise CalibrationError(
-            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
-        )
+    regions = _regions(session, observed, calibration, twin)
     corrected, response = CorrectedTwin.of(twin, calibration), calibration.response
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
@@ -115,11 +111,7 @@ def twin_session(
     compared: dict[PairAsked, TwinPair] = {}
     for done, (exposure_s, group) in enumerate(sorted(at.items())):
         report(done, len(at))
-        names = {name for pair in group for name in (pair.bright, pair.dark)}
-        seen = seen_regions(session, observed, calibration, exposure_s, names)
-        shown = [region for region in regions.values() if region.name in names]
-        predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, response)
-        compared |= _compared(group, seen, predicted, left_out)
+        compared |= _compared_at(session, observed, calibration, corrected, regions, exposure_s, group, left_out)
     report(len(at), len(at))
     if not compared:
         reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
@@ -133,14 +125,42 @@ def twin_session(
         patches=tuple(
             twin_patch(corrected.at(o.exposure_s), regions[name], o, response) for name, o in longest.items()
         ),
-        findings=(
-            *_left_out(left_out),
-            *found,
-            *corrected.findings(o.exposure_s for o in usable),
-            *twin.findings,
-            *(one for one in calibration.findings if one.severity != "info"),
-        ),
+        findings=(*_left_out(left_out), *found, *_of(corrected, usable, calibration)),
     )
+
+
+def _compared_at(
+    session: Session,
+    observed: ObservedSession,
+    calibration: Calibration,
+    corrected: CorrectedTwin,
+    regions: Mapping[str, TwinRegion],
+    exposure_s: float,
+    group: Sequence[PairAsked],
+    left_out: list[_LeftOut],
+) -> dict[PairAsked, TwinPair]:
+    names = {name for pair in group for name in (pair.bright, pair.dark)}
+    seen = seen_regions(session, observed, calibration, exposure_s, names)
+    shown = [region for region in regions.values() if region.name in names]
+    predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, calibration.response)
+    return _compared(group, seen, predicted, left_out)
+
+
+def _regions(
+    session: Session, observed: ObservedSession, calibration: Calibration, twin: TwinParameters
+) -> dict[str, TwinRegion]:
+    slow_rel = calibration.to_luminance(require_monochrome(session)).slow_rel
+    regions = regions_of(observed, calibration, twin, slow_rel)
+    if len(regions) < _PAIR:
+        raise CalibrationError(
+            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
+        )
+    return regions
+
+
+def _of(corrected: CorrectedTwin, usable: Sequence[PatchObservation], calibration: Calibration) -> list[Finding]:
+    own = corrected.findings(o.exposure_s for o in usable)
+    return [*own, *corrected.uncorrected.findings, *(one for one in calibration.findings if one.severity != "info")]
 
 
 def _by_exposure(

@@ -9,8 +9,7 @@ from labcdp.calibration import CameraState
 from labcdp.calibration.dark.library import DarkLibrary
 from labcdp.calibration.defects import DefectMap
 from labcdp.core.errors import CalibrationError
-from labcdp.core.frame import Frame
-from labcdp.core.readout import Readout
+from labcdp.core.frame import Frame, Readout
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
 WHOLE, PART = (48, 64), (slice(3, 27), slice(8, 40))

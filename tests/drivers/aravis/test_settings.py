@@ -3,7 +3,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from labcdp.core.readout import Readout
+from labcdp.core.frame import Readout
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import FREE_RUN, SOFTWARE_TRIGGER, CameraSettingError, FrameTimeoutError, Region, Trigger
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.core.errors import CalibrationError
-from labcdp.core.readout import Readout
+from labcdp.core.frame import Readout
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import calibration_for, corrections_of
 from labcdp.evaluate.bench.flat import require_same_optics

@@ -16,8 +16,11 @@ from ..errors.uncertainty import expanded_of, of_one_estimate
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, vignetting_errors
 from ..meter import METER_SOURCES
-from ..model import RANGE_MARGIN_REL, Calibration
+from ..model import Calibration
 from ..signal import left_out_text, net_signal, temperature_findings, usable
+
+#: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
+_RANGE_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,13 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
     return _combined(calibration, kept, findings)
 
 
+def is_within_response(calibration: Calibration, observation: PatchObservation) -> bool:
+    """Whether a signal is within the fitted range of a response that is not linear, with a small margin."""
+    dark = calibration.setting(observation.state.gain_db).dark
+    net_dn = observation.net_dn_at_pixel(dark.mean_dn(observation.exposure_s, observation.temperature_c))
+    return calibration.response.kind == "linear" or net_dn <= calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
+
+
 def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
     """Return the standard uncertainty of the Weber contrast K = L_bright / L_dark - 1 of two patches.
 
@@ -161,7 +171,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
 def _combined(
     calibration: Calibration, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
-    observations = [o for o in observations if calibration.covers(o)] or observations
+    observations = [o for o in observations if is_within_response(calibration, o)] or observations
     signals = [net_signal(o, calibration.settings) for o in observations]
     net = np.array([s.net_dn for s in signals])
     r = calibration.responsivity.responsivity_dn_s_cd_m2
@@ -221,7 +231,7 @@ def _outside(
     if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
         return [outside_range(patch, luminance_cd_m2, (low, high))]
     highest_dn = calibration.range_net_dn[1]
-    if net_dn > highest_dn * (1 + RANGE_MARGIN_REL):
+    if net_dn > highest_dn * (1 + _RANGE_MARGIN):
         return [warning("signal-outside-range", patch, net_dn=net_dn, highest_net_dn=highest_dn)]
     return []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
@@ -147,13 +148,13 @@ def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> floa
 
 def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
     """Squares of the relative uncertainty of a ratio, with their degrees of freedom."""
-    a, b = _by_name(bright.common), _by_name(dark.common)
-    zero = CommonError("", 0.0)
+    a, b = numbered(bright.common), numbered(dark.common)
     left = []
     for name in sorted(a.keys() | b.keys()):
+        zero = CommonError(name[0], 0.0)
         one, other = a.get(name, zero), b.get(name, zero)
         difference = float(one.relative) - float(other.relative)
-        left.append(CommonError((name in a and one.source) or other.source, difference, dof=min(one.dof, other.dof)))
+        left.append(CommonError(name[0], difference, dof=min(one.dof, other.dof)))
     return _parts([bright, dark], left)
 
 
@@ -244,12 +245,11 @@ def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, 
     )
 
 
-def _by_name(common: Sequence[CommonError]) -> dict[str, CommonError]:
-    """Errors by source, numbered where several have the same source."""
-    values: dict[str, CommonError] = {}
+def numbered(common: Sequence[CommonError]) -> dict[tuple[str, int], CommonError]:
+    """Errors of a patch by source and number, as several have the same source."""
+    counted: Counter[str] = Counter()
+    values: dict[tuple[str, int], CommonError] = {}
     for error in common:
-        number = 0
-        while f"{error.source} {number}" in values:
-            number += 1
-        values[f"{error.source} {number}"] = error
+        counted[error.source] += 1
+        values[error.source, counted[error.source]] = error
     return values

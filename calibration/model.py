@@ -22,15 +22,13 @@ from .dark.signal import DarkModel
 from .defects import DefectMap
 from .findings import FitTest, LeftOut, ModelStep
 from .fit_error import FitError
-from .frames.observations import CameraState, PatchObservation
+from .frames.observations import CameraState
 from .gains import GainSetting, index_of_gain
 from .meter import MeterScale
 from .noise import TemporalNoise
 from .readings import MeasuredPatch
 from .setup import LensIdentity, Provenance
 
-#: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
-RANGE_MARGIN_REL = 0.05
 
 @dataclass(frozen=True)
 class ResponsivityFit:
@@ -231,13 +229,6 @@ class Calibration:
         """Return the properties of a gain; raises CalibrationError, naming the calibrated ones, for another."""
         settings = self.settings
         return settings[index_of_gain(settings, gain_db)]
-
-    def covers(self, observation: PatchObservation) -> bool:
-        """Whether a signal is within the fitted range of a response that is not linear, with a small margin."""
-        dark = self.setting(observation.state.gain_db).dark
-        dark_dn = dark.mean_dn(observation.exposure_s, observation.temperature_c)
-        highest_dn = self.range_net_dn[1] * (1 + RANGE_MARGIN_REL)
-        return self.response.kind == "linear" or observation.net_dn_at_pixel(dark_dn) <= highest_dn
 
     def require(self, state: CameraState, theirs: str) -> None:
         """Refuse a camera state that this calibration is not valid for.

@@ -17,7 +17,8 @@ from ..frames.observations import CameraState
 from ..meter import MeterScale
 from ..model import PatchResidual
 from ..setup import LensIdentity, Provenance
-from .conversion import ColourConverter, to_luminance
+from .conversion import ColourConverter
+from .map import to_luminance
 
 
 @dataclass(frozen=True)
@@ -128,5 +129,5 @@ class ColourCalibration(ColourConverter):
         return hypot(*(w * plane.dark_spread_cd_m2(frame) for w, plane in zip(self.weights, self.planes, strict=True)))
 
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
-        """Convert a Bayer frame; see `labcdp.calibration.colour.conversion.to_luminance`."""
+        """Convert a Bayer frame; see `labcdp.calibration.colour.map.to_luminance`."""
         return to_luminance(self, frame, window)

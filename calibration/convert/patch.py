@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
@@ -16,8 +17,11 @@ from ..errors.uncertainty import expanded_of, of_one_estimate
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, vignetting_errors
 from ..meter import METER_SOURCES
-from ..model import RANGE_MARGIN_REL, Calibration
+from ..model import Calibration
 from ..signal import left_out_text, net_signal, temperature_findings, usable
+
+#: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
+_RANGE_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -116,6 +120,13 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
     return _combined(calibration, kept, findings)
 
 
+def is_within_response(calibration: Calibration, observation: PatchObservation) -> bool:
+    """Whether a signal is within the fitted range of a response that is not linear, with a small margin."""
+    dark = calibration.setting(observation.state.gain_db).dark
+    net_dn = observation.net_dn_at_pixel(dark.mean_dn(observation.exposure_s, observation.temperature_c))
+    return calibration.response.kind == "linear" or net_dn <= calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
+
+
 def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
     """Return the standard uncertainty of the Weber contrast K = L_bright / L_dark - 1 of two patches.
 
@@ -137,13 +148,13 @@ def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> floa
 
 def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
     """Squares of the relative uncertainty of a ratio, with their degrees of freedom."""
-    a, b = _by_name(bright.common), _by_name(dark.common)
-    zero = CommonError("", 0.0)
+    a, b = numbered(bright.common), numbered(dark.common)
     left = []
     for name in sorted(a.keys() | b.keys()):
+        zero = CommonError(name[0], 0.0)
         one, other = a.get(name, zero), b.get(name, zero)
         difference = float(one.relative) - float(other.relative)
-        left.append(CommonError((name in a and one.source) or other.source, difference, dof=min(one.dof, other.dof)))
+        left.append(CommonError(name[0], difference, dof=min(one.dof, other.dof)))
     return _parts([bright, dark], left)
 
 
@@ -161,7 +172,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
 def _combined(
     calibration: Calibration, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
-    observations = [o for o in observations if calibration.covers(o)] or observations
+    observations = [o for o in observations if is_within_response(calibration, o)] or observations
     signals = [net_signal(o, calibration.settings) for o in observations]
     net = np.array([s.net_dn for s in signals])
     r = calibration.responsivity.responsivity_dn_s_cd_m2
@@ -221,7 +232,7 @@ def _outside(
     if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
         return [outside_range(patch, luminance_cd_m2, (low, high))]
     highest_dn = calibration.range_net_dn[1]
-    if net_dn > highest_dn * (1 + RANGE_MARGIN_REL):
+    if net_dn > highest_dn * (1 + _RANGE_MARGIN):
         return [warning("signal-outside-range", patch, net_dn=net_dn, highest_net_dn=highest_dn)]
     return []
 
@@ -234,12 +245,11 @@ def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, 
     )
 
 
-def _by_name(common: Sequence[CommonError]) -> dict[str, CommonError]:
-    """Errors by source, numbered where several have the same source."""
-    values: dict[str, CommonError] = {}
+def numbered(common: Sequence[CommonError]) -> dict[tuple[str, int], CommonError]:
+    """Errors of a patch by source and number, as several have the same source."""
+    counted: Counter[str] = Counter()
+    values: dict[tuple[str, int], CommonError] = {}
     for error in common:
-        number = 0
-        while f"{error.source} {number}" in values:
-            number += 1
-        values[f"{error.source} {number}"] = error
+        counted[error.source] += 1
+        values[error.source, counted[error.source]] = error
     return values

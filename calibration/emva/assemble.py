@@ -12,10 +12,11 @@ import numpy as np
 from ...core.finding import Finding, unique
 from ..dark.uncertainty import drift_of_black_level
 from ..frames.observations import DarkObservation
+from ..photon_transfer import Slope
 from ..signal_limits import MAX_CLIPPED_SHARE
 from .dark_current import fit_dark_current
 from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
-from .photon_transfer import Slope, departure_rel, points_to_fit, require_noise, system_gain
+from .photon_transfer import departure_rel, points_to_fit, require_noise, system_gain
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
 from .saturation import Saturation, find_saturation
 from .series import SeriesPoint

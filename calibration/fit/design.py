@@ -86,6 +86,8 @@ class Design:
         Smooth patterns over the image, see `smooth_patterns`.
     read_at : tuple of datetime
         When each patch was read, P of them.
+    field_rel : float
+        Relative standard uncertainty of each patch by what a measured vignetting leaves.
     scatter_rel : float
         Unexplained relative scatter of the patches.
     scatter_each_rel, scatter_each_dn : float
@@ -110,6 +112,7 @@ class Design:
     uneven_rel: Array
     place: Array
     read_at: tuple[datetime, ...]
+    field_rel: float = 0.0
     scatter_rel: float = 0.0
     scatter_each_rel: float = 0.0
     scatter_each_dn: float = 0.0
@@ -125,7 +128,7 @@ class Design:
     @property
     def patch_rel(self) -> Array:
         """Independent relative standard uncertainty of each patch, shape (P,)."""
-        return np.hypot(self.own_rel, self.uneven_rel)
+        return np.hypot(np.hypot(self.own_rel, self.uneven_rel), self.field_rel)
 
     @property
     def same_patch(self) -> NDArray[np.bool_]:
@@ -218,7 +221,8 @@ def build_design(
     shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
     centres_px = [group[0].centre_px for group in groups.values()]
     place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
-    # What a measured vignetting leaves is smooth; scatter of the patches is found apart from it.
+    # The residual of a measured vignetting may be independent between patches or a slope over the image; both are
+    # allowed for.
     slow_field = slow_rel(vignetting)
     of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
     zero = np.zeros(len(observations))
@@ -241,6 +245,7 @@ def build_design(
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
         own_rel=pixels,
+        field_rel=slow_field,
         uneven_rel=slow,
         place=place,
         read_at=read_at,

@@ -77,7 +77,8 @@ class _Likelihood:
         logarithm = np.log(np.sum((grown / (1 + grown)) ** 2, axis=1)) / 2 - self._deviances(sizes) / 2
         weight = np.exp(logarithm - logarithm.max())
         weight /= weight.sum()
-        half_width = brentq(lambda w: weight @ erfc(w / (sqrt(2) * sizes)) - (1 - COVERAGE), 1e-3 * size, 1e4 * size)
+        limits = log(sizes[0] / 100), log(sizes[-1] * 100)
+        half_width = exp(brentq(lambda w: weight @ erfc(exp(w) / (sqrt(2) * sizes)) - (1 - COVERAGE), *limits))
         dof = float(stdtridf((1 + COVERAGE) / 2, half_width / size))
         return max(dof, 1.0) if np.isfinite(dof) else inf
 
@@ -94,8 +95,9 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     too, relative to the luminance (exposure times) or in DN (dark signal), whichever is more likely. REML: H. D.
     Patterson and R. Thompson, Biometrika 58 (1971) 545.
 
-    Where deviations depend on position, uncorrected vignetting also makes the patches non-uniform. This non-uniformity
-    does not explain the scatter and is then set to 0.
+    What a flat field leaves is a slow change over the image here: as an error of each patch it would hide their
+    scatter, which another patch has in addition. Where deviations depend on position, uncorrected vignetting also
+    makes the patches non-uniform. This non-uniformity does not explain the scatter and is then set to 0.
 
     Parameters
     ----------
@@ -111,6 +113,7 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     Solution
         With the scatter in its design; 0 if the stated errors explain all.
     """
+    design = replace(design, field_rel=0.0)
     if by_place:
         design = replace(design, uneven_rel=np.zeros(len(design.patches)))
     first = solve(design, candidate)

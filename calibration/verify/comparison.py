@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ...core.finding import Finding
-from ...core.luminance import CommonError
 from ...core.reading import Reading
-from ..convert.patch import PatchLuminance
+from ..convert.patch import PatchLuminance, numbered
 from ..errors.expanded import expanded_rel
 from ..meter import METER_SOURCES, MeterScale
 from ..model import Calibration
@@ -106,9 +104,9 @@ class Comparison:
             for s, r in zip(seen, read, strict=True)
         ]
         covariance = np.diag(np.square(own))
-        common = [_named(one.common) for one in seen]
-        for name in dict.fromkeys(name for errors in common for name in errors):
-            pattern = np.array([errors.get(name, 0.0) for errors in common])
+        common = [numbered(one.common) for one in seen]
+        for name in dict.fromkeys(name for errors in common for name in errors if name[0] not in METER_SOURCES):
+            pattern = np.array([float(errors[name].relative) if name in errors else 0.0 for errors in common])
             covariance = covariance + np.outer(pattern, pattern)
         return cls(tuple(seen), readings, deviation, covariance)
 
@@ -141,14 +139,3 @@ class Comparison:
             )
             for s, deviation, u in zip(self.seen, self.deviation_rel.tolist(), normal.tolist(), strict=True)
         )
-
-
-def _named(common: Sequence[CommonError]) -> dict[tuple[str, int], float]:
-    """Return the common errors of a patch by source and number, without those of the calibration's meter."""
-    counted: Counter[str] = Counter()
-    named: dict[tuple[str, int], float] = {}
-    for error in common:
-        if error.source not in METER_SOURCES:
-            counted[error.source] += 1
-            named[error.source, counted[error.source]] = float(error.relative)
-    return named

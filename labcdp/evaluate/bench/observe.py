@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from ...calibration import AnyCalibration, DarkObservation, PatchObservation, observe_dark, observe_patches
+from ...calibration.convert.patch import is_within_response
 from ...calibration.frames.measure import MIN_FRAMES
 from ...calibration.frames.planes import plane_region
 from ...calibration.meter import MeterScale, corrected, meter_scale
@@ -103,7 +104,7 @@ class ObservedSession:
             for o in self.planes[plane.state.plane].patches[name]
         ]
         saturated = {o.exposure_s for _, o in seen if o.saturated_share > 0}
-        beyond = {o.exposure_s for plane, o in seen if not plane.covers(o)}
+        beyond = {o.exposure_s for plane, o in seen if not is_within_response(plane, o)}
         unsaturated = {o.exposure_s for _, o in seen} - saturated
         return max((unsaturated - beyond) or unsaturated, default=None)
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -204,14 +205,12 @@ def evaluate_archive(
         if values is not None:
             done(VideoOutcome(task, values, resumed=True))
     findings: tuple[Finding, ...] = ()
-    groups: dict[Path, _Group] = {}
-    for task in tasks:
-        if task not in outcomes:
-            groups[task.video] = (*groups.get(task.video, ()), task)
+    left = (task for task in tasks if task not in outcomes)
+    groups = [tuple(group) for _, group in groupby(left, lambda task: task.video)]
     if groups:
         folder = Path(os.path.commonpath([task.folder.parent for task in tasks]))
         with (workers or Workers()).opened(folder) as run:
-            for group, found, error in run.run(evaluate_task, [*groups.values()], work, settings, force, inputs):
+            for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
                     done(outcome)
             died = run.died if isinstance(run, Processes) else []

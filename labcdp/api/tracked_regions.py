@@ -102,13 +102,8 @@ class TrackedRegions:
         if reference is not None and reference != "first" and not isinstance(reference, int | float):
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
-        common = VideoSettings(
-            contrasts=None if asked.values is None else tuple(asked.values),
-            epsilon=epsilon,
-            reference_by=reference_by,
-            selection=self.selection,
-            image_size=self.image_size,
-        )
+        targets = None if asked.values is None else tuple(asked.values)
+        common = VideoSettings(targets, epsilon=epsilon, reference_by=reference_by, selection=self.selection)
         settings = [self._of(pair, common, known) for pair in self.pairs]
         found = [_of_pair(one, measured=asked.values is None) for one in self.evaluate(settings, progress)]
         most = max(one.sizes["corner"] for one in found)
@@ -126,10 +121,11 @@ class TrackedRegions:
         )
 
     def _of(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
-        """What is asked of a pair."""
+        """Return what is asked of a pair."""
         named = {roi.name: roi for roi in self.rois}
-        rois = tuple(named[name] for name in pair)
-        return replace(common, rois=rois, method=method_among(self.method, list(named), pair), reference=reference)
+        rois = named[pair[0]], named[pair[1]]
+        method = method_among(self.method, list(named), pair)
+        return replace(common, rois=rois, method=method, reference=reference, image_size=self.image_size)
 
 
 def renamed(dataset: Dataset) -> Dataset:

@@ -192,14 +192,141 @@ def evaluate_archive(
     KeyboardInterrupt
         After what runs was stopped; finished videos are recorded.
     """
-    outcomes: dict[ArchiveTask, VideoOutcome] = {}
     report: Progress = progress or (lambda _done, _total, _outcome: None)
+    recorded = {} if force else {task: finished_values(task, settings) for task in tasks}
+    outcomes = {task: VideoOutcome(task, old, resumed=True) for task, old in recorded.items() if old is not None}
+    report(len(outcomes), len(tasks), None)
+    findings: tuple[Finding, ...] = ()
 
-    def done(outcome: VideoOutcome) -> None:
-        outcomes[outcome.task] = outcome
-        report(len(outcomes), len(tasks), outcome)
+    @property
+    def failures(self) -> tuple[VideoOutcome, ...]:
+        """Videos that failed."""
+        return tuple(outcome for outcome in self.outcomes if outcome.values is None)
 
-    report(0, len(tasks), None)
+
+def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = ()) -> tuple[ArchiveTask, ...]:
+    """Give each video, and each part of its evaluation, a folder of its own below `folder`, named after it.
+
+    Videos of one name get their suffix, then their folder's name, and at last a number into the name; it does not
+    depend on the other videos of the archive unless they have the same name.
+
+    Raises
+    ------
+    InputError
+        If there is no video, or one is given twice.
+    """
+    paths = [Path(os.path.abspath(path)) for path in videos]
+    if not paths:
+        raise InputError("there is no video to evaluate: give files, or a folder that holds some")
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
+        raise InputError(f"{twice} is given twice: give each video once")
+    names = [path.stem or "video" for path in paths]
+    for better in (lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}"):
+        names = [better(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
+    seen: dict[str, int] = {}
+    folders = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        folders.append(Path(os.path.abspath(folder)) / (name if seen[name] == 1 else f"{name}-{seen[name]}"))
+    if not parts:
+        return tuple(map(ArchiveTask.of, paths, folders))
+    named = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "part" for part in parts]
+    named = [f"{number}-{name}" for number, name in enumerate(named, start=1)]
+    return tuple(
+        ArchiveTask.of(path, one.with_name(f"{one.name}-{name}"), part)
+        for path, one in zip(paths, folders, strict=True)
+        for name, part in zip(named, parts, strict=True)
+    )
+
+
+def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
+    """Refuse a folder with results of videos that are not among those of the tasks.
+
+    Raises
+    ------
+    InputError
+        If there are some.
+    """
+    names = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
+    if names:
+        raise InputError(
+            f"{folder} has results of other videos, such as {min(names)}: give them too, or another --output"
+        )
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What evaluates the videos of an archive.
+
+    Parameters
+    ----------
+    address : str or None
+        Of a Dask scheduler, for example tls://192.0.2.7:8786; None for processes of this computer.
+    n_processes : int or None
+        Processes of this computer; None for one a core.
+    tls : TlsFiles or None
+        For a cluster at an address ``tls://``.
+    """
+
+    address: str | None = None
+    n_processes: int | None = None
+    tls: TlsFiles | None = None
+
+    def opened(self, folder: Path) -> AbstractContextManager[Cluster[_Group] | Processes[_Group]]:
+        """Return the context of workers that write into a folder; raises InputError as `open_cluster`."""
+        if self.address is None:
+            return nullcontext(Processes[_Group](self.n_processes))
+        return open_cluster(self.address, self.tls, folder, package_versions())
+
+
+def evaluate_archive(
+    tasks: Sequence[ArchiveTask],
+    work: Work,
+    settings: Mapping[str, Any],
+    workers: Workers | None = None,
+    progress: Progress | None = None,
+    *,
+    force: bool = False,
+    inputs: Sequence[Path] = (),
+) -> ArchiveResult:
+    """Evaluate all videos of an archive that are not evaluated yet.
+
+    Each video is evaluated by one process with one thread, so results are those of one video after the other, bit for
+    bit. A failing one does not keep the others from being evaluated; one whose worker dies is tried once more. What is
+    finished is recorded in the video's folder, and not done again with the same settings.
+
+    Parameters
+    ----------
+    tasks : sequence of ArchiveTask
+        Videos and the folders of their results; on a cluster all workers must see both under the same path.
+    work : callable
+        See `Work`.
+    settings : mapping
+        All inputs of the results other than the video; JSON.
+    workers : Workers or None
+        What evaluates them; None for a process a core.
+    progress : callable or None
+        See `Progress`.
+    force : bool
+        Whether finished videos are evaluated again and their results replaced.
+    inputs : sequence of Path
+        Other files that are read, and never replaced.
+
+    Raises
+    ------
+    InputError
+        If the cluster cannot be reached, its workers have another version of labcdp, or do not see the folder.
+    """
+    outcomes: dict[ArchiveTask, VideoOutcome] = {}
+
+    def done(*new: VideoOutcome | None) -> None:
+        for outcome in new:
+            outcomes.update({} if outcome is None else {outcome.task: outcome})
+            if progress is not None:
+                progress(len(outcomes), len(tasks), outcome)
+
+    done(None)
     for task in tasks:
         values = None if force else finished_values(task, settings)
         if values is not None:
@@ -212,9 +339,9 @@ def evaluate_archive(
         with (workers or Workers()).opened(folder) as run:
             for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
-                    done(outcome)
-            died = run.died if isinstance(run, Processes) else []
-            findings = tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
+                    outcomes[outcome.task] = outcome
+                    report(len(outcomes), len(tasks), outcome)
+            findings = _of_died(run)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -256,6 +383,11 @@ def evaluate_task(
             record_finished(task, settings, values, folders[task.part])
             outcomes[task] = VideoOutcome(task, values)
     return tuple(outcomes[task] for task in group)
+
+
+def _of_died(run: Cluster[_Group] | Processes[_Group]) -> tuple[Finding, ...]:
+    died = run.died if isinstance(run, Processes) else []
+    return tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
 
 
 def _reason(error: BaseException | None) -> str:

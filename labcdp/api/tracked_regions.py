@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -102,20 +102,9 @@ class TrackedRegions:
         if reference is not None and reference != "first" and not isinstance(reference, int | float):
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
-        named = {roi.name: roi for roi in self.rois}
-        settings = [
-            VideoSettings(
-                contrasts=None if asked.values is None else tuple(asked.values),
-                rois=(named[pair[0]], named[pair[1]]),
-                method=method_among(self.method, list(named), pair),
-                epsilon=epsilon,
-                reference=known,
-                reference_by=reference_by,
-                selection=self.selection,
-                image_size=self.image_size,
-            )
-            for pair in self.pairs
-        ]
+        targets = None if asked.values is None else tuple(asked.values)
+        common = VideoSettings(targets, epsilon=epsilon, reference_by=reference_by, selection=self.selection)
+        settings = [self._of(pair, common, known) for pair in self.pairs]
         found = [_of_pair(one, measured=asked.values is None) for one in self.evaluate(settings, progress)]
         most = max(one.sizes["corner"] for one in found)
         padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
@@ -130,6 +119,13 @@ class TrackedRegions:
         return (
             f"<labcdp.TrackedRegions of {self.name}: {len(self.rois)} regions, {len(self.pairs)} pairs, {self.method}>"
         )
+
+    def _of(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
+        """Return what is asked of a pair."""
+        named = {roi.name: roi for roi in self.rois}
+        rois = named[pair[0]], named[pair[1]]
+        method = method_among(self.method, list(named), pair)
+        return replace(common, rois=rois, method=method, reference=reference, image_size=self.image_size)
 
 
 def renamed(dataset: Dataset) -> Dataset:

@@ -204,11 +204,9 @@ class Follower:
         moving = shift(*self._velocity) @ self._to_image if self.seen else self._to_image
         yield moving
         rest, then = self._rest
-        motion = scene.moved_since(then)
-        if motion is not None:
-            at_rest = motion @ rest
-            if dist(self._looks.middle(at_rest), self._looks.middle(moving)) > 1:
-                yield at_rest
+        at_rest = None if (motion := scene.moved_since(then)) is None else motion @ rest
+        if at_rest is not None and dist(self._looks.middle(at_rest), self._looks.middle(moving)) > 1:
+            yield at_rest
 
     def _best(self, sight: Sight, scene: SceneNow) -> Found | None:
         """Best alignment from the expected places, and if necessary from a search."""

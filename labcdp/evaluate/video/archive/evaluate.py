@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -191,31 +192,21 @@ def evaluate_archive(
     KeyboardInterrupt
         After what runs was stopped; finished videos are recorded.
     """
-    outcomes: dict[ArchiveTask, VideoOutcome] = {}
     report: Progress = progress or (lambda _done, _total, _outcome: None)
-
-    def done(outcome: VideoOutcome) -> None:
-        outcomes[outcome.task] = outcome
-        report(len(outcomes), len(tasks), outcome)
-
-    report(0, len(tasks), None)
-    for task in tasks:
-        values = None if force else finished_values(task, settings)
-        if values is not None:
-            done(VideoOutcome(task, values, resumed=True))
+    recorded = {} if force else {task: finished_values(task, settings) for task in tasks}
+    outcomes = {task: VideoOutcome(task, old, resumed=True) for task, old in recorded.items() if old is not None}
+    report(len(outcomes), len(tasks), None)
     findings: tuple[Finding, ...] = ()
-    groups: dict[Path, _Group] = {}
-    for task in tasks:
-        if task not in outcomes:
-            groups[task.video] = (*groups.get(task.video, ()), task)
+    left = (task for task in tasks if task not in outcomes)
+    groups = [tuple(group) for _, group in groupby(left, lambda task: task.video)]
     if groups:
         folder = Path(os.path.commonpath([task.folder.parent for task in tasks]))
         with (workers or Workers()).opened(folder) as run:
-            for group, found, error in run.run(evaluate_task, [*groups.values()], work, settings, force, inputs):
+            for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
-                    done(outcome)
-            died = run.died if isinstance(run, Processes) else []
-            findings = tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
+                    outcomes[outcome.task] = outcome
+                    report(len(outcomes), len(tasks), outcome)
+            findings = _of_died(run)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -257,6 +248,11 @@ def evaluate_task(
             record_finished(task, settings, values, folders[task.part])
             outcomes[task] = VideoOutcome(task, values)
     return tuple(outcomes[task] for task in group)
+
+
+def _of_died(run: Cluster[_Group] | Processes[_Group]) -> tuple[Finding, ...]:
+    died = run.died if isinstance(run, Processes) else []
+    return tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
 
 
 def _reason(error: BaseException | None) -> str:

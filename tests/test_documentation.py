@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 import typer
 
+from labcdp import Session
 from labcdp.cli.app import app
 from labcdp.regions import RectangleShape, save_regions
+from labcdp.session import example_session
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -23,7 +26,13 @@ PAGES = sorted(
     if "generated" not in path.parts
 )
 #: Pages whose commands run in one folder, one after the other.
-RUN = ("README.md", "docs/tutorial/bench.md", "docs/howto/choose-a-sensor.md")
+RUN = (
+    "README.md",
+    "docs/tutorial/bench.md",
+    "docs/howto/choose-a-sensor.md",
+    "docs/howto/luminance-map.md",
+    "docs/howto/picture.md",
+)
 #: Commands that serve a page until Ctrl-C.
 SERVE = ("bench", "rois", "view")
 
@@ -56,19 +65,25 @@ def test_every_link_to_a_file_leads_somewhere(page):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A picture, a video and regions, as a reader would have them."""
+def folder(tmp_path, monkeypatch, request):
+    """Pictures, a video, regions and, but for pages that record their own, a session, as a reader would have them."""
     rng = np.random.default_rng(5)
     scene = cv2.GaussianBlur(rng.normal(60, 40, (240, 320)), (0, 0), 3)
     scene[80:140, 100:150], scene[80:140, 150:200] = 160, 80
     frames = [np.clip(scene + rng.normal(0, 3, scene.shape), 0, 255).round().astype(np.uint8) for _ in range(4)]
-    cv2.imwrite(str(tmp_path / "night.png"), frames[0])
+    (tmp_path / "drive").mkdir()
+    for name, frame in zip(("night", "board", "drive/1", "drive/2"), frames, strict=True):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), frame)
     video = cv2.VideoWriter(str(tmp_path / "drive.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (320, 240), False)
     for frame in frames:
         video.write(frame)
     video.release()
     regions = [RectangleShape("white", 105, 85, 40, 50), RectangleShape("grey", 155, 85, 40, 50)]
     save_regions(tmp_path / "rois.json", regions, image_size=(320, 240))
+    if request.node.callspec.params["page"] == "docs/howto/luminance-map.md":
+        shutil.copytree(example_session(), tmp_path / "my-session")
+        shutil.copy(min((example_session() / "frames").glob("*light*")), tmp_path / "frame.tif")
+        Session.open(example_session()).calibrate().save(tmp_path / "calibration.json")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     return tmp_path
 
@@ -77,7 +92,7 @@ def run(folder, line):
     """Run a command of a page; one that serves a page is ended by Ctrl-C once it has an address."""
     words = shlex.split(line, comments=True)
     if words[1] not in SERVE:
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=900)
+        done = subprocess.run(["bash", "-c", line], cwd=folder, capture_output=True, text=True, timeout=900)
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
         return
     with subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True) as process:

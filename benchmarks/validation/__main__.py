@@ -74,7 +74,12 @@ def main() -> None:
     parser.add_argument(
         "--emva", type=Path, default=os.environ.get("LABCDP_EMVA_DATA"), help="folder of the reference sets"
     )
-    parser.add_argument("--calibrations", type=int, default=20, help="of each world: 20 take 5 processor minutes and find gross errors only, 400 tell 95 %% from 97 %%")
+    parser.add_argument(
+        "--calibrations",
+        type=int,
+        default=20,
+        help="of each world: 20 take 5 processor minutes and find gross errors only, 400 tell 95 %% from 97 %%",
+    )
     parser.add_argument("--seeds", type=int, default=30, help="of the thesis' rows")
     parser.add_argument("--output", type=Path, default=Path("build/validation"))
     given = parser.parse_args()

@@ -125,7 +125,9 @@ def coverage(calibrations: int) -> Iterator[Check]:
             for quantity, share in summary.coverage.items():
                 nearest = min(max(share, LOWEST), HIGHEST)
                 error = binomial_error(nearest, done)
-                source = f"{share:.0%} ± {error:.0%} of {done} calibrations (binomial); {LOWEST:.0%} to {HIGHEST:.0%} hold"
+                source = (
+                    f"{share:.0%} ± {error:.0%} of {done} calibrations (binomial); {LOWEST:.0%} to {HIGHEST:.0%} hold"
+                )
                 # Where intervals are too short, a finding that names the effect is asked for instead.
                 named = share < nearest and summary.named_where_wrong is not None and summary.named_where_wrong >= NAMED
                 deviation = (share - nearest) / error

@@ -88,7 +88,7 @@ class CameraConfiguration(Table):
     )
 
     def stated(self, frame: Frame) -> Frame:
-        """Return a frame with the saturation that is stated here; raises ConfigurationError if it is not above black."""
+        """Return a frame with the saturation that is stated here; raises ConfigurationError if it is below black."""
         if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
             return frame
         if self.saturation_dn <= frame.black_level_dn:

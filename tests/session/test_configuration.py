@@ -81,7 +81,11 @@ WRONG = [
     ('name = "Four patches"', 'name = "a\\nb"', "name is 'a\\nb'"),
     ("3.45e-6", "0", "camera.pixel_pitch_m is 0 m"),
     ("3.45e-6", "3.45e-6\nsaturation_dn = 5000", "camera.saturation_dn is 5000 DN"),
-    ("3.45e-6", "3.45e-6\nsaturation_dn = 40\nblack_level = 64", "camera.saturation_dn is 40 DN, camera.black_level 64"),
+    (
+        "3.45e-6",
+        "3.45e-6\nsaturation_dn = 40\nblack_level = 64",
+        "camera.saturation_dn is 40 DN, camera.black_level 64",
+    ),
     ('"503363706"', "503363706", "camera.serial is 503363706"),
     ("[lens]", "[lense]", "lense is not a known key"),
     ("f_number = 2.6", "", "lens.f_number is missing"),

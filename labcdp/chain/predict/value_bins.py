@@ -106,7 +106,7 @@ def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
 
 
 def _lump_dn(zone: Zone, variances: Sequence[Any]) -> Any:
-    """Standard deviation of the narrowest lumps, in DN of the merge; infinite where there are none (`is_smooth`)."""
+    """Return the standard deviation of the narrowest lumps in DN of the merge, infinite without any (`is_smooth`)."""
     parts = [step**2 * variance for step, variance in zip(zone.steps, variances, strict=True)]
     rests = [(step, sum(parts) - part) for step, part in zip(zone.steps, parts, strict=True)]
     return zone.unit * np.sqrt(np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0))

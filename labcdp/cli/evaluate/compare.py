@@ -101,8 +101,8 @@ def compare(
     """Compare chains, sessions, calibrations, characterisations, pictures or sweeps, side by side on one page.
 
     Chains are predicted without random numbers: CDP over the luminance, usable range and difference. Sessions are
-    evaluated with their own calibrations, pictures as by labcdp image. All others are compared by their results: values with U, z and significance,
-    in which the errors of one meter or calibration are not counted as independent.
+    evaluated with their own calibrations, pictures as by labcdp image. All others are compared by their results: values
+    with U, z and significance, in which the errors of one meter or calibration are not counted as independent.
 
     Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
     """

@@ -58,6 +58,8 @@ def _values(found: Comparison, names: Sequence[str]) -> bytes:
             axes.errorbar(values, places, xerr=np.transpose(sides) if cdps else None, label=name, **style)
     axes.set_yticks(range(len(drawn)), [printable(name) for name in drawn], parse_math=False)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
+    # Values close to 1 have many digits.
+    axes.locator_params(axis="x", nbins=4)
     if not cdps:
         axes.axvspan(-1.96, 1.96, color="0.88", linewidth=0, zorder=0, label="not significant")
     text = "CDP with 95 % interval" if cdps else f"z: difference from {names[0]} over its standard uncertainty"

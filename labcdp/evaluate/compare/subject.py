@@ -147,7 +147,9 @@ def _file(text: str, path: Path) -> list[Subject]:
 def _picture(path: Path, asked: PictureQuestion | None) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
     if asked is None:
-        raise InputError(f"{path} is compared as a picture: give its regions with --roi, or {_HINT.removeprefix('give ')}")
+        raise InputError(
+            f"{path} is compared as a picture: give its regions with --roi, or {_HINT.removeprefix('give ')}"
+        )
     result = asked.evaluate(path)
     return _results(str(path), path, envelope(result), result.inputs)
 

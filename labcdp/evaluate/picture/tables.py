@@ -24,7 +24,9 @@ _CDP_COLUMNS = (
     Column("bright", "bright region", shown=False),
     Column("dark", "dark region", shown=False),
     *uncertain(Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.")),
-    Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2, shown=False),
+    Column(
+        "u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2, shown=False
+    ),
     Column("contrast", "target contrast", "%", "Contrast whose CDP is computed."),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured."),
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected."),

@@ -15,7 +15,7 @@ import traceback
 
 #: What commands import, beside labcdp's own modules; nothing of them runs before the fork.
 _HEAVY = (
-    *("cv2", "dask.array", "distributed", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.figure"),
+    *("colour", "cv2", "dask.array", "distributed", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.figure"),
     *("netCDF4", "numpy", "openpyxl", "PIL.Image", "plotly.graph_objects", "pydantic", "rich.markdown"),
     *("rich.progress", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.stats"),
     *("tifffile", "xarray", "xlsxwriter"),

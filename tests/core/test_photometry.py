@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import colour
 import numpy as np
 import pytest
@@ -9,8 +12,6 @@ from labcdp.core.spectral.photometry import (
     as_quantum_efficiency,
     electron_radiance_per_cd_m2,
     photon_radiance_per_cd_m2,
-    source_names,
-    spectral_weights,
 )
 
 #: h c in J m.
@@ -66,10 +67,14 @@ def test_unusable_spectra_and_efficiencies_are_refused(use, value, message):
         use(value)
 
 
-def test_the_shipped_tables_are_those_of_colour_science():
-    assert source_names() == list(colour.SDS_ILLUMINANTS)
-    visibility = colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"]
-    for name, light in colour.SDS_ILLUMINANTS.items():
-        nm, power, v = spectral_weights(name)
-        assert (power == np.interp(nm, light.wavelengths, light.values, left=0, right=0)).all(), name
-        assert (v == np.interp(nm, visibility.wavelengths, visibility.values)).all()
+def test_works_without_matplotlib_and_leaves_numpy_alone():
+    # colour warns without Matplotlib, and switches NumPy to an old print format.
+    program = """
+import sys; sys.modules["matplotlib"] = None
+import numpy as np
+from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
+before = np.get_printoptions()
+print(photon_radiance_per_cd_m2("D65") > 1e16, np.get_printoptions() == before)
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=900)
+    assert (done.stdout, done.stderr) == ("True True\n", "")

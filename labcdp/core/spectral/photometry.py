@@ -7,11 +7,11 @@ of photometric and photon quantity, so photons s^-1 m^-2 sr^-1 per cd/m^2 are al
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Sequence
-from functools import cache, lru_cache
-from importlib.resources import files
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ def photon_radiance_per_cd_m2(spectrum: str) -> float:
     Parameters
     ----------
     spectrum : str
-        A CIE illuminant (``D65``, ``A``, ``LED-B1``), or ``monochromatic 555 nm``
+        A CIE illuminant as colour-science names it (``D65``, ``A``, ``LED-B1``), or ``monochromatic 555 nm``
         with any wavelength from 380 to 780 nm, or ``thesis-2018`` (`THESIS_SPECTRUM`) to repeat published values.
 
     Returns
@@ -148,7 +148,7 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
         If the spectrum is not known; the message lists the names.
     """
     first, last = WAVELENGTH_RANGE_NM
-    illuminants = _tables("illuminants")
+    illuminants, observer = _colour_tables()
     line = _MONOCHROMATIC.fullmatch(spectrum)
     if spectrum == THESIS_SPECTRUM:
         efficacy = np.array([_THESIS_EFFICACY_LM_W / LUMINOUS_EFFICACY_LM_W])
@@ -161,28 +161,29 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
     elif spectrum in illuminants:
         # CIE 15: the integral is the sum over 1 nm steps, the tables are interpolated to them.
         wavelength_nm = np.arange(first, last + 1)
-        power = np.interp(wavelength_nm, *illuminants[spectrum], left=0, right=0)
+        table = illuminants[spectrum]
+        power = np.interp(wavelength_nm, table.wavelengths, table.values, left=0, right=0)
     else:
         known = ", ".join(illuminants)
         raise InputError(
             f"spectrum is {shown(spectrum)}, which is not known: give 'monochromatic 555 nm', {THESIS_SPECTRUM!r} or "
             f"one of {known}"
         )
-    return wavelength_nm, power, np.interp(wavelength_nm, *_tables("photopic-observer")["V"])
+    return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
 
 
 def source_names() -> list[str]:
     """Names of the light sources in tables; ``monochromatic 555 nm`` and the like are accepted in addition."""
-    return list(_tables("illuminants"))
+    return list(_colour_tables()[0])
 
 
-@cache
-def _tables(name: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Wavelengths in nm and values of each column of a file; CIE's tables as colour-science 0.4.7 holds them."""
-    lines = (files("labcdp") / "data" / "spectra" / f"{name}.csv").read_text(encoding="utf-8").splitlines()
-    nm, *columns = zip(*csv.reader(lines), strict=True)
-    tables = {}
-    for source, *values in columns:
-        given = np.array([(float(at), float(value)) for at, value in zip(nm[1:], values, strict=True) if value])
-        tables[source] = given[:, 0], given[:, 1]
-    return tables
+def _colour_tables() -> tuple[Mapping[str, Any], Any]:
+    """Illuminants by name, and V(lambda), from colour-science."""
+    # colour imports its plotting too: without Matplotlib, or with two of them, that warns, and the spectra do not
+    # mind. It also switches NumPy to the print format of version 1.13 for the whole process.
+    with warnings.catch_warnings(), np.printoptions():
+        warnings.filterwarnings("ignore", message='"Matplotlib" related API features are not available')
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        import colour
+    # Only read here: `align` and `interpolate` of colour change these shared tables in place.
+    return colour.SDS_ILLUMINANTS, colour.SDS_LEFS[_OBSERVER]

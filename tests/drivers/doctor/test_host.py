@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from labcdp.drivers.aravis.library import aravis
 from labcdp.drivers.doctor.host import FRAME_BYTES, HostFacts, host_facts, host_findings
 from labcdp.drivers.doctor.packages import NEEDED, AravisFacts, aravis_facts, aravis_finding, debian_packages
 from labcdp.drivers.doctor.serial_port import SerialPortFacts, serial_port_finding
@@ -175,6 +176,7 @@ def test_versions_come_from_debians_database(tmp_path):
 
 @needs_dpkg
 def test_without_aravis_the_packages_to_install_are_named(tmp_path, monkeypatch):
+    aravis.cache_clear()
     monkeypatch.setitem(sys.modules, "gi", None)  # as if PyGObject were not there
     write(tmp_path, "var/lib/dpkg/status", status("python3-gi", "3.42.2-3+b1"))
     (tmp_path / "var/lib/dpkg/updates").mkdir()

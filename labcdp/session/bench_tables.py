@@ -91,10 +91,10 @@ class CameraConfiguration(Table):
         """Return a frame with the saturation that is stated here; raises ConfigurationError if it is below black."""
         if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
             return frame
-        if self.saturation_dn <= frame.black_level_dn:
+        if self.saturation_dn <= frame.nominal_black_dn:
             raise ConfigurationError(
                 f"camera.saturation_dn is {self.saturation_dn:g} DN, but the black level of the camera is "
-                f"{frame.black_level_dn:g} DN: give a value above it"
+                f"{frame.nominal_black_dn:g} DN: give a value above it"
             )
         return replace(frame, saturation_dn=self.saturation_dn)
 

@@ -192,7 +192,8 @@ class SessionConfiguration(Table):
         if stated is None:
             return self
         # The black level of the camera itself is known from its first frame on.
-        darks = {"camera.black_level": self.camera.black_level, "guess.dark_dn": self.guess and self.guess.dark_dn}
+        guessed_dn = None if self.guess is None else self.guess.dark_dn
+        darks = {"camera.black_level": self.camera.black_level, "guess.dark_dn": guessed_dn}
         for key, dark_dn in darks.items():
             if dark_dn is not None and stated <= dark_dn:
                 raise ValueError(f"camera.saturation_dn is {stated:g} DN, {key} {dark_dn:g}: give a value above it")

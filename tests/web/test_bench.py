@@ -20,14 +20,13 @@ import pytest
 
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import LuminanceMap
-from labcdp.drivers.camera import FeatureDescription
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.session import Session, SessionConfiguration, example_session
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.exposure import better_exposure_s
-from labcdp.web.bench.images import black_in_dn, sharpness
+from labcdp.web.bench.images import sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question
@@ -180,9 +179,9 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     assert dark.light / lit.light == pytest.approx(green.mean() / highest, rel=1e-5)
     assert dark.light_std / lit.light == pytest.approx(green.std(ddof=1) / highest, rel=1e-5)
     assert image.readout(15.5, 12.5).endswith("saturated")
-    # The register of the black level counts DN of the deepest format.
-    formats = FeatureDescription("PixelFormat", pixel_format, True, choices=("Mono8", "Mono12"))
-    assert black_in_dn(replace(frame, black_level_dn=64.0), [formats]).black_level_dn == (4.0 if bits == 8 else 64.0)
+    # The register of the black level counts DN of 12 bits.
+    of_register = replace(frame, black_level_dn=None, black_level_register=64.0)
+    assert of_register.nominal_black_dn == (4.0 if bits == 8 else 64.0)
     # One displayed pixel for four of a pattern, with their mean.
     shown = image.display
     blocks = dn.astype(float).reshape(30, 2, 40, 2).mean(axis=(1, 3))

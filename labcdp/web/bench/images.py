@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from threading import Thread
 from time import monotonic, sleep
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
-from ...core.pixel_format import PIXEL_FORMATS
 from ...core.roi import Roi
-from ...drivers.camera import FeatureDescription
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .live_camera import LiveCamera
@@ -138,8 +136,6 @@ class LiveImages:
     def image(self, frame: Frame) -> PageImage:
         """Return the image of a frame, in relative luminance where the calibration is not for it."""
         self._bit_depth = frame.bit_depth
-        if self._conversion.unit != "cd/m^2":
-            frame = black_in_dn(frame, self._camera.live.features)
         try:
             image = PageImage.of_frame("live", frame, self._conversion)
             self.mismatch = ""
@@ -196,15 +192,3 @@ class LiveImages:
 def _holds(roi: Roi, x: float, y: float) -> bool:
     left, top, right, bottom = roi.bounds
     return left <= x < right and top <= y < bottom
-
-
-def black_in_dn(frame: Frame, features: Sequence[FeatureDescription]) -> Frame:
-    """Return a frame with the black level in its own DN: the register counts those of the deepest pixel format."""
-    choices = next((one.choices for one in features if one.name == "PixelFormat"), ())
-    # Formats of 16 bits hold fewer.
-    bits = [
-        PIXEL_FORMATS[one].bit_depth for one in choices if one in PIXEL_FORMATS and PIXEL_FORMATS[one].bit_depth < 16
-    ]
-    if not bits or frame.bit_depth >= max(bits):
-        return frame
-    return replace(frame, black_level_dn=frame.black_level_dn * 2.0 ** (frame.bit_depth - max(bits)))

@@ -91,12 +91,11 @@ class Cluster(Generic[_Task]):
         InputError
             If the scheduler does not answer any more, there is no worker, or one that cannot be used.
         """
-        from distributed import as_completed
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
         try:
-            waiting, completed = deque(tasks), as_completed()
+            waiting = deque(tasks)
             running: dict[Any, _Task] = {}
 
             def fill() -> None:
@@ -104,42 +103,54 @@ class Cluster(Generic[_Task]):
                 n_threads = self._n_threads() if waiting else 0
                 while waiting and len(running) < n_threads:
                     task = waiting.popleft()
-                    future = self._client.submit(function, task, *arguments, pure=False)
-                    running[future] = task
-                    completed.add(future)
+                    running[self._client.submit(function, task, *arguments, pure=False)] = task
 
             fill()
-            for future in completed:
-                value: _Value | None = None
-                error: BaseException | None = None
-                try:
-                    value = future.result(timeout=_ANSWER_S)
-                except (CommClosedError, CancelledError):
-                    raise
-                except KilledWorker as killed:
-                    error = InputError(
-                        f"its worker died, as did others before (the last one was {killed.last_worker.address}): check "
-                        "that there is enough memory, or evaluate this file alone"
-                    )
-                except Exception as raised:
-                    error = raised
-                task = running.pop(future)
-                fill()
-                yield task, value, error
+            while running:
+                for future in self._completed(list(running)):
+                    value: _Value | None = None
+                    error: BaseException | None = None
+                    try:
+                        value = future.result(timeout=_ANSWER_S)
+                    except (CommClosedError, CancelledError):
+                        raise
+                    except KilledWorker as killed:
+                        error = InputError(
+                            f"its worker died, as did others before (the last one was {killed.last_worker.address}): "
+                            "check that there is enough memory, or evaluate this file alone"
+                        )
+                    except Exception as raised:
+                        error = raised
+                    task = running.pop(future)
+                    fill()
+                    yield task, value, error
         except (CommClosedError, CancelledError, OSError) as error:
             raise InputError(
                 f"the Dask scheduler at {self._client.scheduler.address} no longer answers: start it again; what was "
                 "finished is recorded"
             ) from error
 
-    def _n_threads(self) -> int:
-        """Wait for a worker, make sure that all can be used, and count their threads."""
+    def _completed(self, futures: Sequence[Any]) -> Sequence[Any]:
+        """Wait until some are completed, as long as there is a worker."""
+        from distributed import wait
+
+        while True:
+            try:
+                return list(wait(futures, timeout=_WORKER_S, return_when="FIRST_COMPLETED").done)
+            except TimeoutError:
+                self._require_worker()
+
+    def _require_worker(self) -> None:
         try:
             self._client.wait_for_workers(1, timeout=_WORKER_S)
         except TimeoutError as error:
             raise InputError(
                 f"the cluster has had no worker for {_WORKER_S:g} s: start workers, and try again"
             ) from error
+
+    def _n_threads(self) -> int:
+        """Wait for a worker, make sure that all can be used, and count their threads."""
+        self._require_worker()
         probe = self._folder / f".labcdp-{secrets.token_hex(8)}.part"
         try:
             probe.touch()

@@ -190,7 +190,9 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(
     assert not list(folder.iterdir())
 
 
-def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs: ExitStack) -> None:
+def test_cluster_with_certificates_until_its_only_worker_dies(
+    videos: list[Path], tmp_path: Path, programs: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl is not installed")
     tls = make_certificate(tmp_path)
@@ -203,6 +205,10 @@ def test_cluster_with_certificates(videos: list[Path], tmp_path: Path, programs:
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):
         TlsFiles(tls.ca, tls.certificate, tmp_path / "none.pem")
+    with dask_cluster.open_cluster(address, tls, tmp_path / "c", {}) as cluster:
+        monkeypatch.setattr(dask_cluster, "_WORKER_S", 3)
+        with pytest.raises(InputError, match="the cluster has had no worker for 3 s: start workers, and try again"):
+            list(cluster.run(os._exit, [1]))
 
 
 def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,10 +72,10 @@ def summed(image: _Array, down: int, right: int, all_down: bool, all_right: bool
     of_down, of_right = weights(down), weights(right)
     total = 0.0
     if all_down:
-        columns = image.sum(axis=0).reshape(-1, 1)
+        columns = (np.ones(image.shape[0]) @ image).reshape(-1, 1)
         total += _weighted(columns, columns, of_right)
     if all_right:
-        rows = image.sum(axis=1).reshape(-1, 1)
+        rows = (image @ np.ones(image.shape[1])).reshape(-1, 1)
         total += _weighted(rows, rows, of_down)
     if all_down == all_right:
         transposed = np.ascontiguousarray(image.T)
@@ -125,8 +125,11 @@ def _last(image: _Array, mask: _Array, least: float, below: int) -> tuple[int, _
 
 def _over(weight: _Array, pairs: _Array) -> _Array:
     """Weights of lags over their numbers of pairs, 0 without pairs."""
-    counted = pairs[: weight.size]
-    return np.where(counted > 0, weight / np.where(counted > 0, counted, 1.0), 0.0)
+    means = np.zeros(weight.size)
+    for lag in range(weight.size):
+        if pairs[lag] > 0:
+            means[lag] = weight[lag] / pairs[lag]
+    return means
 
 
 def _lines_count(
@@ -150,7 +153,7 @@ def _lines_count(
 
 def _far(image: _Array, near: _Array) -> float:
     """Sum of the products at all lags along y beyond those given, of both signs."""
-    columns = image.sum(axis=0)
+    columns = np.ones(image.shape[0]) @ image
     return float(columns @ columns - 2 * near.sum() + near[0])
 
 
@@ -159,14 +162,14 @@ def _smoothed(image: _Array, weight: _Array) -> _Array:
     height, width = image.shape
     reach, rows = min(weight.size, height) - 1, min(height, _ROWS)
     n_bands = (height + rows - 1) // rows
-    padded = np.zeros((n_bands * rows + 2 * reach, width))
-    padded[reach : reach + height] = image
-    band = np.zeros((rows, rows + 2 * reach))
-    for column in range(2 * reach + 1):
-        band.reshape(-1)[column :: band.shape[1] + 1] = weight[abs(column - reach)]
-    sums = np.empty((n_bands * rows, width))
-    for first in range(0, n_bands * rows, rows):
-        sums[first : first + rows] = band @ padded[first : first + band.shape[1]]
+    above, below = np.zeros((reach, width)), np.zeros((n_bands * rows + reach - height, width))
+    padded = np.concatenate((above, image, below))
+    # The weights around each row's own place: one longer than a row, so that each row has them one farther on.
+    longer = np.concatenate((weight[reach:0:-1], weight[: reach + 1], np.zeros(rows)))
+    band = np.outer(np.ones(rows), longer).reshape(-1)[: rows * (rows + 2 * reach)].reshape(rows, rows + 2 * reach)
+    sums = band @ padded[: band.shape[1]]
+    for first in range(rows, n_bands * rows, rows):
+        sums = np.concatenate((sums, band @ padded[first : first + band.shape[1]]))
     return sums[:height]
 
 

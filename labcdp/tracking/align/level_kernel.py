@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.computer.compiled import compiled
+from .algebra_kernel import inverse, median, solved
 
 #: Residuals from which on pixels count little, in standard deviations of the residuals.
 _ROBUST = 2.5
@@ -131,9 +132,8 @@ def _compared(
     scale, shift = np.float32(1 / gain), np.float32(offset / gain)
     for at in range(n):
         residuals[at] = values[at] * scale - own[at] - shift
-    some = np.abs(residuals[:: 4 if n > _MANY else 1])
     spread = max(
-        1.4826 * np.partition(some, some.size // 2)[some.size // 2],
+        1.4826 * median(np.abs(residuals[:: 4 if n > _MANY else 1])),
         pattern.noise * (1 + 1 / gain**2) ** 0.5,
         _ALLOWED * pattern.structure,
     )
@@ -218,19 +218,24 @@ def look(
 @compiled
 def _step(seen: Seen, pattern: Pattern) -> NDArray[np.float64]:
     """Gauss-Newton step along each generator, light found along with it."""
-    weights = seen.trusted * seen.robust
-    weighted = pattern.jacobian * weights
-    products = (weighted @ pattern.jacobian.T).astype(np.float64)
-    pull = (weighted @ seen.residuals).astype(np.float64)
+    jacobian, residuals = pattern.jacobian, seen.residuals
+    weighted = np.empty_like(jacobian)
     scatter, total = 0.0, 0.0
-    for at in range(weights.size):
-        total += weights[at]
-        scatter += weights[at] * seen.residuals[at] * seen.residuals[at]
+    for at in range(residuals.size):
+        weight = seen.trusted[at] * seen.robust[at]
+        total += weight
+        scatter += weight * residuals[at] * residuals[at]
+        for k in range(jacobian.shape[0]):
+            weighted[k, at] = jacobian[k, at] * weight
+    products, pull = weighted @ jacobian.T, weighted @ residuals
     least = max(scatter / max(total, 1e-9), pattern.noise**2)
+    rows = np.empty((pull.size, pull.size + 1))
     for k in range(pull.size):
-        products[k, k] += pattern.damping[k] * least + 1e-6 * products[k, k] + 1e-9
-    steps = np.linalg.solve(products, pull).astype(np.float64)
-    return steps[: pattern.generators.shape[0]]
+        for m in range(pull.size):
+            rows[k, m] = products[k, m]
+        rows[k, k] += pattern.damping[k] * least + 1e-6 * products[k, k] + 1e-9
+        rows[k, pull.size] = pull[k]
+    return solved(rows)[: pattern.generators.shape[0]]
 
 
 @compiled
@@ -259,7 +264,7 @@ def improve(
         change = np.eye(3)
         for k in range(step.size):
             change += step[k] * pattern.generators[k]
-        place = place @ pattern.from_centred @ np.linalg.inv(change) @ pattern.centred
+        place = place @ pattern.from_centred @ inverse(change) @ pattern.centred
         if not np.isfinite(place).all() or place[2, 2] == 0:
             return False, place, 0.0, 0.0
         place = place / place[2, 2]

@@ -126,7 +126,7 @@ def _last(image: _Array, mask: _Array, least: float, below: int) -> tuple[int, _
 def _over(weight: _Array, pairs: _Array) -> _Array:
     """Weights of lags over their numbers of pairs, 0 without pairs."""
     counted = pairs[: weight.size]
-    return np.where(counted > 0, weight / np.where(counted > 0, counted, 1.0), 0.0)
+    return weight * (counted > 0) / np.maximum(counted, 1.0)
 
 
 def _lines_count(
@@ -159,14 +159,14 @@ def _smoothed(image: _Array, weight: _Array) -> _Array:
     height, width = image.shape
     reach, rows = min(weight.size, height) - 1, min(height, _ROWS)
     n_bands = (height + rows - 1) // rows
-    padded = np.zeros((n_bands * rows + 2 * reach, width))
-    padded[reach : reach + height] = image
+    below = np.zeros((n_bands * rows + reach - height, width))
+    padded = np.concatenate((np.zeros((reach, width)), image, below))
     band = np.zeros((rows, rows + 2 * reach))
     for column in range(2 * reach + 1):
         band.reshape(-1)[column :: band.shape[1] + 1] = weight[abs(column - reach)]
     sums = np.empty((n_bands * rows, width))
     for first in range(0, n_bands * rows, rows):
-        sums[first : first + rows] = band @ padded[first : first + band.shape[1]]
+        np.dot(band, padded[first : first + band.shape[1]], sums[first : first + rows])
     return sums[:height]
 
 

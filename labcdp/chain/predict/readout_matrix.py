@@ -72,19 +72,21 @@ class Readout:
         smooth over many counts, every second, fourth, ..., which for normal densities is exact to 1e-8 up to a step
         of their common width.
         """
-        rows: csr_array = electron_rows(mean_e, self.full_well_e, self.noise_e) @ self._dn_of_count(offset_e)
+        electrons = electron_rows(mean_e, self.full_well_e, self.noise_e)
+        rows: csr_array = electrons @ self._dn_of_count(offset_e, np.bincount(electrons.indices) > 0)
         return rows
 
-    def _dn_of_count(self, offset_e: float) -> csr_array:
-        """Probability of each DN for each count 0, 1, ... and the full well, shape (counts, 2^bits)."""
+    def _dn_of_count(self, offset_e: float, occurs: NDArray[np.bool_]) -> csr_array:
+        """Probability of each DN for each count 0, 1, ... and the full well that occurs, shape (counts, 2^bits)."""
         from scipy.sparse import csr_array
         from scipy.special import ndtr
 
-        count = np.append(np.arange(ceil(self.full_well_e)), self.full_well_e)
+        place = np.flatnonzero(occurs)
+        count, states = np.minimum(place, self.full_well_e), ceil(self.full_well_e)
         top = 2**self.bits - 1
         if self.noise_e == 0:
             dn = digitise((count + offset_e).astype(np.float32), self.k_dn_per_e, self.black_level_dn, self.bits)
-            return csr_array((np.ones(count.size), (np.arange(count.size), dn)), shape=(count.size, top + 1))
+            return csr_array((np.ones(count.size), (place, dn)), shape=(states + 1, top + 1))
         centre_dn = self.k_dn_per_e * (count + offset_e) + self.black_level_dn
         noise_dn = self.k_dn_per_e * self.noise_e
         width = min(2 * ceil(_REACH * noise_dn) + 2, top + 1)
@@ -94,8 +96,8 @@ class Readout:
         edges[edges > top] = np.inf
         share = np.diff(ndtr((edges - centre_dn[:, None]) / noise_dn), axis=1)
         column = (first[:, None] + np.arange(width)).astype(np.int32)
-        starts = np.arange(count.size + 1) * width
-        return csr_array((share.ravel(), column.ravel(), starts), shape=(count.size, top + 1))
+        starts = np.searchsorted(place, np.arange(states + 2)) * width
+        return csr_array((share.ravel(), column.ravel(), starts), shape=(states + 1, top + 1))
 
 
 def electron_rows(mean_e: FloatArray, full_well_e: float, noise_e: float) -> csr_array:

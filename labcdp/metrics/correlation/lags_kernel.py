@@ -125,11 +125,8 @@ def _last(image: _Array, mask: _Array, least: float, below: int) -> tuple[int, _
 
 def _over(weight: _Array, pairs: _Array) -> _Array:
     """Weights of lags over their numbers of pairs, 0 without pairs."""
-    means = np.zeros(weight.size)
-    for lag in range(weight.size):
-        if pairs[lag] > 0:
-            means[lag] = weight[lag] / pairs[lag]
-    return means
+    counted = pairs[: weight.size]
+    return weight * (counted > 0) / np.maximum(counted, 1.0)
 
 
 def _lines_count(
@@ -162,14 +159,14 @@ def _smoothed(image: _Array, weight: _Array) -> _Array:
     height, width = image.shape
     reach, rows = min(weight.size, height) - 1, min(height, _ROWS)
     n_bands = (height + rows - 1) // rows
-    above, below = np.zeros((reach, width)), np.zeros((n_bands * rows + reach - height, width))
-    padded = np.concatenate((above, image, below))
-    # The weights around each row's own place: one longer than a row, so that each row has them one farther on.
-    longer = np.concatenate((weight[reach:0:-1], weight[: reach + 1], np.zeros(rows)))
-    band = np.outer(np.ones(rows), longer).reshape(-1)[: rows * (rows + 2 * reach)].reshape(rows, rows + 2 * reach)
-    sums = band @ padded[: band.shape[1]]
-    for first in range(rows, n_bands * rows, rows):
-        sums = np.concatenate((sums, band @ padded[first : first + band.shape[1]]))
+    below = np.zeros((n_bands * rows + reach - height, width))
+    padded = np.concatenate((np.zeros((reach, width)), image, below))
+    band = np.zeros((rows, rows + 2 * reach))
+    for column in range(2 * reach + 1):
+        band.reshape(-1)[column :: band.shape[1] + 1] = weight[abs(column - reach)]
+    sums = np.empty((n_bands * rows, width))
+    for first in range(0, n_bands * rows, rows):
+        np.dot(band, padded[first : first + band.shape[1]], sums[first : first + rows])
     return sums[:height]
 
 

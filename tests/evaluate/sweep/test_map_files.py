@@ -27,13 +27,7 @@ from labcdp.report.envelope import envelope, schema
 from labcdp.report.netcdf import read_dataset
 from labcdp.report.sheets import result_workbook
 
-VERMILLION, MISSING, BLUE = (213, 94, 0), (217, 217, 217), (0, 114, 178)
-
-
-VERMILLION, MISSING, BLUE = (213, 94, 0), (217, 217, 217), (0, 114, 178)
-
-
-VERMILLION, MISSING, BLUE = (213, 94, 0), (217, 217, 217), (0, 114, 178)
+VERMILLION = (213, 94, 0)
 
 
 def area(image: NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
@@ -90,9 +84,9 @@ def dataset() -> xr.Dataset:
 
 
 @pytest.fixture
-def staged(dataset: xr.Dataset) -> xr.Dataset:
-    """The map after two stages, one of a hostile name."""
-    return dataset.expand_dims({"stage": ["sensor", HOSTILE]})
+def staged() -> xr.Dataset:
+    """A map after two stages, one of a hostile name."""
+    return shot_noise_map(12, 6).expand_dims({"stage": ["sensor", HOSTILE]})
 
 
 def one_contrast(dataset: xr.Dataset, index: int = 5) -> xr.Dataset:
@@ -120,8 +114,8 @@ def page(dataset: xr.Dataset, folder: Path) -> Path:
     return folder / "report.html"
 
 
-def test_of_many_sections_some_are_drawn_and_the_tables_hold_all(dataset: xr.Dataset, tmp_path: Path) -> None:
-    many = dataset.expand_dims({"seed": [str(i) for i in range(14)]})
+def test_of_many_sections_some_are_drawn_and_the_tables_hold_all(tmp_path: Path) -> None:
+    many = shot_noise_map(6, 6).expand_dims({"seed": [str(i) for i in range(14)]})
     panels, curves = view(many), view(one_contrast(many))
     assert (len(panels.parts), panels.left_out, len(curves.parts), curves.left_out) == (12, 2, 8, 6)
     assert [panels.parts[place][0]["seed"] for place in (0, -1)] == ["0", "13"]

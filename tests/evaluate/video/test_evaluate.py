@@ -152,7 +152,7 @@ _EPSILONS = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.integers(1, 20), st.integers(1, 20), st.integers(0, 2**32 - 1), st.integers(0, 250), st.integers(1, 255),
     st.lists(st.floats(0.01, 20), min_size=1, max_size=4, unique=True), _EPSILONS, st.integers(0, 60),
@@ -249,18 +249,18 @@ def test_the_first_measured_frame_is_the_reference(tmp_path: Path) -> None:
         assert result["reference_cdp"].values[number] == pytest.approx(brute_force(a, b, contrast)[1], abs=1e-9)
 
 
-@pytest.mark.parametrize("by", ["number", "time"])
-def test_the_reference_of_another_camera(tmp_path: Path, by: Any) -> None:
+def test_the_reference_of_another_camera(tmp_path: Path) -> None:
     calibrated = evaluate_video(write(tmp_path / "a.mkv", scenes(6)), fixed())
     calibrated["measured_contrast"].values[4] = nan
     calibrated.isel(frame=slice(0, 5)).to_netcdf(tmp_path / "reference.nc")
     other = write(tmp_path / "b.mkv", [image // 2 for image in scenes(6)])
-    result = evaluate_video(other, fixed(reference=tmp_path / "reference.nc", reference_by=by))
-    np.testing.assert_array_equal(result["reference_contrast"][:4], calibrated["measured_contrast"][:4])
-    assert np.isfinite(result["reference_cdp"].values[:4]).all()
-    assert np.isfinite(result["cdp"].values).all()
-    assert result["note"].values[4] == "the reference has no contrast here"
-    assert result["note"].values[5].startswith("the reference has no frame ")
+    for by in ("number", "time"):
+        result = evaluate_video(other, fixed(reference=tmp_path / "reference.nc", reference_by=by))
+        np.testing.assert_array_equal(result["reference_contrast"][:4], calibrated["measured_contrast"][:4])
+        assert np.isfinite(result["reference_cdp"].values[:4]).all()
+        assert np.isfinite(result["cdp"].values).all()
+        assert result["note"].values[4] == "the reference has no contrast here"
+        assert result["note"].values[5].startswith("the reference has no frame ")
 
 
 def test_an_observer_sees_each_frame_with_its_results(tmp_path: Path) -> None:

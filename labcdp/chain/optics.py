@@ -222,7 +222,7 @@ class Optics:
 
 
 @lru_cache(maxsize=4)
-def _kernel(optics: Optics, sample_m: float) -> FloatArray:
+def _kernel(optics: Optics, sample_m: float) -> NDArray[np.float64]:
     """Kernel of a lens on samples of a size; kept, as a run, a prediction and cells of a sweep have the same."""
     kernel = blur_kernel(optics.transfer, sample_m, optics._spread_width_m())
     kernel.setflags(write=False)

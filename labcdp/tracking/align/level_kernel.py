@@ -117,7 +117,7 @@ def _sampled(
 
 
 @compiled
-def _middle(values: NDArray[np.float32]) -> np.float32:
+def _middle(values: NDArray[np.float32]) -> float:
     """Upper median by Hoare's selection, which reorders the values; np.partition takes seconds to compile."""
     wanted, low, high = values.size // 2, 0, values.size - 1
     while low < high:
@@ -134,7 +134,7 @@ def _middle(values: NDArray[np.float32]) -> np.float32:
             low = left
         if wanted < left:
             high = right
-    return values[wanted]
+    return float(values[wanted])
 
 
 @compiled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import pi
 from typing import Any, ClassVar
 
@@ -157,8 +158,7 @@ class Optics:
         if self.spreads_points:
             if pixel_pitch_m is None:
                 raise InputError("the point spread needs the pixel pitch: add a sensor, or leave the point spread out")
-            sample_m = pixel_pitch_m / oversampling
-            scene = blurred(scene, blur_kernel(self.transfer, sample_m, self._spread_width_m()))
+            scene = blurred(scene, _kernel(self, pixel_pitch_m / oversampling))
         return pixel_means(scene, oversampling)
 
     def apply(self, luminance_cd_m2: FloatArray, pixel_pitch_m: float, oversampling: int = 1) -> FloatArray:
@@ -219,3 +219,11 @@ class Optics:
         slope = vignetting.relative_illuminance((like.shape[0], like.shape[1]))
         slope *= self.axial_illuminance_per_cd_m2
         return slope.astype(like.dtype, copy=False)
+
+
+@lru_cache(maxsize=4)
+def _kernel(optics: Optics, sample_m: float) -> NDArray[np.float64]:
+    """Kernel of a lens on samples of a size; kept, as a run, a prediction and cells of a sweep have the same."""
+    kernel = blur_kernel(optics.transfer, sample_m, optics._spread_width_m())
+    kernel.setflags(write=False)
+    return kernel

@@ -40,7 +40,7 @@ def test_lent_memory_is_the_buffers_own_and_read_only(queue):
         lent.flags.writeable = True
 
 
-@pytest.mark.parametrize("name", ["Mono8", "Mono12", "Mono12Packed"])
+@pytest.mark.parametrize("name", ["Mono8", pytest.param("Mono12", marks=pytest.mark.long), "Mono12Packed"])
 def test_frames_outlive_grab_and_camera(camera_on_loopback, name):
     with AravisCamera("127.0.0.1") as camera:
         camera.configure(pixel_format=name)

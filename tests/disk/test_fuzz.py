@@ -17,7 +17,7 @@ from fuzzing.worker import Bench  # noqa: E402
 from labcdp.core.errors import LabcdpError  # noqa: E402
 
 
-@pytest.mark.parametrize("n", [300, pytest.param(3000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [300, pytest.param(1000, marks=pytest.mark.long)])
 def test_damaged_files_are_refused_in_one_line_or_read_as_what_they_say(n):
     done = subprocess.run(
         [sys.executable, ROOT / "tools" / "fuzz", "--inputs", str(n), "--seed", "1"], capture_output=True, text=True

@@ -135,7 +135,10 @@ def test_settings_that_the_camera_does_not_keep_are_refused_before_the_first_fra
     assert counts(session) == (0, 0, 0)
 
 
-@pytest.mark.parametrize(("pixel_format", "black_dn"), [("Mono8", 3.56), ("Mono12", 64.0), ("Mono16", 1024.0)])
+@pytest.mark.parametrize(
+    ("pixel_format", "black_dn"),
+    [("Mono8", 3.56), pytest.param("Mono12", 64.0, marks=pytest.mark.long), ("Mono16", 1024.0)],
+)
 def test_the_black_level_is_measured_in_dn_of_the_pixel_format(
     aravis, bench, stack, small_configuration, tmp_path, pixel_format, black_dn
 ):

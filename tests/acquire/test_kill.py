@@ -114,9 +114,11 @@ def wait_for_lines(path, n):
         time.sleep(0.001)
 
 
-@pytest.mark.parametrize("kills", [30, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("kills", "least_completed", "least_places"), [(12, 1, 8), pytest.param(100, 3, 15, marks=pytest.mark.long)]
+)
 def test_a_kill_at_any_moment_loses_nothing_and_the_resumed_session_has_the_same_results(
-    tmp_path, uninterrupted, kills
+    tmp_path, uninterrupted, kills, least_completed, least_places
 ):
     rng = random.Random(20261121)
     nursery = subprocess.Popen(
@@ -162,8 +164,8 @@ def test_a_kill_at_any_moment_loses_nothing_and_the_resumed_session_has_the_same
         nursery.wait()
         nursery.stdout.close()
     # The kills were spread over the whole of an acquisition, and it came to its end in spite of them.
-    assert completed >= 3
-    assert len(caught_at) >= 15
+    assert completed >= least_completed
+    assert len(caught_at) >= least_places
     xarray.testing.assert_allclose(results(tmp_path / "session 0"), results(uninterrupted), rtol=1e-6, atol=1e-7)
 
 

@@ -176,7 +176,7 @@ def test_what_it_cannot_do_is_refused_and_changes_nothing(transport, settings):
         assert shortest_s < before.exposure_s < longest_s
 
 
-@pytest.mark.parametrize("patience_s", [0.0, 0.5])
+@pytest.mark.parametrize("patience_s", [pytest.param(0.0, marks=pytest.mark.long), 0.5])
 def test_a_lost_camera_is_an_error_until_it_is_opened_again(transport, patience_s):
     with transport.camera(patience_s) as camera, with_fault(transport, "vanish"):
         for use in (camera.snap, camera.snap, lambda: camera.configure(exposure_s=0.002)):

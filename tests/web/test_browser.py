@@ -207,7 +207,7 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     readout = tab.page.locator(".readout")
     tab.page.mouse.move(*tab.at(50.5, 100.5))
     readout.get_by_text(re.compile(r"x 50, y 100 · DN 12340 · light")).wait_for()
-    for _ in range(40):
+    for _ in range(12):
         tab.page.mouse.wheel(0, -200)
     wait_until(lambda: tab.page.evaluate(_DETAIL)["place"][2] < 20, "single pixels are seen")
     tab.page.mouse.move(*tab.at(51.5, 100.5))
@@ -222,7 +222,7 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     seen: list[tuple[float, ...]] = []
 
     def rests() -> bool:
-        tab.page.wait_for_timeout(250)
+        tab.page.wait_for_timeout(100)
         seen.append(tuple(tab.seen()))
         return len(seen) > 3 and len(set(seen[-4:])) == 1
 

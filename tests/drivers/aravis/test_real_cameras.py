@@ -64,7 +64,9 @@ RC_VISARD = features(
 
 
 def opened(table, frame_rate_hz=20.0):
-    return SimulatedGigECamera(replace(SMALL, features=table, frame_rate_hz=frame_rate_hz), Ramp()), AravisCamera()
+    return SimulatedGigECamera(replace(SMALL, features=table, frame_rate_hz=frame_rate_hz), Ramp()), AravisCamera(
+        "127.0.0.1"
+    )
 
 
 def test_a_gain_in_steps_is_not_taken_for_decibels(aravis):

@@ -110,7 +110,7 @@ def test_a_camera_is_left_as_it_was_found(camera_on_loopback, stream):
         return {name: value for name, value in camera.features().items() if name != "DeviceTemperature"}
 
     (info,) = discover()
-    with AravisCamera("SIM-1") as camera:
+    with AravisCamera("127.0.0.1") as camera:
         for name, value in LEFT.items():
             camera.set_feature(name, value)
         before = features(camera)
@@ -129,7 +129,7 @@ def test_a_camera_is_left_as_it_was_found(camera_on_loopback, stream):
 def test_a_camera_that_another_program_controls(camera_on_loopback, start_python):
     code = (
         "from labcdp.drivers.aravis.camera import AravisCamera\nimport time\n"
-        "with AravisCamera('SIM-1'):\n    print('ready')\n    time.sleep(60)"
+        "with AravisCamera('127.0.0.1'):\n    print('ready')\n    time.sleep(60)"
     )
     other = start_python(code)
     assert other.stdout.readline() == "ready\n"

@@ -134,7 +134,7 @@ def test_aravis_own_tools_see_and_stream_it(aravis_tools):
             ["stdbuf", "--output=L", "arv-camera-test-0.8"], stdout=subprocess.PIPE, text=True
         ) as streaming:
             streamed, seen = "", 0
-            while seen < 25:
+            while seen < 8:
                 line = streaming.stdout.readline()
                 assert line, streamed
                 streamed += line
@@ -143,21 +143,22 @@ def test_aravis_own_tools_see_and_stream_it(aravis_tools):
             streamed += streaming.stdout.read()
     assert "image width            = 2452" in streamed
     counters = {name: int(n) for name, n in re.findall(r"(n_\w+) *= (\d+)", streamed)}
-    assert counters["n_completed_buffers"] >= 25
+    assert counters["n_completed_buffers"] >= 8
 
 
-def test_no_frame_of_full_size_is_lost(aravis):
+@pytest.mark.parametrize("n", [12, pytest.param(60, marks=pytest.mark.long)])
+def test_no_frame_of_full_size_is_lost(aravis, n):
     """2452 x 2056, Mono12. Each is triggered once the one before has come, so no computer is too slow for them."""
     configuration = SessionConfiguration.from_toml(example_configuration(), "example")
     bench = SimulatedBench(configuration, BenchDevices.standard())
     with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.002, pixel_format="Mono12", trigger=SOFTWARE_TRIGGER)
-        frames = [(frame.frame_id, frame.dn.shape) for frame in camera.grab(60)]
+        frames = [(frame.frame_id, frame.dn.shape) for frame in camera.grab(n)]
         counted = camera.statistics
     assert {shape for _, shape in frames} == {(2056, 2452)}
     # GigE Vision frame ids are 16 bit and leave out 0.
     assert all(after == before % 0xFFFF + 1 for (before, _), (after, _) in pairwise(frames))
-    assert (counted.completed, counted.failed, counted.underruns, counted.missing) == (60, 0, 0, 0)
+    assert (counted.completed, counted.failed, counted.underruns, counted.missing) == (n, 0, 0, 0)
 
 
 @pytest.mark.long

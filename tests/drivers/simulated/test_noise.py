@@ -43,7 +43,10 @@ def test_pixels_of_one_frame_do_not_depend_on_each_other():
 
 
 def test_frames_on_the_wire_are_independent(aravis, small_configuration):
-    with SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE).gige_camera(), AravisCamera() as camera:
+    with (
+        SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE).gige_camera(),
+        AravisCamera("127.0.0.1") as camera,
+    ):
         camera.configure(exposure_s=0.004)
         frames = [frame.dn.astype(float) for frame in camera.grab(12)]
     clear = np.max(frames, axis=0) < 3500

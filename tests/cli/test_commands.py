@@ -113,27 +113,24 @@ def test_a_terminal_without_the_characters(labcdp_path, inputs):
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_command_that_is_stopped_leaves_nothing_half_done(labcdp_path, tmp_path, number, status):
+def test_a_command_that_is_stopped_leaves_nothing_half_done(start, tmp_path, number, status):
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "a.png"), rng.integers(0, 65536, (3000, 4000), dtype=np.uint16))
-    command = [labcdp_path, "image", "a.png", "--neighbours", "-o", "out/deep"]
     for _ in range(10):
-        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-            end = time.monotonic() + 300
-            while not any(tmp_path.glob("out/deep/.labcdp-*")):
-                assert process.poll() is None, process.stderr.read()
-                assert time.monotonic() < end
-                time.sleep(0.005)
-            process.send_signal(number)
-            said = process.stderr.read()
-        if process.returncode != 0:
+        process, end = start("image", "a.png", "--neighbours", "-o", "out/deep"), time.monotonic() + 300
+        while not any(tmp_path.glob("out/deep/.labcdp-*")):
+            assert process.poll() is None, process.said()
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        process.send_signal(number)
+        if process.wait() != 0:
             break
         # On a busy computer it may be done before the signal is sent.
         shutil.rmtree(tmp_path / "out")
     assert process.returncode == status
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-    assert "Traceback" not in said
-    assert said.splitlines()[-1] == "labcdp: stopped; the same command starts again from the beginning"
+    assert "Traceback" not in process.said()
+    assert process.said().splitlines()[-1] == "labcdp: stopped; the same command starts again from the beginning"
 
 
 def test_the_end_of_a_terminal_that_nohup_ignores_is_ignored():

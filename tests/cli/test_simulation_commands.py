@@ -1,6 +1,5 @@
 import json
 import signal
-import subprocess
 import time
 
 import numpy as np
@@ -70,11 +69,9 @@ def test_sweep_exact_and_simulated(labcdp, small, tmp_path):
     assert (difference <= 5 * maps["simulated"]["standard_error"] + 1e-3).all()
 
 
-def test_killed_sweep_is_resumed_and_loses_nothing(labcdp_path, labcdp, small, tmp_path):
+def test_killed_sweep_is_resumed_and_loses_nothing(start, labcdp, small, tmp_path):
     arguments = ["sweep", small, "--over", "scene.luminance_cd_m2=1:100:80:log", "--json"]
-    process = subprocess.Popen(
-        [labcdp_path, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    process = start(*arguments)
     journal = tmp_path / "small-sweep" / JOURNAL
     deadline = time.monotonic() + 300
     while not (journal.exists() and journal.read_text().count("\n") > 5):
@@ -82,7 +79,7 @@ def test_killed_sweep_is_resumed_and_loses_nothing(labcdp_path, labcdp, small, t
         assert time.monotonic() < deadline
         time.sleep(0.005)
     process.send_signal(signal.SIGKILL)
-    process.wait(timeout=300)
+    assert process.wait() == -signal.SIGKILL
     kept = journal.read_bytes()
     assert kept.count(b"\n") <= 80
     assert labcdp(*arguments).returncode == 0

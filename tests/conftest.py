@@ -83,8 +83,8 @@ class Started:
         self.pid = self._ask(arguments=words, cwd=str(folder), environment=dict(environment), **names)
         if pipes:
             # In the order in which the command opens them, as each waits for the other side.
-            self.stdin = Path(names["stdin"]).open("w")
-            self.stdout, self.stderr = (Path(names[name]).open() for name in ("stdout", "stderr"))
+            self.stdin = Path(names["stdin"]).open("w")  # noqa: SIM115
+            self.stdout, self.stderr = (Path(names[name]).open() for name in ("stdout", "stderr"))  # noqa: SIM115
 
     def _ask(self, **request):
         print(json.dumps(request), file=self._forking.stdin, flush=True)

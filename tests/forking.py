@@ -59,7 +59,7 @@ def _become(request, main) -> None:
             os.dup2(os.open(request[name], flags), descriptor)
             # As Python does it at its start.
             encoding, buffering = os.environ.get("PYTHONIOENCODING", "utf-8"), 1 if descriptor == 2 else -1
-            setattr(sys, name, open(descriptor, "w" if descriptor else "r", buffering, encoding, closefd=False))
+            setattr(sys, name, os.fdopen(descriptor, "w" if descriptor else "r", buffering, encoding, closefd=False))
         sys.argv = request["arguments"]
         status = 0
         main()

@@ -1,7 +1,6 @@
 """The simulated bench as a process of its own, and the commands that find, check and read its devices."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -215,11 +214,9 @@ def test_a_machine_without_aravis(tmp_path):
 
 
 @pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "✗"), ("ascii", "XX")])
-def test_a_person_reads_marks_causes_remedies_and_counts(labcdp_path, tmp_path, encoding, mark):
-    environment = os.environ | {"PYTHONIOENCODING": encoding}
-    command = [labcdp_path, "doctor", "--meter", "/dev/ttyNONE"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=600)
-    lines = done.stdout.decode(encoding).splitlines()
+def test_a_person_reads_marks_causes_remedies_and_counts(labcdp, encoding, mark):
+    done = labcdp("doctor", "--meter", "/dev/ttyNONE", environment={"PYTHONIOENCODING": encoding})
+    lines = done.stdout.splitlines()
     assert done.returncode == 1
     at = lines.index(f"  {mark:<3}serial port /dev/ttyNONE: there is no /dev/ttyNONE")
     assert lines[at - 1] == "Luminance meter on /dev/ttyNONE"

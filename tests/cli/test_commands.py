@@ -16,12 +16,15 @@ import typer
 from typer.testing import CliRunner
 
 from labcdp.cli.app import app
+from labcdp.cli.bench.demo import demonstrate
 from labcdp.cli.ending import unwinding
 from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.spectral.photometry import spectral_weights
+from labcdp.drivers.simulated import SimulatedBenchFile
+from labcdp.output import ResultsFolder
 from labcdp.session import Session
 
-from .conftest import results_of
+from .conftest import SMALL_BENCH, results_of
 
 COMMANDS = (
     *(
@@ -63,9 +66,22 @@ def test_help_shows_all_that_is_declared(monkeypatch):
             assert "".join((text or "").split()) in shown, name
 
 
+@pytest.mark.long
 def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
     result, folder = results_of(labcdp("demo", "--json")), tmp_path / "labcdp-demo"
     assert result == json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    check_demonstration(folder)
+
+
+def test_the_demonstration_with_small_frames(small_configuration, tmp_path):
+    with ResultsFolder(tmp_path / "small", "demo") as results:
+        demonstrate(small_configuration, SimulatedBenchFile.load(SMALL_BENCH), results)
+    check_demonstration(tmp_path / "small")
+
+
+def check_demonstration(folder):
+    """All files of a demonstration, whose report finds what was simulated."""
+    result = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert {finding["severity"] for finding in result["findings"]} == {"info"}
     assert {path.name for path in folder.iterdir()} == {
         *("labcdp-files.json", "session", "calibration.json", "calibration.html", "calibration.xlsx"),
@@ -104,10 +120,8 @@ def test_the_shipped_session_gives_the_same_again_with_whole_numbers_on_a_narrow
         assert any(number in line for line in lines)
 
 
-def test_a_terminal_without_the_characters(labcdp_path, inputs):
-    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    command = [labcdp_path, "history", inputs / "c"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+def test_a_terminal_without_the_characters(labcdp, inputs):
+    done = labcdp("history", inputs / "c", environment={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "cd m?" in done.stdout or "cd/m?" in done.stdout
 

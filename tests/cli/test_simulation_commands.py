@@ -25,11 +25,11 @@ def written(folder):
 def test_a_preset_is_listed_and_as_a_file_simulates_alike(labcdp, tmp_path):
     rows = rows_of(labcdp("presets", "--json"), "presets")
     assert tuple(row["name"] for row in rows) == preset_names()
-    assert labcdp("init", "chain", "my.toml", "--preset", "thesis-2018").returncode == 0
+    assert labcdp("init", "chain", "my.toml", "--preset", "manta-g505").returncode == 0
     # With its comments.
     assert "of the dark squares" in (tmp_path / "my.toml").read_text()
     size = ("--set", "sensor.width=320", "--set", "sensor.height=240", "--set", "scene.square_px=32")
-    own, preset = (results_of(labcdp("simulate", name, *size, "--json")) for name in ("my.toml", "thesis-2018"))
+    own, preset = (results_of(labcdp("simulate", name, *size, "--json")) for name in ("my.toml", "manta-g505"))
     assert own["tables"]["detection"] == preset["tables"]["detection"]
     assert [one["inputs"][0]["role"] for one in (own, preset)] == ["chain", "preset"]
     rows = rows_of(labcdp("init", "bench", "bench.toml", "--json"), "template")

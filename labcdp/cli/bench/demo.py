@@ -55,6 +55,7 @@ def demonstrate(
     from ...evaluate.bench.calibration.page import write_calibration_report
     from ...evaluate.bench.calibration.result import calibration_result
     from ...evaluate.bench.observe import observe_session
+    from ...evaluate.bench.report.figures import draw_figures
     from ...evaluate.bench.report.page import write_results
     from ...evaluate.bench.report.result import session_input, session_result
     from ...evaluate.bench.session import evaluate_session
@@ -82,9 +83,10 @@ def demonstrate(
             of_truth = _compared(truth, specimens.meter.scale_rel)
             result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, of_truth))
             of_calibration = calibration_result(calibration, configuration.name, inputs)
+            figures = draw_figures(evaluation)
             written = [
-                *write_calibration_report(calibration, of_calibration, results),
-                *write_results(evaluation, result, results),
+                *write_calibration_report(calibration, of_calibration, results, figures.calibration),
+                *write_results(evaluation, result, results, figures),
             ]
             bars.update("evaluating", 3, 3)
     return result, [results.folder / "session", results.folder / "calibration.json", *written]

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -69,23 +70,92 @@ def forking():
         process.stdin.close()
 
 
+class Started:
+    """A command that runs, as `subprocess.Popen` has it; with pipes, or with files whose text is there at its end."""
+
+    def __init__(self, forking, folder, arguments, streams, stdin=os.devnull, environment=(), pipes=False):
+        self._forking, self._streams, self.returncode = forking, streams, None
+        names = {name: str(streams / name) for name in ("stdin", "stdout", "stderr")}
+        for name in names if pipes else ():
+            os.mkfifo(names[name])
+        names["stdin"] = names["stdin"] if pipes else str(stdin)
+        words = [str(_LABCDP), *map(str, arguments)]
+        self.pid = self._ask(arguments=words, cwd=str(folder), environment=dict(environment), **names)
+        if pipes:
+            # In the order in which the command opens them, as each waits for the other side.
+            self.stdin = Path(names["stdin"]).open("w")  # noqa: SIM115
+            self.stdout, self.stderr = (Path(names[name]).open() for name in ("stdout", "stderr"))  # noqa: SIM115
+
+    def _ask(self, **request):
+        print(json.dumps(request), file=self._forking.stdin, flush=True)
+        return json.loads(self._forking.stdout.readline())
+
+    def wait(self, timeout_s=900):
+        """Exit status; None if it still runs after that time."""
+        if self.returncode is None:
+            self.returncode = self._ask(process=self.pid, timeout_s=timeout_s)
+        return self.returncode
+
+    def poll(self):
+        return self.wait(0)
+
+    def send_signal(self, number):
+        os.kill(self.pid, number)
+
+    def said(self, name="stderr"):
+        """What it wrote into the file, so far."""
+        return (self._streams / name).read_text()
+
+    def end(self):
+        """End it if it still runs, and close its pipes."""
+        if self.poll() is None:
+            self.send_signal(signal.SIGKILL)
+            self.wait()
+        for name in ("stdin", "stdout", "stderr"):
+            with suppress(AttributeError, BrokenPipeError):
+                getattr(self, name).close()
+
+
 @pytest.fixture(scope="session")
-def labcdp_in(tmp_path_factory, forking):
+def start_in(tmp_path_factory, forking):
+    """Start a command in a folder, as from a terminal; whoever starts it ends it."""
+
+    def start(folder, *arguments, **options):
+        return Started(forking, folder, arguments, tmp_path_factory.mktemp("streams"), **options)
+
+    return start
+
+
+@pytest.fixture
+def start(tmp_path, start_in):
+    """Start a command in an empty folder; it is ended with the test."""
+    started = []
+
+    def run(*arguments, **options):
+        started.append(start_in(tmp_path, *arguments, **options))
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.end()
+
+
+@pytest.fixture(scope="session")
+def labcdp_in(tmp_path_factory, start_in):
     """Run the command in a folder, as from a terminal; returns the finished process."""
 
     def run(folder, *arguments, stdin=None, timeout_s=900, environment=()):
-        words, streams = [str(_LABCDP), *map(str, arguments)], tmp_path_factory.mktemp("streams")
+        typed = os.devnull
         if stdin is not None:
-            (streams / "stdin").write_text(stdin)
-        request = {name: str(streams / name) for name in ("stdin", "stdout", "stderr")}
-        request |= {"stdin": os.devnull} if stdin is None else {}
-        request |= {"arguments": words, "cwd": str(folder), "timeout_s": timeout_s, "environment": dict(environment)}
-        print(json.dumps(request), file=forking.stdin, flush=True)
-        status = json.loads(forking.stdout.readline())
-        out, err = ((streams / name).read_text() for name in ("stdout", "stderr"))
+            typed = tmp_path_factory.mktemp("typed") / "stdin"
+            typed.write_text(stdin)
+        process = start_in(folder, *arguments, stdin=typed, environment=environment)
+        status = process.wait(timeout_s)
+        process.end()
+        out, err = process.said("stdout"), process.said("stderr")
         if status is None:
-            raise subprocess.TimeoutExpired(words, timeout_s, out, err)
-        return subprocess.CompletedProcess(words, status, out, err)
+            raise subprocess.TimeoutExpired(arguments, timeout_s, out, err)
+        return subprocess.CompletedProcess(arguments, status, out, err)
 
     return run
 

@@ -1,7 +1,8 @@
 """A process that has imported what the commands need, and forks for each of them: starting Python costs a second each.
 
-It reads a request a line on standard input, and answers each with the exit status. The commands run as they do from a
-terminal: in a process of their own, with their own folder, standard input, output and error.
+It reads a request a line on standard input: to start a command, answered with the number of its process, or to wait for
+one, answered with its exit status. The commands run as they do from a terminal: in a process of their own, with their
+own folder, standard input, output and error.
 """
 
 import importlib
@@ -9,7 +10,6 @@ import json
 import os
 import pkgutil
 import select
-import signal
 import sys
 import traceback
 
@@ -38,10 +38,15 @@ def _serve() -> None:
 
     for line in sys.stdin:
         request = json.loads(line)
-        child = os.fork()
-        if child == 0:
-            _become(request, main)
-        print(json.dumps(_wait(child, request["timeout_s"])), flush=True)
+        answer = _wait(**request) if "process" in request else _start(request, main)
+        print(json.dumps(answer), flush=True)
+
+
+def _start(request, main) -> int:
+    child = os.fork()
+    if child == 0:
+        _become(request, main)
+    return child
 
 
 def _become(request, main) -> None:
@@ -52,6 +57,9 @@ def _become(request, main) -> None:
         for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
             flags = os.O_RDONLY if descriptor == 0 else os.O_WRONLY | os.O_CREAT | os.O_TRUNC
             os.dup2(os.open(request[name], flags), descriptor)
+            # As Python does it at its start.
+            encoding, buffering = os.environ.get("PYTHONIOENCODING", "utf-8"), 1 if descriptor == 2 else -1
+            setattr(sys, name, os.fdopen(descriptor, "w" if descriptor else "r", buffering, encoding, closefd=False))
         sys.argv = request["arguments"]
         status = 0
         main()
@@ -66,15 +74,12 @@ def _become(request, main) -> None:
         os._exit(status)
 
 
-def _wait(child: int, timeout_s: float) -> int | None:
-    """Exit status, negative for the number of a signal; None if it took too long and was ended."""
-    watched = os.pidfd_open(child)
-    in_time = bool(select.select([watched], [], [], timeout_s)[0])
-    if not in_time:
-        os.kill(child, signal.SIGKILL)
+def _wait(process: int, timeout_s: float) -> int | None:
+    """Exit status, negative for the number of a signal; None if it still runs."""
+    watched = os.pidfd_open(process)
+    ended = bool(select.select([watched], [], [], timeout_s)[0])
     os.close(watched)
-    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    return status if in_time else None
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) if ended else None
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 import json
 import re
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from datetime import timedelta
@@ -102,33 +101,32 @@ def plan(patches, exposures_s):
     return re.sub(rf'\[\[target\.patch\]\]\nname = "(?!{patches})[^[]*\[[^\[]*', "", text)
 
 
+def _tables_of(bench):
+    """What the bench prints once its devices are there, by device."""
+    text = ""
+    while not text.endswith("\n}\n"):
+        line = bench.stdout.readline()
+        assert line, bench.stderr.read()
+        text += line
+    values = json.loads(text)
+    Draft202012Validator(schema()).validate(values)
+    camera, meter = values["tables"]["devices"]["rows"]
+    return {"camera": camera, "meter": {"port": meter["address"]}}
+
+
+_BENCH = ("simulate-bench", example_session() / "session.toml", "--simulated-bench", SMALL_BENCH)
+
+
 @pytest.fixture
-def running_bench(aravis):
-    """`labcdp simulate-bench` with a small target; yields its process and what it printed."""
-    started = []
+def running_bench(aravis, start):
+    """`labcdp simulate-bench` with small frames: its process and its devices."""
+    bench = start(*_BENCH, "--response-s", "0", "--json", pipes=True)
+    return bench, _tables_of(bench)
 
-    def start():
-        command = (_LABCDP, "simulate-bench", example_session() / "session.toml")
-        process = subprocess.Popen(
-            [*command, "--simulated-bench", SMALL_BENCH, "--response-s", "0", "--json"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        text = ""
-        while not text.endswith("\n}\n"):
-            line = process.stdout.readline()
-            assert line, process.stderr.read()
-            text += line
-        values = json.loads(text)
-        Draft202012Validator(schema()).validate(values)
-        camera, meter = values["tables"]["devices"]["rows"]
-        return process, {"camera": camera, "meter": {"port": meter["address"]}}
 
-    yield start
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+@pytest.fixture(scope="class")
+def shared_bench(aravis, start_in, tmp_path_factory):
+    """Devices of a bench as `running_bench`, for several tests."""
+    bench = start_in(tmp_path_factory.mktemp("bench"), *_BENCH, "--response-s", "0", "--json", pipes=True)
+    yield _tables_of(bench)
+    bench.end()

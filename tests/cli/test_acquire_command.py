@@ -20,6 +20,9 @@ from .conftest import SIMULATED, SMALL_BENCH, only_line, plan, results_of
 #: A meter no driver knows.
 ANOTHER = 'model = "Mavo"\nserial = "1"\nscale_half_width_rel = 0.03\nrepeatability_rel = 0.002\ndigits = 1'
 
+#: Seven seconds at 15 Hz, of which the signals of a test leave most to the simulated clock.
+_MANY_FRAMES = "frames_per_exposure = 100\ndark_frames_per_exposure = 2"
+
 
 @pytest.fixture
 def bench(tmp_path):
@@ -106,7 +109,7 @@ def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs(labcdp
 
 
 def test_readings_from_a_file_or_typed_by_hand(labcdp, running_bench, bench, tmp_path):
-    _, told = running_bench()
+    _, told = running_bench
     (tmp_path / "readings.csv").write_text("patch,luminance_cd_m2\nP12,256.0\nP12,256.1\n")
     file = bench(meter=f'entry = "csv"\nfile = "readings.csv"\n{ANOTHER}')
     # A file needs no hand to point it, so only the cap is left.
@@ -142,15 +145,16 @@ def wait_for_frames(process, tmp_path, n):
         time.sleep(0.02)
 
 
-def test_each_signal_ends_it_with_all_that_was_taken_and_the_next_run_resumes(labcdp_path, labcdp, tmp_path):
-    command = ("acquire", example_session() / "session.toml", "own", "--simulated")
+def test_each_signal_ends_it_with_all_that_was_taken_and_the_next_run_resumes(start, labcdp, bench, tmp_path):
+    many = bench("frames_per_exposure = 2\ndark_frames_per_exposure = 2", _MANY_FRAMES)
+    command = ("acquire", many, "own", "--simulated-bench", SMALL_BENCH)
     recorded = 0
     for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
-        with subprocess.Popen([labcdp_path, *command], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-            wait_for_frames(process, tmp_path, recorded + 1)
-            process.send_signal(number)
-            said = process.stderr.read()
-        assert process.returncode == status
+        process = start(*command)
+        wait_for_frames(process, tmp_path, recorded + 1)
+        process.send_signal(number)
+        assert process.wait() == status
+        said = process.said()
         assert said.count("labcdp: stopped; recorded data are safe, and the same command resumes") == 1
         assert "Traceback" not in said
         with Session.open(tmp_path / "own") as session:
@@ -158,9 +162,9 @@ def test_each_signal_ends_it_with_all_that_was_taken_and_the_next_run_resumes(la
             assert session.unrecorded() == []
             assert recorded < len(session.frames())
             recorded = len(session.frames())
-    done = labcdp(*command)
+    done = labcdp(*command, "--virtual-clock")
     assert done.returncode == 0, done.stderr
-    assert "own: 12 frames and 32 readings recorded" in done.stderr
+    assert "own: 102 frames and 2 readings recorded" in done.stderr
 
 
 def test_live_numbers_and_keys_on_a_terminal_which_is_left_as_it_was(labcdp_path, bench, tmp_path):

@@ -1,7 +1,6 @@
 """The simulated bench as a process of its own, and the commands that find, check and read its devices."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -45,7 +44,7 @@ def checks_of(done):
 
 
 def test_typed_commands_and_faults_befall_the_devices(running_bench):
-    bench, told = running_bench()
+    bench, told = running_bench
     assert (told["camera"]["address"], told["camera"]["serial"]) == ("127.0.0.1", "SIM-503363706")
     assert told["camera"]["model"].endswith("Manta_G-505B")
     for line, answer in (
@@ -70,64 +69,6 @@ def test_typed_commands_and_faults_befall_the_devices(running_bench):
     assert bench.wait(300) == 0
 
 
-def test_devices_are_found_checked_and_read(labcdp, running_bench, tmp_path):
-    _, told = running_bench()
-    port, camera = told["meter"]["port"], told["camera"]["serial"]
-    found = results_of(labcdp("devices", "--json"))
-    assert [row["serial"] for row in found["tables"]["cameras"]["rows"]] == [camera]
-    assert "cameras-unknown" not in {finding["code"] for finding in found["findings"]}
-
-    snapped = results_of(labcdp("snap", "first.tif", "--exposure", "2ms", "--json"))
-    assert snapped["configuration"]["exposure_s"] == 0.002
-    quantities = {row["quantity"]: row["value"] for row in snapped["tables"]["frame"]["rows"]}
-    pixels = cv2.imread(str(tmp_path / "first.tif"), cv2.IMREAD_UNCHANGED)
-    assert pixels.shape == (400, 480)
-    assert pixels.mean() == pytest.approx(quantities["mean"])
-    # Beside it what a viewer shows: sRGB (IEC 61966-2-1) of the share of saturation.
-    seen = cv2.imread(str(tmp_path / "first.png"), cv2.IMREAD_UNCHANGED)
-    assert (seen.dtype, seen.shape) == (np.uint8, pixels.shape)
-    linear = np.where(seen <= 10, seen / 255 / 12.92, ((seen / 255 + 0.055) / 1.055) ** 2.4)
-    np.testing.assert_allclose(linear, pixels / 4095, atol=0.005)
-    assert labcdp("snap", "first.tif").returncode == 1
-
-    tables = results_of(labcdp("meter", "--meter", port, "-n", "4", "--slow", "--peak", "--json"))["tables"]
-    values = [reading["value"] for reading in tables["readings"]["rows"]]
-    series = {row["quantity"]: row for row in tables["series"]["rows"]}
-    assert len(values) == 4
-    assert series["mean"]["value"] == pytest.approx(sum(values) / 4)
-    assert series["relative scatter"]["value"] == pytest.approx(series["scatter"]["value"] / series["mean"]["value"])
-    assert series["mean"]["u_value"] > 0
-    assert all(reading["peak"] for reading in tables["readings"]["rows"])
-
-    groups = checks_of(labcdp("doctor", "--json", "--meter", port, "--stream-test", camera))
-    _, of_camera, of_meter = groups
-    assert camera in of_camera
-    assert groups[of_camera]["controller"]["state"] == "good"
-    assert groups[of_camera]["frames"]["cause"].startswith("5 of 5 frames came whole")
-    assert of_meter == f"Luminance meter on {port}"
-    assert groups[of_meter]["unit"]["state"] == "good"
-    # The bench has the port, and is named; without a name every camera is checked.
-    assert groups["This computer"]["UDP port 3956"]["state"] == "notice"
-    assert [name for name in checks_of(labcdp("doctor", "--json")) if camera in name]
-
-
-def test_a_problem_report_holds_description_features_and_bytes(labcdp, running_bench, tmp_path):
-    _, told = running_bench()
-    done = labcdp("doctor", "--meter", told["meter"]["port"], "--report", "bug.zip")
-    assert "Written: bug.zip" in done.stderr
-    name = f"camera-{told['camera']['serial'].replace('-', '_')}"
-    with ZipFile(tmp_path / "bug.zip") as archive:
-        assert set(archive.namelist()) == {"doctor.json", f"{name}.json", f"{name}.xml", "meter.jsonl"}
-        camera = json.loads(archive.read(f"{name}.json"))
-        description = ElementTree.fromstring(archive.read(f"{name}.xml"))
-        meter = [json.loads(line) for line in archive.read("meter.jsonl").splitlines()]
-    assert camera["features"]["DeviceID"] == told["camera"]["serial"]
-    assert camera["not understood"] == []
-    assert description.attrib["ModelName"] == "Manta_G-505B"
-    assert "MES\r\n" in [entry.get("sent") for entry in meter]
-    assert labcdp("doctor", "--report", "bug.zip").returncode == 1
-
-
 @pytest.fixture
 def odd_camera(aravis):
     """A camera beside that of the bench, whose names are no UTF-8 and would colour the terminal."""
@@ -139,43 +80,97 @@ def odd_camera(aravis):
         yield served
 
 
-def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running_bench, odd_camera):
-    _, told = running_bench()
-    snaps = [("snap", f"{serial}.tif", "--camera", serial) for serial in (told["camera"]["serial"], "SIM-2")]
-    for command in (("devices",), ("doctor",), *snaps):
-        done = labcdp(*command)
-        assert "Traceback" not in done.stderr
-        assert not {"\x1b[31m", "\x07"} & set(re.findall(r"\x1b\[31m|\x07", done.stdout + done.stderr))
-        assert command[0] == "doctor" or done.returncode == 0, done.stderr
-    assert {(row["serial"], row["model"]) for row in rows_of(labcdp("devices", "--json"), "cameras")} == {
-        (told["camera"]["serial"], "Manta_G-505B"),
-        ("SIM-2", "\ufffd\\x1b[31m\\x07"),
-    }
+class TestWithABench:
+    def test_devices_are_found_checked_and_read(self, labcdp, shared_bench, tmp_path):
+        port, camera = shared_bench["meter"]["port"], shared_bench["camera"]["serial"]
+        found = results_of(labcdp("devices", "--json"))
+        assert [row["serial"] for row in found["tables"]["cameras"]["rows"]] == [camera]
+        assert "cameras-unknown" not in {finding["code"] for finding in found["findings"]}
+
+        snapped = results_of(labcdp("snap", "first.tif", "--exposure", "2ms", "--json"))
+        assert snapped["configuration"]["exposure_s"] == 0.002
+        quantities = {row["quantity"]: row["value"] for row in snapped["tables"]["frame"]["rows"]}
+        pixels = cv2.imread(str(tmp_path / "first.tif"), cv2.IMREAD_UNCHANGED)
+        assert pixels.shape == (400, 480)
+        assert pixels.mean() == pytest.approx(quantities["mean"])
+        # Beside it what a viewer shows: sRGB (IEC 61966-2-1) of the share of saturation.
+        seen = cv2.imread(str(tmp_path / "first.png"), cv2.IMREAD_UNCHANGED)
+        assert (seen.dtype, seen.shape) == (np.uint8, pixels.shape)
+        linear = np.where(seen <= 10, seen / 255 / 12.92, ((seen / 255 + 0.055) / 1.055) ** 2.4)
+        np.testing.assert_allclose(linear, pixels / 4095, atol=0.005)
+        assert labcdp("snap", "first.tif").returncode == 1
+
+        tables = results_of(labcdp("meter", "--meter", port, "-n", "4", "--slow", "--peak", "--json"))["tables"]
+        values = [reading["value"] for reading in tables["readings"]["rows"]]
+        series = {row["quantity"]: row for row in tables["series"]["rows"]}
+        assert len(values) == 4
+        assert series["mean"]["value"] == pytest.approx(sum(values) / 4)
+        assert series["relative scatter"]["value"] == pytest.approx(
+            series["scatter"]["value"] / series["mean"]["value"]
+        )
+        assert series["mean"]["u_value"] > 0
+        assert all(reading["peak"] for reading in tables["readings"]["rows"])
+
+        groups = checks_of(labcdp("doctor", "--json", "--meter", port, "--stream-test", camera))
+        _, of_camera, of_meter = groups
+        assert camera in of_camera
+        assert groups[of_camera]["controller"]["state"] == "good"
+        assert groups[of_camera]["frames"]["cause"].startswith("5 of 5 frames came whole")
+        assert of_meter == f"Luminance meter on {port}"
+        assert groups[of_meter]["unit"]["state"] == "good"
+        # The bench has the port, and is named; without a name every camera is checked.
+        assert groups["This computer"]["UDP port 3956"]["state"] == "notice"
+        assert [name for name in checks_of(labcdp("doctor", "--json")) if camera in name]
+
+    def test_a_problem_report_holds_description_features_and_bytes(self, labcdp, shared_bench, tmp_path):
+        done = labcdp("doctor", "--meter", shared_bench["meter"]["port"], "--report", "bug.zip")
+        assert "Written: bug.zip" in done.stderr
+        name = f"camera-{shared_bench['camera']['serial'].replace('-', '_')}"
+        with ZipFile(tmp_path / "bug.zip") as archive:
+            assert set(archive.namelist()) == {"doctor.json", f"{name}.json", f"{name}.xml", "meter.jsonl"}
+            camera = json.loads(archive.read(f"{name}.json"))
+            description = ElementTree.fromstring(archive.read(f"{name}.xml"))
+            meter = [json.loads(line) for line in archive.read("meter.jsonl").splitlines()]
+        assert camera["features"]["DeviceID"] == shared_bench["camera"]["serial"]
+        assert camera["not understood"] == []
+        assert description.attrib["ModelName"] == "Manta_G-505B"
+        assert "MES\r\n" in [entry.get("sent") for entry in meter]
+        assert labcdp("doctor", "--report", "bug.zip").returncode == 1
+
+    def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(self, labcdp, shared_bench, odd_camera):
+        snaps = [
+            ("snap", f"{serial}.tif", "--camera", serial) for serial in (shared_bench["camera"]["serial"], "SIM-2")
+        ]
+        for command in (("devices",), ("doctor",), *snaps):
+            done = labcdp(*command)
+            assert "Traceback" not in done.stderr
+            assert not {"\x1b[31m", "\x07"} & set(re.findall(r"\x1b\[31m|\x07", done.stdout + done.stderr))
+            assert command[0] == "doctor" or done.returncode == 0, done.stderr
+        assert {(row["serial"], row["model"]) for row in rows_of(labcdp("devices", "--json"), "cameras")} == {
+            (shared_bench["camera"]["serial"], "Manta_G-505B"),
+            ("SIM-2", "\ufffd\\x1b[31m\\x07"),
+        }
 
 
-def test_a_session_between_two_programs(labcdp, labcdp_path, running_bench, tmp_path):
+def test_a_session_between_two_programs(labcdp, start, running_bench):
     """The bench in one process, the person's acquisition in another, with nothing but the protocols between."""
-    bench, told = running_bench()
+    bench, told = running_bench
     configuration = SessionConfiguration.load(example_session() / "session.toml")
     names = [patch.name for patch in configuration.target.patches]
     asked = []
-    with subprocess.Popen(
-        [labcdp_path, "acquire", example_session() / "session.toml", "two", "--meter", told["meter"]["port"]],
-        cwd=tmp_path,
-        stdin=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as acquisition:
-        for line in acquisition.stderr:
-            if "then press Enter" not in line:
-                continue
-            asked.append(line.strip())
-            patch = re.search("patch (.*), then", line)
-            act = "cover" if "Cover the lens" in line else "uncover" if "Uncover" in line else f"point {patch[1]}"
-            assert "meter points at" in say(bench, act)
-            acquisition.stdin.write("\n")
-            acquisition.stdin.flush()
-    assert acquisition.returncode == 0
+    acquisition = start(
+        "acquire", example_session() / "session.toml", "two", "--meter", told["meter"]["port"], pipes=True
+    )
+    for line in acquisition.stderr:
+        if "then press Enter" not in line:
+            continue
+        asked.append(line.strip())
+        patch = re.search("patch (.*), then", line)
+        act = "cover" if "Cover the lens" in line else "uncover" if "Uncover" in line else f"point {patch[1]}"
+        assert "meter points at" in say(bench, act)
+        acquisition.stdin.write("\n")
+        acquisition.stdin.flush()
+    assert acquisition.wait() == 0
     assert len(asked) == 2 + len(names) + 1
     # What the simulated chain is made of, read with a meter that shows 0.6 % too much.
     true = Chain.load("manta-g505").camera().conversion(temperature_c=35.0).responsivity_dn_s_cd_m2
@@ -188,7 +183,6 @@ def test_a_session_between_two_programs(labcdp, labcdp_path, running_bench, tmp_
     assert bench.poll() is None
     bench.send_signal(signal.SIGTERM)
     assert bench.wait(300) == 0
-    bench.stdin = None
 
 
 def test_devices_that_are_not_there_are_faults_with_remedies(labcdp, aravis):
@@ -220,11 +214,9 @@ def test_a_machine_without_aravis(tmp_path):
 
 
 @pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "✗"), ("ascii", "XX")])
-def test_a_person_reads_marks_causes_remedies_and_counts(labcdp_path, tmp_path, encoding, mark):
-    environment = os.environ | {"PYTHONIOENCODING": encoding}
-    command = [labcdp_path, "doctor", "--meter", "/dev/ttyNONE"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=600)
-    lines = done.stdout.decode(encoding).splitlines()
+def test_a_person_reads_marks_causes_remedies_and_counts(labcdp, encoding, mark):
+    done = labcdp("doctor", "--meter", "/dev/ttyNONE", environment={"PYTHONIOENCODING": encoding})
+    lines = done.stdout.splitlines()
     assert done.returncode == 1
     at = lines.index(f"  {mark:<3}serial port /dev/ttyNONE: there is no /dev/ttyNONE")
     assert lines[at - 1] == "Luminance meter on /dev/ttyNONE"

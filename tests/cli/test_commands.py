@@ -16,12 +16,15 @@ import typer
 from typer.testing import CliRunner
 
 from labcdp.cli.app import app
+from labcdp.cli.bench.demo import demonstrate
 from labcdp.cli.ending import unwinding
 from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.spectral.photometry import spectral_weights
+from labcdp.drivers.simulated import SimulatedBenchFile
+from labcdp.output import ResultsFolder
 from labcdp.session import Session
 
-from .conftest import results_of
+from .conftest import SMALL_BENCH, results_of
 
 COMMANDS = (
     *(
@@ -63,9 +66,22 @@ def test_help_shows_all_that_is_declared(monkeypatch):
             assert "".join((text or "").split()) in shown, name
 
 
+@pytest.mark.long
 def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
     result, folder = results_of(labcdp("demo", "--json")), tmp_path / "labcdp-demo"
     assert result == json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    check_demonstration(folder)
+
+
+def test_the_demonstration_with_small_frames(small_configuration, tmp_path):
+    with ResultsFolder(tmp_path / "small", "demo") as results:
+        demonstrate(small_configuration, SimulatedBenchFile.load(SMALL_BENCH), results)
+    check_demonstration(tmp_path / "small")
+
+
+def check_demonstration(folder):
+    """All files of a demonstration, whose report finds what was simulated."""
+    result = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert {finding["severity"] for finding in result["findings"]} == {"info"}
     assert {path.name for path in folder.iterdir()} == {
         *("labcdp-files.json", "session", "calibration.json", "calibration.html", "calibration.xlsx"),
@@ -104,36 +120,31 @@ def test_the_shipped_session_gives_the_same_again_with_whole_numbers_on_a_narrow
         assert any(number in line for line in lines)
 
 
-def test_a_terminal_without_the_characters(labcdp_path, inputs):
-    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    command = [labcdp_path, "history", inputs / "c"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+def test_a_terminal_without_the_characters(labcdp, inputs):
+    done = labcdp("history", inputs / "c", environment={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "cd m?" in done.stdout or "cd/m?" in done.stdout
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_command_that_is_stopped_leaves_nothing_half_done(labcdp_path, tmp_path, number, status):
+def test_a_command_that_is_stopped_leaves_nothing_half_done(start, tmp_path, number, status):
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "a.png"), rng.integers(0, 65536, (3000, 4000), dtype=np.uint16))
-    command = [labcdp_path, "image", "a.png", "--neighbours", "-o", "out/deep"]
     for _ in range(10):
-        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-            end = time.monotonic() + 300
-            while not any(tmp_path.glob("out/deep/.labcdp-*")):
-                assert process.poll() is None, process.stderr.read()
-                assert time.monotonic() < end
-                time.sleep(0.005)
-            process.send_signal(number)
-            said = process.stderr.read()
-        if process.returncode != 0:
+        process, end = start("image", "a.png", "--neighbours", "-o", "out/deep"), time.monotonic() + 300
+        while not any(tmp_path.glob("out/deep/.labcdp-*")):
+            assert process.poll() is None, process.said()
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        process.send_signal(number)
+        if process.wait() != 0:
             break
         # On a busy computer it may be done before the signal is sent.
         shutil.rmtree(tmp_path / "out")
     assert process.returncode == status
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-    assert "Traceback" not in said
-    assert said.splitlines()[-1] == "labcdp: stopped; the same command starts again from the beginning"
+    assert "Traceback" not in process.said()
+    assert process.said().splitlines()[-1] == "labcdp: stopped; the same command starts again from the beginning"
 
 
 def test_the_end_of_a_terminal_that_nohup_ignores_is_ignored():

@@ -1,6 +1,5 @@
 import json
 import signal
-import subprocess
 import time
 
 import numpy as np
@@ -26,11 +25,11 @@ def written(folder):
 def test_a_preset_is_listed_and_as_a_file_simulates_alike(labcdp, tmp_path):
     rows = rows_of(labcdp("presets", "--json"), "presets")
     assert tuple(row["name"] for row in rows) == preset_names()
-    assert labcdp("init", "chain", "my.toml", "--preset", "thesis-2018").returncode == 0
+    assert labcdp("init", "chain", "my.toml", "--preset", "manta-g505").returncode == 0
     # With its comments.
     assert "of the dark squares" in (tmp_path / "my.toml").read_text()
     size = ("--set", "sensor.width=320", "--set", "sensor.height=240", "--set", "scene.square_px=32")
-    own, preset = (results_of(labcdp("simulate", name, *size, "--json")) for name in ("my.toml", "thesis-2018"))
+    own, preset = (results_of(labcdp("simulate", name, *size, "--json")) for name in ("my.toml", "manta-g505"))
     assert own["tables"]["detection"] == preset["tables"]["detection"]
     assert [one["inputs"][0]["role"] for one in (own, preset)] == ["chain", "preset"]
     rows = rows_of(labcdp("init", "bench", "bench.toml", "--json"), "template")
@@ -70,11 +69,9 @@ def test_sweep_exact_and_simulated(labcdp, small, tmp_path):
     assert (difference <= 5 * maps["simulated"]["standard_error"] + 1e-3).all()
 
 
-def test_killed_sweep_is_resumed_and_loses_nothing(labcdp_path, labcdp, small, tmp_path):
+def test_killed_sweep_is_resumed_and_loses_nothing(start, labcdp, small, tmp_path):
     arguments = ["sweep", small, "--over", "scene.luminance_cd_m2=1:100:80:log", "--json"]
-    process = subprocess.Popen(
-        [labcdp_path, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    process = start(*arguments)
     journal = tmp_path / "small-sweep" / JOURNAL
     deadline = time.monotonic() + 300
     while not (journal.exists() and journal.read_text().count("\n") > 5):
@@ -82,7 +79,7 @@ def test_killed_sweep_is_resumed_and_loses_nothing(labcdp_path, labcdp, small, t
         assert time.monotonic() < deadline
         time.sleep(0.005)
     process.send_signal(signal.SIGKILL)
-    process.wait(timeout=300)
+    assert process.wait() == -signal.SIGKILL
     kept = journal.read_bytes()
     assert kept.count(b"\n") <= 80
     assert labcdp(*arguments).returncode == 0

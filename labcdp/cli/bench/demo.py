@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ...core.result import Result
     from ...core.table import Table
     from ...drivers.simulated.bench import SimulatedBench
+    from ...drivers.simulated.devices import SimulatedBenchFile
     from ...output import ResultsFolder
     from ...session import SessionConfiguration
 
@@ -31,18 +32,22 @@ def demo(
 ) -> None:
     """Record, calibrate and evaluate the target of the 2018 thesis on the simulated bench."""
     from ...session import SessionConfiguration, example_configuration
+    from .devices_of_session import simulated_bench_file
 
     started = time.monotonic()
     configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     with results_folder(context, "labcdp", output, force) as results:
-        result, written = _run(configuration, results, seed)
+        result, written = demonstrate(configuration, simulated_bench_file(None, seed), results)
     print_result(result, as_json)
     if not as_json:
         say(f"Written in {time.monotonic() - started:.0f} s: {', '.join(str(path) for path in written)}")
     show_page(results.folder / "report.html", open_page)
 
 
-def _run(configuration: SessionConfiguration, results: ResultsFolder, seed: int) -> tuple[Result, list[Path]]:
+def demonstrate(
+    configuration: SessionConfiguration, described: SimulatedBenchFile, results: ResultsFolder
+) -> tuple[Result, list[Path]]:
+    """Record a session on a simulated bench and write all that is made of it; returns its result and the files."""
     from ...acquire import acquire
     from ...calibration import save
     from ...drivers.simulated.bench import SimulatedBench
@@ -50,13 +55,13 @@ def _run(configuration: SessionConfiguration, results: ResultsFolder, seed: int)
     from ...evaluate.bench.calibration.page import write_calibration_report
     from ...evaluate.bench.calibration.result import calibration_result
     from ...evaluate.bench.observe import observe_session
+    from ...evaluate.bench.report.figures import draw_figures
     from ...evaluate.bench.report.page import write_results
     from ...evaluate.bench.report.result import session_input, session_result
     from ...evaluate.bench.session import evaluate_session
     from ...session import Session
-    from .devices_of_session import simulated_bench_file, simulated_devices
+    from .devices_of_session import simulated_devices
 
-    described = simulated_bench_file(None, seed)
     specimens = described.devices()
     bench = SimulatedBench(configuration, specimens)
     with Session.create(results.path("session"), configuration) as session:
@@ -73,14 +78,15 @@ def _run(configuration: SessionConfiguration, results: ResultsFolder, seed: int)
             evaluation = evaluate_session(session, observed, calibration)
             bars.update("evaluating", 2, 3)
             inputs = [replace(session_input(session), path=str(results.folder / "session"))]
-            result = session_result(evaluation, inputs, "demo", seed)
+            result = session_result(evaluation, inputs, "demo", described.seed)
             truth = _truth(result, bench, transport)
             of_truth = _compared(truth, specimens.meter.scale_rel)
             result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, of_truth))
             of_calibration = calibration_result(calibration, configuration.name, inputs)
+            figures = draw_figures(evaluation)
             written = [
-                *write_calibration_report(calibration, of_calibration, results),
-                *write_results(evaluation, result, results),
+                *write_calibration_report(calibration, of_calibration, results, figures.calibration),
+                *write_results(evaluation, result, results, figures),
             ]
             bars.update("evaluating", 3, 3)
     return result, [results.folder / "session", results.folder / "calibration.json", *written]

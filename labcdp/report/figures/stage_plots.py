@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..digits import decimals, fixed, printable, shortened, significant
-from .drawing import BLUE, SMALL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
+from .drawing import BLUE, SMALL_SIZE, TITLE_SIZE, VERMILLION, finish, placed_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,9 +45,11 @@ def stage_figure(title: str, native: Distribution, native_label: str, luminance:
     bytes
         PNG.
     """
-    figure = new_figure(10.0, 4.6)
+    figure = placed_figure(10.0, 5.0)
     figure.text(0.01, 0.99, "simulated chain", va="top", fontsize=SMALL_SIZE, color=VERMILLION)
-    panels = figure.subplots(1, 2, sharey=True)
+    left = figure.add_axes((0.06, 0.27, 0.45, 0.63))
+    panels = (left, figure.add_axes((0.53, 0.27, 0.45, 0.63), sharey=left))
+    panels[1].tick_params(labelleft=False)
     for panel, values, text in zip(
         panels, (native, luminance), (printable(native_label), "luminance in cd/m²"), strict=True
     ):

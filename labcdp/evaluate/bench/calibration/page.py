@@ -27,10 +27,13 @@ _VALID_FOR = (
 )
 
 
-def write_calibration_report(calibration: AnyCalibration, result: Result, folder: Destination) -> list[Path]:
+def write_calibration_report(
+    calibration: AnyCalibration, result: Result, folder: Destination, figures: Sequence[ReportFigure] | None = None
+) -> list[Path]:
     """Write page and spreadsheet of a calibration into a folder as `write_files` takes it.
 
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+    Everything is made before the first file is written; InputError is raised if one cannot be written. The figures are
+    drawn unless they are given.
 
     Returns
     -------
@@ -38,13 +41,15 @@ def write_calibration_report(calibration: AnyCalibration, result: Result, folder
         calibration.html and calibration.xlsx.
     """
     files = {
-        "calibration.html": render_page(calibration_page(calibration, result)).encode(),
+        "calibration.html": render_page(calibration_page(calibration, result, figures)).encode(),
         "calibration.xlsx": result_workbook(result, calibration.provenance.measured),
     }
     return write_files(folder, "calibrate", files)
 
 
-def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
+def calibration_page(
+    calibration: AnyCalibration, result: Result, figures: Sequence[ReportFigure] | None = None
+) -> Page:
     """Return the page of a calibration: what it can measure and how well, then how it was found.
 
     Parameters
@@ -53,8 +58,10 @@ def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
         What to show.
     result : Result
         Its tables.
+    figures : sequence of ReportFigure or None
+        As `calibration_figures` draws them; None to draw them.
     """
-    figures = calibration_figures(calibration)
+    figures = figures or calibration_figures(calibration)
     return Page(
         "Calibration of a camera as a luminance meter",
         result.title,

@@ -37,17 +37,20 @@ _CDP = (
 )
 
 
-def write_results(evaluation: SessionEvaluation, result: Result, folder: Destination) -> list[Path]:
+def write_results(
+    evaluation: SessionEvaluation, result: Result, folder: Destination, figures: ReportFigures | None = None
+) -> list[Path]:
     """Write the results of an evaluated session into a folder as `write_files` takes it.
 
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+    Everything is made before the first file is written; InputError is raised if one cannot be written. The figures are
+    drawn unless they are given.
 
     Returns
     -------
     list of Path
         results.json, report.html, results.xlsx and figures/*.png.
     """
-    figures = draw_figures(evaluation)
+    figures = figures or draw_figures(evaluation)
     page = session_page(evaluation, result, figures)
     return write_files(folder, "evaluate", result_files(result, page, figures, recorded(evaluation)[1]))
 

@@ -111,7 +111,8 @@ def read_checked(folder: Path, stored: StoredFile) -> bytes:
         If it is missing, shorter or longer than recorded, altered, or cannot be read.
     """
     path = folder / stored.name
-    if not path.exists():
+    # Not Path.exists, which raises for a name that is too long.
+    if not os.path.exists(path):
         raise SessionError(f"{path} is missing: {_again(folder, stored)}")
     with reported(path, "read"), open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size

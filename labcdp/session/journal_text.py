@@ -39,8 +39,8 @@ class _LineValues(BaseModel):
     time: str
     kind: str = Field(min_length=1)
     content: dict[str, Any]
-    # A path that stays inside the session's folder.
-    file: str | None = Field(None, pattern=r"^(?:[^/\\\x00.][^/\\\x00]*/)*[^/\\\x00.][^/\\\x00]*$")
+    # A path that stays inside the session's folder, and can be printed.
+    file: str | None = Field(None, pattern=r"^(?:[\w-][\w .-]*/)*[\w-][\w .-]*$", max_length=250)
     sha256: str = Field("", pattern="^[0-9a-f]{64}$")
     size: int = Field(0, ge=0, le=2**40)
 

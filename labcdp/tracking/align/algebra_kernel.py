@@ -27,7 +27,7 @@ def median(values: NDArray[np.float32]) -> float:
             first = low
         if middle < low:
             last = high
-    return values[middle]
+    return float(values[middle])
 
 
 @compiled

@@ -118,7 +118,7 @@ class Started:
 
 @pytest.fixture(scope="session")
 def start_in(tmp_path_factory, forking):
-    """Start a command in a folder, as from a terminal; whoever starts it ends it."""
+    """Start a command in a folder, as from a terminal; the caller has to end it."""
 
     def start(folder, *arguments, **options):
         return Started(forking, folder, arguments, tmp_path_factory.mktemp("streams"), **options)

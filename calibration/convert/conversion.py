@@ -20,9 +20,9 @@ from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
 from ..errors.uncertainty import student_factor
 from ..frames.observations import CameraState
 from ..model import Calibration
-from ..region import of_region
 from ..setup import LensIdentity
 from .dn_tables import DnTables
+from .region import of_region
 
 _log = logging.getLogger(__name__)
 

@@ -221,8 +221,7 @@ def build_design(
     shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
     centres_px = [group[0].centre_px for group in groups.values()]
     place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
-    # The residual of a measured vignetting may be independent between patches or a slope over the image; both are
-    # allowed for.
+    # What a measured vignetting leaves may differ from patch to patch, or be a slope over the image: both count.
     slow_field = slow_rel(vignetting)
     of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
     zero = np.zeros(len(observations))

@@ -24,6 +24,12 @@ PAIR_METAVAR = "BRIGHT:DARK"
 CAMERA_SPEC_OPTION = typer.Option(
     None, "--camera-spec", help="Camera specification (TOML, see labcdp init camera), for estimated values in cd/m²."
 )
+PORT_OPTION = typer.Option(0, "--port", min=0, max=65535, help="Port of the page; default: any free port.")
+ADDRESS_OPTION = typer.Option(
+    "127.0.0.1",
+    "--address",
+    help="Address of the page. The default can be reached from this computer and through ssh.",
+)
 METER_OPTION = typer.Option(
     None,
     "--meter",

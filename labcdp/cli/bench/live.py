@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ...core.errors import InputError
-from ..options import METER_MODEL_OPTION, METER_OPTION, SIMULATED_BENCH_OPTION, parse_contrasts
+from ..options import (
+    ADDRESS_OPTION,
+    METER_MODEL_OPTION,
+    METER_OPTION,
+    PORT_OPTION,
+    SIMULATED_BENCH_OPTION,
+    parse_contrasts,
+)
 from ..output import output_file
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say, say_where
 from .device_options import DeviceChoice
@@ -33,8 +40,8 @@ _LIFETIME_S = 5.0
 
 
 @dataclass(frozen=True)
-class Stand:
-    """Options for what stands on the bench."""
+class LiveDevices:
+    """Options for camera and meter."""
 
     camera: str | None = typer.Option(
         None, help="Serial number, address or model; default: as in the plan, else the only one."
@@ -82,8 +89,8 @@ class Stand:
 
 
 @dataclass(frozen=True)
-class Aim:
-    """Options for what is to be detected."""
+class Detection:
+    """Options for the contrast to detect."""
 
     contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%.", show_default="as measured")
     epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast.")
@@ -99,21 +106,19 @@ class Aim:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Options for where the page is."""
+class LivePage:
+    """Options for the page."""
 
-    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port.")
-    address: str = typer.Option(
-        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
-    )
+    port: int = PORT_OPTION
+    address: str = ADDRESS_OPTION
     open_page: bool = typer.Option(True, "--open/--no-open", help="Open the page in the browser.")
 
 
 def bench(
     context: typer.Context,
-    stand: Stand,
-    aim: Aim,
-    place: Place,
+    chosen: LiveDevices,
+    detection: Detection,
+    page: LivePage,
     plan: Path | None = typer.Argument(
         None,
         help="TOML file with bench, target and plan; see labcdp init bench.",
@@ -136,19 +141,19 @@ def bench(
     from ...web.lock import locked
     from ...web.server import Server
 
-    target, conversion = aim.target(), picture_conversion(calibration, None, None)
+    target, conversion = detection.target(), picture_conversion(calibration, None, None)
     if not roi.exists():
         output_file(context, roi, False, "--roi")
     with locked(roi) as tell_others:
-        server = Server(place.address, place.port)
+        server = Server(page.address, page.port)
 
         def ready(where: Address) -> None:
             tell_others(where.place)
             say_where(where)
-            if place.open_page:
+            if page.open_page:
                 typer.launch(where.url)
 
-        with stand.opened(plan) as (camera, devices):
+        with chosen.opened(plan) as (camera, devices):
             live, last_words = _serve(camera, devices, conversion, roi, target, server, ready)
     if as_json:
         print_result(_result(live, roi), as_json)

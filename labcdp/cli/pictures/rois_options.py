@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from ...core.errors import InputError
-from ..options import CONTRAST_HELP, MEASURED
+from ..options import ADDRESS_OPTION, CONTRAST_HELP, MEASURED, PORT_OPTION
 from ..output import FORCE_OPTION, output_file
 
 
@@ -20,10 +20,8 @@ class PageOptions:
     page: bool = typer.Option(
         True, "--page/--no-page", help="Show the page; without it, write the regions that --detect finds."
     )
-    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port.")
-    address: str = typer.Option(
-        "127.0.0.1", help="Address of the page. The default can be reached from this computer and through ssh."
-    )
+    port: int = PORT_OPTION
+    address: str = ADDRESS_OPTION
     contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default=MEASURED)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from ..options import ADDRESS_OPTION, PORT_OPTION
 from ..terminal import JSON_OPTION
 from .picture_options import PictureLightOptions
 from .rois import rois
@@ -22,8 +23,8 @@ def view(
     ),
     frame: str | None = typer.Option(None, help="Frame of a video or session, for example 250; default: the first."),
     roi: Path | None = typer.Option(None, help="Region file to start from."),
-    port: int = typer.Option(0, min=0, max=65535, help="Port of the page; default: any free port."),
-    address: str = typer.Option("127.0.0.1", help="Address of the page."),
+    port: int = PORT_OPTION,
+    address: str = ADDRESS_OPTION,
     as_json: bool = JSON_OPTION,
 ) -> None:
     """View luminance in false colours, on a page in the browser.

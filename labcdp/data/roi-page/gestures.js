@@ -386,18 +386,18 @@ document.addEventListener("click", (event) => {
     send({do: "select", name: row.dataset.region})
 })
 
-// ---- the line to labcdp
+// ---- the connection to labcdp
 
 const lost = document.createElement("div")
 lost.setAttribute("role", "alert")
-lost.textContent = "labcdp cannot be reached: it has ended, or the line to it broke. What you drew is safe with labcdp."
-  + " The page goes on by itself once the line is back. If labcdp has ended, start it again and open its new address."
+lost.textContent = "labcdp cannot be reached: it has ended, or the connection was lost. What you drew is saved."
+  + " This page reconnects by itself. If labcdp has ended, start it again and open its new address."
 lost.style.cssText = "position: fixed; inset: 0 0 auto 0; z-index: 1000; padding: 0.6rem 1rem; background: #fff4e8;"
   + " border-bottom: 3px solid #b34700; font: 600 15px sans-serif; color: #1a1a1a;"
 let looking = null
 figure.document.on_event("connection_lost", () => {
   document.body.append(lost)
-  // What changed meanwhile was told to nobody here, and after a long sleep labcdp has forgotten this page: a new one.
+  // This page missed what changed meanwhile, and after a long sleep labcdp has forgotten it: load a new one.
   looking ??= setInterval(async () => {
     const answer = await fetch("static/js/bokeh.min.js", {method: "HEAD", cache: "no-store"}).catch(() => null)
     if (answer?.ok)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ...calibration import AnyCalibration, Calibration
+from ...calibration.convert.region import of_region
 from ...calibration.dark.library import DarkLibrary
 from ...calibration.defects import DefectMap
 from ...calibration.frames.observations import CameraState
 from ...calibration.frames.planes import plane_of
-from ...calibration.region import of_region
 from ...core.finding import Finding
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration

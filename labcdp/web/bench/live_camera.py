@@ -92,7 +92,7 @@ class Live:
 
     @property
     def overdue(self) -> bool:
-        """Whether frames are missing that nobody but the camera holds up."""
+        """Whether the camera is late with a frame while it streams for the page."""
         return self.streaming and not self.lent and self.stale
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
-from ..core.vignetting import AnyVignetting, cropped
-from .dark.library import DarkLibrary
-from .defects import DefectMap
-from .frames.observations import CameraState
-from .model import Calibration
+from ...core.vignetting import AnyVignetting, cropped
+from ..dark.library import DarkLibrary
+from ..defects import DefectMap
+from ..frames.observations import CameraState
+from ..model import Calibration
 
 _Pair = tuple[int, int]
 

@@ -8,8 +8,7 @@ from scipy.stats import norm
 
 from labcdp.core.errors import InputError
 from labcdp.metrics import cdp_correlated, variance_inflation
-from labcdp.metrics.correlation.lags import inflation_of_scores
-from labcdp.metrics.correlation.lags_kernel import chosen
+from labcdp.metrics.correlation.lags import chosen, inflation_of_scores
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)

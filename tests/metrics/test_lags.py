@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.metrics.correlation.lags import inflation_of_scores
-from labcdp.metrics.correlation.lags_kernel import at_lag, chosen, summed, weights
+from labcdp.metrics.correlation.lags import at_lag, chosen, inflation_of_scores, summed, weights
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9))
 SEEDS = st.integers(0, 2**32 - 1)

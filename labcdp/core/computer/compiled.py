@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, wraps
+from functools import cache
 from pathlib import Path
-from types import FunctionType
 from typing import ParamSpec, TypeVar, cast
 
 _Parameters = ParamSpec("_Parameters")
@@ -25,7 +24,6 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
     """
     from numba import njit
 
-    _in_use.append(function.__qualname__)
     _forget_outdated(Path(function.__code__.co_filename).parent)
     try:
         made = njit(cache=True, nogil=True, error_model="numpy")(function)
@@ -33,42 +31,6 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
         # There is no folder to keep it in.
         made = njit(nogil=True, error_model="numpy")(function)
     return cast(Callable[_Parameters, _Result], made)
-
-
-#: Names of the functions that `compiled` made.
-_in_use: list[str] = []
-
-
-def compiled_with_others(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-    """Compile a function as `compiled` does, but only where other compiled functions are in use, as in videos.
-
-    Elsewhere NumPy runs it: for a few pictures, loading Numba takes longer than it saves. The function and what it
-    calls in its module are written so that both can run them; their results agree but for rounding.
-    """
-
-    @cache
-    def made() -> Callable[_Parameters, _Result]:
-        from numba.extending import register_jitable
-
-        for helper in _helpers(cast(FunctionType, function), set()):
-            register_jitable(helper)
-        return compiled(function)
-
-    @wraps(function)
-    def called(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> _Result:
-        return (made() if _in_use else function)(*args, **kwargs)
-
-    return called
-
-
-def _helpers(function: FunctionType, seen: set[str]) -> Iterator[FunctionType]:
-    """Yield the functions of its module that a function calls, those that they call first."""
-    for name in function.__code__.co_names:
-        helper = function.__globals__.get(name)
-        if isinstance(helper, FunctionType) and helper.__module__ == function.__module__ and name not in seen:
-            seen.add(name)
-            yield from _helpers(helper, seen)
-            yield helper
 
 
 @cache

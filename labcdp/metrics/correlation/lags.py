@@ -1,4 +1,9 @@
-"""Inflation of the variance of a mean by the correlation of near pixels, summed over lags."""
+"""Inflation of the variance of a mean by the correlation of near pixels, summed over lags.
+
+A sum over lags (dy, dx) with a weight for dy times one for dx is that of the products of the image with itself, once
+smoothed by the weights along y, at the lags along x. All lags are counted in rows here; for those along x the image is
+transposed. So no table of all lags is needed.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +21,13 @@ _SIGNIFICANT, _LAGS_BELOW = 2.0, 5
 #: Critical value, in standard deviations, for the correlation along whole rows or columns: 1 % false positives.
 _LINE_SIGNIFICANT = 2.3
 
+#: Number of rows smoothed at a time.
+_ROWS = 256
 
-def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) -> float:
+_Array = NDArray[np.float64]
+
+
+def inflation_of_scores(scores: _Array, mask: NDArray[np.bool_]) -> float:
     """Factor by which the correlation at near lags raises the variance of the mean of pixels.
 
     Parameters
@@ -46,8 +56,6 @@ def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) ->
     covers all pairs, as for all lags along a region of one row, the sum is 0 whatever the noise; the factor is then the
     largest for any q from 0 to the selected one.
     """
-    from .lags_kernel import at_lag, chosen
-
     if not mask.all():
         window = window_of(mask)
         scores, mask = scores[window], mask[window]
@@ -68,18 +76,175 @@ def inflation_of_scores(scores: NDArray[np.float64], mask: NDArray[np.bool_]) ->
 
 
 def _inflation(
-    image: NDArray[np.float64],
-    mask: NDArray[np.float64],
+    image: _Array,
+    mask: _Array,
     down: int,
     right: int,
     all_down: bool = False,
     all_right: bool = False,
 ) -> float | None:
     """Sum over the selected lags, corrected for the estimated mean; None if that is not possible."""
-    from .lags_kernel import summed
-
     n = mask.sum()
     share = summed(mask, down, right, all_down, all_right) / n**2
     if not share < 1:
         return None
     return float(summed(image, down, right, all_down, all_right) * (1 - 1 / n) / (1 - share))
+
+
+def chosen(image: _Array, mask: _Array, limit: float, below: int, line_limit: float) -> tuple[int, int, bool, bool]:
+    """Select the significant lags from the data of a region.
+
+    Parameters
+    ----------
+    image, mask : ndarray of float, shape (height, width)
+        Pixels less their mean, 0 outside the mask; and the mask, 1 inside.
+    limit : float
+        Critical value of the correlation, for as many pairs as there are pixels.
+    below : int
+        Number of consecutive lags below it that ends the selection.
+    line_limit : float
+        Critical value, in standard deviations, of the sum of the lags beyond.
+
+    Returns
+    -------
+    (int, int, bool, bool)
+        Last significant lag along y and along x; and whether all lags along y and along x are used.
+    """
+    transposed, transposed_mask = np.ascontiguousarray(image.T), np.ascontiguousarray(mask.T)
+    n = at_lag(mask, mask, 0)
+    least = limit * at_lag(image, image, 0) / n
+    down, products_down, pairs_down = _last(image, mask, least, below)
+    right, products_right, pairs_right = _last(transposed, transposed_mask, least, below)
+    # Pairs at a lag (dy, dx) are taken as those at (dy, 0) times those at (0, dx) over all pixels.
+    means_down, means_right = _over(weights(down), pairs_down), _over(weights(right), pairs_right)
+    all_down = _lines_count(image, mask, means_down, means_right, products_down, pairs_down, line_limit)
+    all_right = _lines_count(
+        transposed, transposed_mask, means_right, means_down, products_right, pairs_right, line_limit
+    )
+    return down, right, all_down, all_right
+
+
+def summed(image: _Array, down: int, right: int, all_down: bool, all_right: bool) -> float:
+    """Sum the products of all pairs of pixels, each lag times its weight.
+
+    Parameters
+    ----------
+    image : ndarray of float, shape (height, width)
+        The image, 0 outside the mask.
+    down, right : int
+        Last significant lags along y and x.
+    all_down, all_right : bool
+        Whether all lags along y, or x, have the weight of lag 0.
+
+    Returns
+    -------
+    float
+        In the squared unit of the image.
+    """
+    of_down, of_right = weights(down), weights(right)
+    total = 0.0
+    if all_down:
+        columns = (np.ones(image.shape[0]) @ image).reshape(-1, 1)
+        total += _weighted(columns, columns, of_right)
+    if all_right:
+        rows = (image @ np.ones(image.shape[1])).reshape(-1, 1)
+        total += _weighted(rows, rows, of_down)
+    if all_down == all_right:
+        transposed = np.ascontiguousarray(image.T)
+        both = _weighted(transposed, np.ascontiguousarray(_smoothed(image, of_down).T), of_right)
+        # A lag selected by both axes is counted once.
+        total += -both if all_down else both
+    return total
+
+
+def weights(reach: int) -> _Array:
+    """Weights of the lags along an axis, from 0: 1 up to the one after `reach`, falling to 0 at twice that.
+
+    Only lag 0 is used where none is significant.
+    """
+    if reach == 0:
+        return np.ones(1)
+    return np.minimum(2 - np.arange(2 * reach + 3) / (reach + 1), 1.0)
+
+
+def at_lag(image: _Array, other: _Array, lag: int) -> float:
+    """Sum the products of an image with another one shifted down by a number of rows; both in C order."""
+    rest = max(image.size - lag * image.shape[1], 0)
+    return float(image.reshape(-1)[:rest] @ other.reshape(-1)[other.size - rest :])
+
+
+def _last(image: _Array, mask: _Array, least: float, below: int) -> tuple[int, _Array, _Array]:
+    """Last lag before a number of consecutive ones with a small mean product, up to a quarter of the rows.
+
+    `least` is for as many pairs as there are pixels.
+
+    Also returns the sums of products and the numbers of pairs at all lags that have a weight.
+    """
+    most = image.shape[0] // 4
+    products, pairs = np.zeros(2 * most + 3), np.zeros(2 * most + 3)
+    products[0], pairs[0] = at_lag(image, image, 0), at_lag(mask, mask, 0)
+    reach = lag = 0
+    while lag < most and lag - reach < below:
+        lag += 1
+        products[lag], pairs[lag] = at_lag(image, image, lag), at_lag(mask, mask, lag)
+        # Fewer pairs have a larger scatter.
+        if abs(products[lag]) > least * np.sqrt(pairs[0] * pairs[lag]):
+            reach = lag
+    for farther in range(lag + 1, 2 * reach + 3):
+        products[farther], pairs[farther] = at_lag(image, image, farther), at_lag(mask, mask, farther)
+    return reach, products[: 2 * reach + 3], pairs[: 2 * reach + 3]
+
+
+def _over(weight: _Array, pairs: _Array) -> _Array:
+    """Weights of lags over their numbers of pairs, 0 without pairs."""
+    counted = pairs[: weight.size]
+    return weight * (counted > 0) / np.maximum(counted, 1.0)
+
+
+def _lines_count(
+    image: _Array, mask: _Array, means: _Array, means_across: _Array, products: _Array, pairs: _Array, limit: float
+) -> bool:
+    """Whether the sum over the far lags along y exceeds a number of standard deviations.
+
+    Their variance is Bartlett's formula, summed over lags along the line. The means are weights over pairs of the lags
+    along y and across.
+    """
+    far_pairs = _far(mask, pairs)
+    if far_pairs < 0.5:
+        return False
+    smooth, transposed = np.ascontiguousarray(_smoothed(image, means).T), np.ascontiguousarray(image.T)
+    squares = 0.0
+    for lag in range(means_across.size):
+        square = (pairs[0] * means_across[lag] * at_lag(transposed, smooth, lag)) ** 2
+        squares += square if lag == 0 else 2 * square
+    return bool(_far(image, products) > limit * np.sqrt(2 * far_pairs * squares))
+
+
+def _far(image: _Array, near: _Array) -> float:
+    """Sum of the products at all lags along y beyond those given, of both signs."""
+    columns = np.ones(image.shape[0]) @ image
+    return float(columns @ columns - 2 * near.sum() + near[0])
+
+
+def _smoothed(image: _Array, weight: _Array) -> _Array:
+    """Sum of the rows above and below each, times the weight of their distance."""
+    height, width = image.shape
+    reach, rows = min(weight.size, height) - 1, min(height, _ROWS)
+    n_bands = (height + rows - 1) // rows
+    below = np.zeros((n_bands * rows + reach - height, width))
+    padded = np.concatenate((np.zeros((reach, width)), image, below))
+    band = np.zeros((rows, rows + 2 * reach))
+    for column in range(2 * reach + 1):
+        band.reshape(-1)[column :: band.shape[1] + 1] = weight[abs(column - reach)]
+    sums = np.empty((n_bands * rows, width))
+    for first in range(0, n_bands * rows, rows):
+        np.dot(band, padded[first : first + band.shape[1]], sums[first : first + rows])
+    return sums[:height]
+
+
+def _weighted(image: _Array, other: _Array, weight: _Array) -> float:
+    """Sum of the products at the lags along y of both signs, times their weight."""
+    total = -weight[0] * at_lag(image, other, 0)
+    for lag in range(weight.size):
+        total += 2 * weight[lag] * at_lag(image, other, lag)
+    return float(total)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Matrix
-from .level import GainOffset, Level
-from .level_kernel import Seen
+from .level import GainOffset, Level, Seen
 from .outline import Outline
 from .template import Template, gradients
 from .view import View

@@ -6,13 +6,15 @@ import subprocess
 import sys
 import time
 
-LOOK_UP = """
+COLOURS = """
 import json
 import numpy as np
-from labcdp.files.video.pixels_kernel import looked_up
+from labcdp.files.video.colour_kernel import luminance_of_ycbcr
 
 rng = np.random.default_rng(3)
-print(json.dumps(looked_up(rng.normal(size=256), rng.integers(0, 256, (30, 40), np.uint8)).tolist()))
+luma, blue, red = (rng.integers(0, 256, shape, np.uint8) for shape in ((31, 41), (16, 21), (16, 21)))
+parts, light = rng.normal(0, 40, (5, 256)).astype(np.float32), rng.random((3, 256), np.float32)
+print(json.dumps([one.tolist() for one in luminance_of_ycbcr(luma, blue, red, parts, light)]))
 """
 FORGETS = """
 import sys; sys.path.insert(0, sys.argv[1])
@@ -32,10 +34,10 @@ def printed(program, *arguments, **environment):
 def test_results_are_the_same_whether_what_is_compiled_is_new_kept_or_cannot_be_kept(tmp_path):
     kept, nowhere = tmp_path / "kept", tmp_path / "file" / "none"
     (tmp_path / "file").write_text("")
-    first = printed(LOOK_UP, NUMBA_CACHE_DIR=str(kept))
+    first = printed(COLOURS, NUMBA_CACHE_DIR=str(kept))
     assert list(kept.rglob("*.nbc"))
-    assert printed(LOOK_UP, NUMBA_CACHE_DIR=str(kept)) == first
-    assert printed(LOOK_UP, NUMBA_CACHE_DIR=str(nowhere)) == first
+    assert printed(COLOURS, NUMBA_CACHE_DIR=str(kept)) == first
+    assert printed(COLOURS, NUMBA_CACHE_DIR=str(nowhere)) == first
 
 
 def test_what_is_older_than_a_kernel_is_forgotten(tmp_path):

@@ -82,7 +82,7 @@ class Pixels:
                 clipped, self.orientation
             )
         if self.kind == "ycbcr":
-            from .pixels_kernel import luminance_of_ycbcr
+            from .colour_kernel import luminance_of_ycbcr
 
             light = light_tables(self.bits, self.stored)
             luma, blue, red = map(np.ascontiguousarray, planes)
@@ -90,9 +90,7 @@ class Pixels:
             return upright(luminance, self.orientation), upright(clipped, self.orientation)
         luma = np.ascontiguousarray(planes[0])
         if self.limited:
-            from .pixels_kernel import looked_up
-
-            luma = looked_up(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
+            luma = np.take(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
         return upright(luma, self.orientation), None
 
     def _grey(self) -> NDArray[np.float64]:

@@ -203,12 +203,14 @@ class RegionPixels(NoisyRegion):
 
 def _by_level(dn: NDArray[np.unsignedinteger[Any]], image: _Array, mask: NDArray[np.bool_]) -> Distribution | None:
     """Distribution, without sorting, of 8-bit pixels whose luminance depends only on the DN; None for others."""
-    from .levels_kernel import light_by_level
-
-    counts, of_level, alike = light_by_level(dn.copy(), image, mask)
+    of_pixel, light = dn[mask], image[mask]
+    of_level = np.full(256, np.nan)
+    of_level[of_pixel] = light
+    counts = np.bincount(of_pixel, minlength=256)
     levels = np.flatnonzero(counts)
     values = of_level[levels]
     # Several DN may have the same luminance, and a response may decrease.
+    alike = np.isfinite(values).all() and np.array_equal(of_level[of_pixel], light)
     return Distribution(values, counts[levels]) if alike and (values[1:] > values[:-1]).all() else None
 
 

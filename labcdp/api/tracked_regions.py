@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..core.errors import InputError
-from ..core.finding import unique
+from ..core.errors import InputError, LabcdpError
+from ..core.finding import Finding, error, unique
 from ..core.roi import Roi
 from ..evaluate.video.findings import restored
 from ..evaluate.video.settings import Progress, VideoSettings
@@ -48,7 +48,7 @@ class TrackedRegions:
     """
 
     name: str
-    evaluate: Callable[[Sequence[VideoSettings], Progress | None], list[Dataset]]
+    evaluate: Callable[[Sequence[VideoSettings], Progress | None], list[Dataset | LabcdpError]]
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
     method: str
@@ -92,7 +92,8 @@ class TrackedRegions:
         Raises
         ------
         InputError
-            If an argument cannot be used, or no frame could be evaluated.
+            If an argument cannot be used, or no frame could be evaluated. A pair that has no result, such as one with a
+            region that cannot be followed, is left out with a warning as long as others have one.
         """
         import xarray as xr
 
@@ -105,14 +106,20 @@ class TrackedRegions:
         targets = None if asked.values is None else tuple(asked.values)
         common = VideoSettings(targets, epsilon=epsilon, reference_by=reference_by, selection=self.selection)
         settings = [self._of(pair, common, known) for pair in self.pairs]
-        found = [_of_pair(one, measured=asked.values is None) for one in self.evaluate(settings, progress)]
+        results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
+        found = [_of_pair(one, asked.values is None) for _, one in results if not isinstance(one, LabcdpError)]
+        failed = [
+            error("pair-failed", " / ".join(pair), reason=str(one))
+            for pair, one in results
+            if isinstance(one, LabcdpError)
+        ]
         most = max(one.sizes["corner"] for one in found)
         padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
         dataset = xr.concat(
             padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
         )
         order = [name for name in ("frame", "pair", "contrast", "side", "corner") if name in dataset.dims]
-        dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found]))
+        dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found], failed))
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
 
     def __repr__(self) -> str:
@@ -133,14 +140,14 @@ def renamed(dataset: Dataset) -> Dataset:
     return dataset.rename({name: f"u_{str(name).removesuffix(_U)}" for name in dataset if str(name).endswith(_U)})
 
 
-def _attributes(attributes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding]) -> dict[str, Any]:
     """Attributes of the pairs together."""
-    found = unique(finding for one in attributes for finding in restored(json.loads(one["findings"])))
+    found = unique([*failed, *(each for one in attributes for each in restored(json.loads(one["findings"])))])
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
     return {**{name: attributes[0][name] for name in kept}, **noted(found), "labcdp_version": version("labcdp")}
 
 
-def _of_pair(dataset: Dataset, *, measured: bool) -> Dataset:
+def _of_pair(dataset: Dataset, measured: bool) -> Dataset:
     """Results of a pair with its name; with the measured contrast as a coordinate."""
     dataset = renamed(dataset)
     bright, dark = dataset["region"].values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
-from ..core.errors import InputError
+from ..core.errors import InputError, LabcdpError
 from ..core.notebook import html_table
 from ..evaluate.picture.light.picture import PictureConversion
+from ..evaluate.video.dataset import VideoRows
 from ..evaluate.video.evaluate import Part, evaluated_parts
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.open import open_video as open_source
@@ -195,11 +196,20 @@ class Video:
         assert asked.values is not None
         settings = VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every))
         (dataset,) = self.evaluate([settings], progress)
+        assert not isinstance(dataset, LabcdpError)
         dataset = described(renamed(dataset), dataset.attrs["unit"])
         return dataset.isel(contrast=0) if asked.scalar else dataset
 
-    def evaluate(self, settings: Sequence[VideoSettings], progress: Progress | None = None) -> list[Dataset]:
-        """Evaluate with settings that have no conversion yet, in one pass, as ``labcdp video`` does."""
+    def evaluate(
+        self, settings: Sequence[VideoSettings], progress: Progress | None = None
+    ) -> list[Dataset | LabcdpError]:
+        """Evaluate with settings that have no conversion yet, in one pass; of each the results, or why there are none.
+
+        Raises
+        ------
+        LabcdpError
+            If there are none at all.
+        """
         with TemporaryDirectory(prefix="labcdp-") as folder:
             calibration = self.calibration
             if isinstance(calibration, Calibration | ColourCalibration):
@@ -212,7 +222,10 @@ class Video:
             }
             parts = [Part(replace(one, **light)) for one in settings]
             with evaluated_parts(self.path, parts, progress=progress) as found:
-                return [rows().dataset() for rows in found]
+                results = [_dataset_or_error(rows) for rows in found]
+        if all(isinstance(one, LabcdpError) for one in results):
+            raise next(one for one in results if isinstance(one, LabcdpError))
+        return results
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -224,6 +237,13 @@ class Video:
         height, width = self.shape
         rows = [("frames", f"{self.frame_count}"), ("frames per second", f"{self.frame_rate}")]
         return html_table(("", ""), [*rows, ("pixels", f"{width} x {height}")], self.path.name)
+
+
+def _dataset_or_error(rows: Callable[[], VideoRows]) -> Dataset | LabcdpError:
+    try:
+        return rows().dataset()
+    except LabcdpError as error:
+        return error
 
 
 def _selection(start: int | str, stop: int | str | None, every: int | str) -> Selection:

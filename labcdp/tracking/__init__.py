@@ -1,6 +1,6 @@
 """Regions that follow their objects from frame to frame."""
 
 from .methods import METHODS, make_tracker, method_among, methods_of
-from .tracker import TrackedRoi, Tracker
+from .tracker import NotFollowedError, TrackedRoi, Tracker
 
-__all__ = ["METHODS", "TrackedRoi", "Tracker", "make_tracker", "method_among", "methods_of"]
+__all__ = ["METHODS", "NotFollowedError", "TrackedRoi", "Tracker", "make_tracker", "method_among", "methods_of"]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
 from ..core.roi import Roi
 from .align.template import is_background, make_template, plain_template
 from .follower import Follower
@@ -17,7 +16,7 @@ from .pairs import Companions
 from .resting import Resting
 from .scene import SceneNow, SceneWatch
 from .sight import Sight, scale_of
-from .tracker import TrackedRoi, grey_frame
+from .tracker import NotFollowedError, TrackedRoi, grey_frame
 
 
 class FollowingTracker:
@@ -93,8 +92,5 @@ def _follower(sight: Sight, roi: Roi, scene: SceneWatch, *, planar: bool) -> Fol
         mover = None if template is None else Follower(sight, template, scene.now, planar=planar)
         return Resting(plain_template(sight, roi), scene.now, mover)
     if template is None:
-        raise InputError(
-            f"region {roi.name!r} cannot be followed: neither it and its surroundings nor the rest of the image have "
-            "enough structure in both directions; choose one with edges or texture nearby, or the method fixed"
-        )
+        raise NotFollowedError(roi.name)
     return Follower(sight, template, scene.now, planar=planar)

@@ -36,6 +36,17 @@ class TrackedRoi:
     reasons: tuple[Finding, ...] = ()
 
 
+class NotFollowedError(InputError):
+    """A region cannot be followed: nothing in and around it fixes its place."""
+
+    def __init__(self, region: str) -> None:
+        super().__init__(
+            f"region {region!r} cannot be followed: neither it and its surroundings nor the rest of the image have "
+            "enough structure in both directions; choose one with edges or texture nearby, or the method fixed"
+        )
+        self.region = region
+
+
 class Tracker(Protocol):
     """Follows regions through a video."""
 

@@ -136,7 +136,7 @@ def evaluated_parts(
     ------
     tuple of callable
         For each part, gives its results, to be read while the context lasts; raises InputError if no frame could be
-        evaluated.
+        evaluated, or a region cannot be followed, which costs no other part.
 
     Raises
     ------
@@ -153,9 +153,13 @@ def evaluated_parts(
             head = {"video": source.sha256, **evaluation_head(part.settings, reference)}
             if len(together) > len(part.settings.rois) > 0:
                 head["followed_together"] = together
-            require_regions(source, part.settings)
             journal = stack.enter_context(_journal(part.folder, head))
-            runs.append(PartRun(part.settings, conversion, reference, journal, part.observer))
+            run = PartRun(part.settings, conversion, reference, journal, part.observer)
+            try:
+                require_regions(source, part.settings)
+            except InputError as error:
+                run.failure = error
+            runs.append(run)
         VideoRun(source, runs).go(progress)
         yield tuple(partial(_rows, source, conversion, run) for run in runs)
 
@@ -191,6 +195,8 @@ def _journal(folder: Destination | None, head: Mapping[str, Any]) -> Iterator[Li
 
 def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> VideoRows:
     """Results of a part; raises InputError if there are none."""
+    if run.failure is not None:
+        raise run.failure
     settings, journal, path = run.settings, run.journal, source.path
     found = VideoFindings([roi.name for roi in settings.rois])
     for row in journal.rows():

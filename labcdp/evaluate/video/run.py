@@ -19,7 +19,7 @@ from ...core.roi import Roi
 from ...files.video.open import frames_of
 from ...files.video.source import VideoFrame, VideoSource
 from ...report.findings import finding_text
-from ...tracking import TrackedRoi, make_tracker
+from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.light.picture import PictureConversion
 from .pipeline import ahead, in_order
 from .reference import ReferenceContrast
@@ -66,6 +66,8 @@ class PartRun:
         observer: Observer | None,
     ) -> None:
         self.settings, self.journal, self.observer = settings, journal, observer
+        #: Why it cannot be evaluated, whatever the frames show.
+        self.failure: InputError | None = None
         self._rows = FrameRows(settings, conversion, reference)
         self.n_done = len(journal)
         self.end: Row | None = None
@@ -131,13 +133,21 @@ class VideoRun:
     def __init__(self, source: VideoSource, parts: Sequence[PartRun]) -> None:
         self._source, self._parts = source, parts
         self._selection = parts[0].settings.selection
-        methods = {
-            roi: method for part in parts for roi, method in zip(part.settings.rois, part.settings.methods, strict=True)
-        }
-        self._rois, self._methods = tuple(methods), tuple(methods.values())
-        self._follows = any(method != "fixed" for method in self._methods)
-        self._begun = not self._rois
         self._n_frames = 0
+        self._choose_regions()
+        self._begun = not self._rois
+
+    def _choose_regions(self) -> None:
+        """Keep the parts that can be evaluated, and their regions; raises InputError if none can."""
+        failures = [part.failure for part in self._parts if part.failure is not None]
+        if len(failures) == len(self._parts):
+            raise failures[0]
+        self._parts = [part for part in self._parts if part.failure is None]
+        self._methods: dict[Roi, str] = {}
+        for part in self._parts:
+            self._methods |= zip(part.settings.rois, part.settings.methods, strict=True)
+        self._rois = tuple(self._methods)
+        self._follows = any(method != "fixed" for method in self._methods.values())
 
     def go(self, progress: Progress | None) -> None:
         """Evaluate what is not in the journals yet."""
@@ -199,7 +209,7 @@ class VideoRun:
                         f"draw them in frame {frame.number}, the first whole one, and give --start {frame.number}"
                     )
                 if tracker is None:
-                    tracker = make_tracker(self._methods, _tracked(frame.frame), self._rois)
+                    tracker = self._tracker(_tracked(frame.frame))
                     regions = tuple(TrackedRoi(roi, 1.0, False) for roi in self._rois)
                     self._begun = True
                 else:
@@ -211,6 +221,17 @@ class VideoRun:
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:
             raise InputError(f"frame {unseen.number} of {self._source.path}: {_text(unseen)}; so are all others")
+
+    def _tracker(self, first: NDArray[Any]) -> Tracker:
+        """Make a tracker; a region that cannot be followed costs only its own pairs."""
+        while True:
+            try:
+                return make_tracker(tuple(self._methods.values()), first, self._rois)
+            except NotFollowedError as error:
+                for part in self._parts:
+                    if any(roi.name == error.region for roi in part.settings.rois):
+                        part.failure = error
+                self._choose_regions()
 
     def _worked(self, item: _Item) -> list[Row | None]:
         """Results of a frame, part by part."""

@@ -15,6 +15,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.light.picture import picture_conversion
@@ -435,3 +436,32 @@ def test_a_pair_without_a_result_does_not_cost_the_others_theirs(tmp_path: Path)
         assert np.isfinite(some().dataset()["cdp"]).all()
         with pytest.raises(InputError, match="no frame could be evaluated; frame 0: neither region holds a value"):
             none()
+
+
+def test_a_region_that_cannot_be_followed_costs_only_its_own_pairs(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    frames = []
+    for number in range(4):
+        image = np.full((240, 640), 60.0)
+        image[20:60, 20 + number : 60 + number] = rng.normal(150, 4, (40, 40))
+        image[30:50, 70 + number : 90 + number] = rng.normal(90, 4, (20, 20))
+        frames.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    bright, middle = Roi.rectangle("bright", 30, 30, 20, 20), Roi.rectangle("middle", 73, 33, 14, 14)
+    plain, across = Roi.rectangle("plain", 500, 100, 20, 20), Roi.rectangle("across", 45, 30, 20, 20)
+    path = write(tmp_path / "a.mkv", frames)
+    pairs = [(bright, plain), (bright, middle), (across, bright), (middle, plain)]
+    parts = [Part(VideoSettings((1.0,), pair), tmp_path / str(n)) for n, pair in enumerate(pairs)]
+    for _ in range(2):
+        with evaluated_parts(path, parts) as (first, good, apart, last):
+            assert np.isfinite(good().dataset()["cdp"]).all()
+            for none in (first, last):
+                with pytest.raises(InputError, match="region 'plain' cannot be followed"):
+                    none()
+            with pytest.raises(InputError, match="'across' and 'bright' have 100 pixels in common"):
+                apart()
+    with pytest.raises(InputError, match="region 'plain' cannot be followed"), evaluated_parts(path, parts[:1]):
+        pass
+    regions = labcdp.open_video(path).track([bright, middle, plain], pairs=[("bright", "plain"), ("bright", "middle")])
+    result = regions.cdp([1.0])
+    assert result["pair"].values.tolist() == ["bright / middle"]
+    assert "no result of bright / plain: region 'plain' cannot be followed" in result.attrs["warnings"]

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from ..evaluate.picture.request import ImageRequest
-from ..files.picture.options import PictureOptions
+from ..evaluate.picture.image import ImageRequest
+from ..files.picture.picture import PictureOptions
 from ..metrics import Epsilon
-from ..metrics.probability import asked_contrasts
+from ..metrics.result import asked_contrasts
 from ..regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, image_size_of, load_regions, rois_of
 
 #: A path as users write it.

@@ -20,7 +20,7 @@ from .bench import acquire, demo, devices, doctor, import_files, live, meter, si
 from .ending import EndedBySignal, unwinding, what_is_left
 from .evaluate import characterise, compare, history, luminance, session, twin, verify
 from .groups import grouped
-from .pictures import image, image_map, rois, video, view
+from .pictures import image, image_map, rois, video
 from .start import info, init
 from .terminal import log_to_terminal, say
 
@@ -53,7 +53,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "compare": compare.compare,
     },
     "Pictures and videos": {
-        "view": view.view,
+        "view": rois.view,
         "rois": rois.rois,
         "image": image.image,
         "image-map": image_map.image_map,

@@ -10,9 +10,9 @@ from typing import Protocol
 from ..core.errors import InputError
 from ..core.frame import Frame
 from .file_frame import FileDefaults, FileFrame, camera_of, exposure_of, picture_bytes
-from .formats.png import SIGNATURE, read_png
+from .formats.png_jpeg import PNG, read_png
 from .formats.stored_image import MAX_PIXELS
-from .formats.tiff import SIGNATURES, read_tiff
+from .formats.tiff import TIFF, read_tiff
 
 #: Endings of the names of the files this module reads.
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
@@ -54,9 +54,9 @@ def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)
-    if data.startswith(SIGNATURE):
+    if data.startswith(PNG):
         stored = read_png(data, path, MAX_PIXELS)
-    elif data.startswith(SIGNATURES):
+    elif data.startswith(TIFF):
         stored = read_tiff(data, path, MAX_PIXELS)
     else:
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")

@@ -1,19 +1,23 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
-from .calibrated import CalibratedCdp, cdp_with_common_errors
-from .contrast import michelson_contrast, weber_contrast, weber_contrast_of_means
+from .contrast import (
+    ContrastDefinition,
+    DetectionInterval,
+    Epsilon,
+    contrast_range,
+    michelson_contrast,
+    weber_contrast,
+    weber_contrast_of_means,
+)
 from .correlation.cdp import cdp_correlated
 from .correlation.inflation import variance_inflation
-from .detection import cdp, cdp_range
+from .detection import CalibratedCdp, cdp, cdp_range, cdp_with_common_errors
 from .distribution import Distribution, Region
-from .interval import ContrastDefinition, DetectionInterval, Epsilon, contrast_range
-from .neighbours.cdp import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
-from .planning import pixels_needed
-from .probability import DetectionProbability, Interval
-from .quantile import contrast_quantile
-from .result import CdpResult, DetectionResult, NeighbourCdp
+from .neighbours import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
+from .result import CdpResult, DetectionProbability, DetectionResult, Interval, NeighbourCdp
 from .signal_to_noise import Estimate, cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
-from .spread import ContrastDistribution, contrast_distribution, contrast_histogram
+from .spread import ContrastDistribution, contrast_distribution, contrast_histogram, contrast_quantile
+from .uncertainty import pixels_needed
 
 __all__ = [
     "CalibratedCdp",

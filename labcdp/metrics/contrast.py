@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from math import inf, isfinite
+from numbers import Real
+from typing import Literal, TypeAlias, get_args
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.errors import InputError
 from .distribution import Region, numeric_array
 from .pairs import bright_and_dark
 
@@ -88,3 +96,173 @@ def michelson_contrast(bright: ArrayLike, dark: ArrayLike) -> NDArray[np.float64
     total = upper + lower
     lit = total > 0
     return np.where(lit, (upper - lower) / np.where(lit, total, 1), np.nan)
+
+
+#: Most contrasts of one range; more are treated as an error.
+_MOST_STEPS = 100_000
+#: Definition of the contrast of a bright value b and a dark one d: Weber b / d - 1, Michelson (b - d) / (b + d).
+ContrastDefinition: TypeAlias = Literal["weber", "michelson"]
+
+
+@dataclass(frozen=True)
+class DetectionInterval:
+    """Relative tolerance of a target contrast, below and above.
+
+    Parameters
+    ----------
+    below : float or None
+        Tolerance below the contrast, 0 to 1; None for no lower end.
+    above : float or None
+        Tolerance above it, 0 or more; None for no upper end.
+
+    Raises
+    ------
+    InputError
+        If a tolerance is out of range, both are 0 or both are None.
+
+    Notes
+    -----
+    The interval of a contrast K is K (1 - below) to K (1 + above), ends included. A number is short for equal
+    tolerances: 0.5 is ``DetectionInterval(0.5, 0.5)``. Without an upper end, pairs of unbounded contrast (dark value 0
+    or below, bright value above 0) are detected. Without a lower end, pairs of negative contrast (the bright region's
+    pixel is the darker one) are detected. Pairs in which no value is above 0 are never detected.
+    """
+
+    below: float | None
+    above: float | None
+
+    def __post_init__(self) -> None:
+        if self.below is None and self.above is None:
+            raise InputError("the detection interval has no end: give a tolerance below or above the contrast")
+        if self.below is not None and not 0 <= self.below <= 1:
+            raise InputError(f"tolerance below the contrast is {self.below}: give a fraction from 0 to 1, or None")
+        if self.above is not None and not (isfinite(self.above) and self.above >= 0):
+            raise InputError(f"tolerance above the contrast is {self.above}: give a fraction of 0 or more, or None")
+        if self.below == self.above == 0:
+            raise InputError("both tolerances of the detection interval are 0: give one above 0, or None")
+
+    @classmethod
+    def at_least(cls, below: float) -> DetectionInterval:
+        """Detect from K (1 - `below`) on, without an upper end."""
+        return cls(below, None)
+
+    @classmethod
+    def at_most(cls, above: float) -> DetectionInterval:
+        """Detect up to K (1 + `above`), without a lower end."""
+        return cls(None, above)
+
+
+#: Tolerance argument: a number above 0 up to 1 for both sides, or an interval.
+Epsilon: TypeAlias = float | DetectionInterval
+
+
+@dataclass(frozen=True)
+class TargetContrast:
+    """A target contrast with its exact detection interval.
+
+    Parameters
+    ----------
+    contrast : float
+        Above 0; in the Michelson definition below 1.
+    epsilon : float or DetectionInterval
+        Tolerance.
+    definition : {'weber', 'michelson'}
+        Definition of `contrast`.
+
+    Raises
+    ------
+    InputError
+        If one of them is out of range.
+
+    Notes
+    -----
+    Michelson contrast M rises with the ratio of the values, (1 + M) / (1 - M), so that its interval is the Weber
+    interval between 2 M / (1 - M) at both ends. No ratio reaches M = 1: an upper end there or beyond is open.
+    """
+
+    contrast: float
+    epsilon: Epsilon
+    definition: ContrastDefinition
+
+    def __post_init__(self) -> None:
+        if self.definition not in get_args(ContrastDefinition):
+            raise InputError(f"contrast definition is {self.definition!r}: give 'weber' or 'michelson'")
+        if not (_is_number(self.contrast) and isfinite(self.contrast) and self.contrast > 0):
+            raise InputError(f"contrast is {self.contrast!r}: give a fraction above 0 (1.0 is 100 %)")
+        if self.definition == "michelson" and self.contrast >= 1:
+            raise InputError(f"Michelson contrast is {self.contrast}: give a fraction above 0 and below 1")
+        if not isinstance(self.epsilon, DetectionInterval) and not (_is_number(self.epsilon) and 0 < self.epsilon <= 1):
+            raise InputError(f"epsilon is {self.epsilon!r}: give a fraction above 0, up to 1")
+        object.__setattr__(self, "contrast", float(self.contrast))
+        if not isinstance(self.epsilon, DetectionInterval):
+            object.__setattr__(self, "epsilon", float(self.epsilon))
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Lowest and highest detected contrast in `definition`; -inf or inf for an end that is open."""
+        low, high = self._ends
+        return -inf if low is None else float(low), inf if high is None else float(high)
+
+    @property
+    def low(self) -> Fraction | None:
+        """Lowest detected contrast in Weber contrast, exactly; None for an end that is open."""
+        return self._weber(self._ends[0])
+
+    @property
+    def high(self) -> Fraction | None:
+        """Highest detected contrast in Weber contrast, exactly; None for an end that is open."""
+        return self._weber(self._ends[1])
+
+    @property
+    def _ends(self) -> tuple[Fraction | None, Fraction | None]:
+        epsilon, contrast = self.epsilon, decimal_fraction(self.contrast)
+        if not isinstance(epsilon, DetectionInterval):
+            epsilon = DetectionInterval(epsilon, epsilon)
+        low = None if epsilon.below is None else contrast * (1 - decimal_fraction(epsilon.below))
+        high = None if epsilon.above is None else contrast * (1 + decimal_fraction(epsilon.above))
+        return low, high
+
+    def _weber(self, end: Fraction | None) -> Fraction | None:
+        if end is None or self.definition == "weber":
+            return end
+        return None if end >= 1 else 2 * end / (1 - end)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
+
+
+def decimal_fraction(number: float) -> Fraction:
+    """Return a float as the exact fraction of its shortest decimal: 0.1 is exactly 1/10."""
+    return Fraction(repr(float(number)))
+
+
+def contrast_range(start: float, stop: float, step: float) -> tuple[float, ...]:
+    """List contrasts in equal steps, both ends included: 0.1 to 1.0 in steps of 0.1 are ten exact decimals.
+
+    Parameters
+    ----------
+    start, stop, step : float
+        First and last contrast and the step, fractions above 0.
+
+    Raises
+    ------
+    InputError
+        If one is not above 0 or not finite, stop is below start, stop is not reached by whole steps, or there are more
+        than 100 000.
+    """
+    for name, value in (("start", start), ("stop", stop), ("step", step)):
+        if not (isfinite(value) and value > 0):
+            raise InputError(f"{name} of the contrasts is {value}: give a fraction above 0 (1.0 is 100 %)")
+    first, last, distance = map(decimal_fraction, (start, stop, step))
+    if last < first:
+        raise InputError(f"contrasts run from {start} down to {stop}: give the smaller one first")
+    if last - first > _MOST_STEPS * distance:
+        raise InputError(f"steps of {step} from {start} to {stop} are more than {_MOST_STEPS}: give a larger step")
+    steps, rest = divmod(last - first, distance)
+    if rest:
+        before = last - rest
+        raise InputError(
+            f"steps of {step} from {start} do not meet {stop}: end at {float(before)} or {float(before + distance)}"
+        )
+    return tuple(float(first + n * distance) for n in range(steps + 1))

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
-from .interval import ContrastDefinition, Epsilon
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.errors import InputError
+from ..core.notebook import html_table, number
+from .contrast import ContrastDefinition, Epsilon, TargetContrast
 
 
 @dataclass(frozen=True)
@@ -80,3 +86,125 @@ class NeighbourCdp(DetectionResult):
     """
 
     pairs: int
+
+
+_T = TypeVar("_T", float, NDArray[np.float64])
+
+
+class Interval(NamedTuple, Generic[_T]):
+    """Lower and upper end of an interval, scalars or arrays."""
+
+    low: _T
+    high: _T
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionProbability(Generic[_T]):
+    """Contrast detection probability (CDP) of one contrast, or of an array of them.
+
+    All values are floats where the contrast was a number, and arrays of its shape where it was an array. Shares are
+    fractions of all pairs.
+
+    Parameters
+    ----------
+    cdp : float or ndarray
+        Share of pairs whose contrast counts as detected.
+    u : float or ndarray
+        Its standard uncertainty by the finite number of pixels; nan where there are too few.
+    interval : Interval
+        95 % interval of `cdp`: ``low, high = result.interval``; nan where `u` is nan.
+    below, above : float or ndarray
+        Share of pairs with a lower or a higher contrast; `below` + `cdp` + `above` is 1.
+    undefined : float or ndarray
+        Share of pairs in which no pixel is above 0; they are part of `below`.
+    contrast : float or ndarray
+        Target contrast, a fraction.
+    detected : Interval
+        Lowest and highest contrast that counts as detected; -inf or inf for an end that is open.
+    epsilon : float or DetectionInterval
+        Relative tolerance of the contrast.
+    definition : {'weber', 'michelson'}
+        Definition of the contrast.
+    pairs : int or None
+        Number of pairs; None where the weights of a `Distribution` are not counts.
+    swapped : bool
+        Whether the region given as dark has the larger mean and was used as the bright one; False for neighbours.
+    """
+
+    cdp: _T
+    u: _T
+    interval: Interval[_T]
+    below: _T
+    above: _T
+    undefined: _T
+    contrast: _T
+    detected: Interval[_T]
+    epsilon: Epsilon
+    definition: ContrastDefinition
+    pairs: int | None
+    swapped: bool = False
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        columns = (self.contrast, self.cdp, self.interval.low, self.interval.high, self.u, self.below, self.above)
+        rows = zip(*(np.ravel(column) for column in columns), strict=True)
+        head = ("contrast", "CDP", "95 % from", "to", "u", "below", "above")
+        return html_table(head, [[number(value) for value in row] for row in rows])
+
+
+def asked_contrasts(
+    contrast: ArrayLike, epsilon: Epsilon, definition: ContrastDefinition
+) -> tuple[list[TargetContrast], tuple[int, ...]]:
+    """Return the contrasts of a number or an array as a flat sequence, and the shape.
+
+    Raises
+    ------
+    InputError
+        If one is not a number or out of range.
+    """
+    try:
+        array = np.asarray(contrast)
+    except ValueError:
+        # Lists of different lengths.
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"contrast is {_shown(contrast)}: give a number, or an array of numbers, as fractions")
+    # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64.
+    return [TargetContrast(float(str(one)), epsilon, definition) for one in array.ravel()], array.shape
+
+
+def joined(
+    results: Sequence[DetectionResult],
+    asked: Sequence[TargetContrast],
+    shape: tuple[int, ...],
+    epsilon: Epsilon,
+    definition: ContrastDefinition,
+    pairs: int | None,
+    swapped: bool = False,
+) -> DetectionProbability[Any]:
+    """Join the results of contrasts, scalars for the shape ()."""
+
+    def values(of: Callable[[DetectionResult], float]) -> Any:
+        array = np.array([of(result) for result in results], dtype=np.float64).reshape(shape)
+        return array if shape else float(array)
+
+    contrasts = np.array([one.contrast for one in asked], dtype=np.float64).reshape(shape)
+    return DetectionProbability(
+        cdp=values(lambda one: one.cdp),
+        u=values(lambda one: one.standard_error),
+        interval=Interval(*(values(lambda one, end=end: one.confidence_interval[end]) for end in (0, 1))),  # type: ignore[misc]
+        below=values(lambda one: one.below),
+        above=values(lambda one: one.above),
+        undefined=values(lambda one: one.undefined),
+        contrast=contrasts if shape else float(contrasts),
+        detected=Interval(*(values(lambda one, end=end: one.interval[end]) for end in (0, 1))),  # type: ignore[misc]
+        epsilon=epsilon,
+        definition=definition,
+        pairs=pairs,
+        swapped=swapped,
+    )
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

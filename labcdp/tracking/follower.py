@@ -12,8 +12,7 @@ from .align.alignment import Fit
 from .align.template import Template
 from .align.view import view_around
 from .geometry import Matrix, carried, inverse, local_scale, shift
-from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks
-from .plausible import Shape
+from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, Shape
 from .scene import SceneNow
 from .sight import Sight
 from .tracker import TrackedRoi

@@ -9,7 +9,7 @@ import pytest
 
 from labcdp.metrics import cdp
 from labcdp.tracking import make_tracker
-from labcdp.tracking.pairs import Companions
+from labcdp.tracking.following import Companions
 
 from .simulated import Cover, Moment, SimulatedVideo, pose, shift
 

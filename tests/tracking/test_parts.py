@@ -12,8 +12,7 @@ from labcdp.tracking.align.template import make_template, place_uncertainty_px
 from labcdp.tracking.align.view import view_around
 from labcdp.tracking.geometry import carried, inverse, shift, transform
 from labcdp.tracking.scene import SceneWatch, common_motion
-from labcdp.tracking.search import candidates, look_at
-from labcdp.tracking.sight import Sight, noise_dn
+from labcdp.tracking.sight import Sight, candidates, look_at, noise_dn
 
 from .simulated import pose
 

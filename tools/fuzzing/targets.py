@@ -145,7 +145,7 @@ def _regions(_: Path, file: Path) -> Any:
 
 
 def _picture(_: Path, file: Path) -> Any:
-    from labcdp.files.picture.options import PictureOptions
+    from labcdp.files.picture.picture import PictureOptions
     from labcdp.files.picture.read import read_picture
 
     options = PictureOptions(max_pixels=MAX_PIXELS)
@@ -249,7 +249,7 @@ def _emva_image(_: Path, file: Path) -> Any:
 
 
 def _video(_: Path, file: Path) -> Any:
-    from labcdp.files.picture.options import PictureOptions
+    from labcdp.files.picture.picture import PictureOptions
     from labcdp.files.video.open import open_video
 
     frames = []
@@ -264,7 +264,7 @@ def _video(_: Path, file: Path) -> Any:
 
 
 def _reference(_: Path, file: Path) -> Any:
-    from labcdp.evaluate.video.reference import VideoReference
+    from labcdp.evaluate.video.settings import VideoReference
 
     reference = VideoReference(file, "number")
     return [reference.of(number, number / 25) for number in range(20)]

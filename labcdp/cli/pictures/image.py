@@ -19,9 +19,8 @@ from .picture_options import PairOptions, PictureLightOptions
 
 if TYPE_CHECKING:
     from ...core.result import InputFile
-    from ...evaluate.picture.image import ImageEvaluation
+    from ...evaluate.picture.image import ImageEvaluation, ImageRequest
     from ...evaluate.picture.light.picture import PictureConversion
-    from ...evaluate.picture.request import ImageRequest
     from ...evaluate.picture.tables import ReportedPicture
     from ...files.picture.read import PictureOptions
     from ...output import ResultsFolder
@@ -56,8 +55,7 @@ def image(
 
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
     """
-    from ...evaluate.picture.files import summary_files
-    from ...evaluate.picture.result import image_result
+    from ...evaluate.picture.result import image_result, summary_files
 
     request = _request(pairs, rectangle)
     conversion = light.conversion()
@@ -121,9 +119,8 @@ class _Work:
 
     def __call__(self, path: Path) -> tuple[ImageEvaluation, dict[str, bytes]]:
         """Evaluate a picture and write its files."""
-        from ...evaluate.picture.files import picture_files
         from ...evaluate.picture.image import evaluate_image
-        from ...evaluate.picture.result import image_result
+        from ...evaluate.picture.result import image_result, picture_files
         from ...evaluate.picture.tables import ReportedPicture
         from ...files.picture.read import read_picture
         from ...regions import load_regions
@@ -147,7 +144,7 @@ class _Work:
 
 def _evaluated(paths: Sequence[Path], work: _Work, results: ResultsFolder) -> list[ReportedPicture]:
     """Process the pictures and write their files."""
-    from ...evaluate.picture.files import picture_folder
+    from ...evaluate.picture.result import picture_folder
     from ...evaluate.picture.tables import ReportedPicture
 
     pictures: dict[int, ReportedPicture] = {}
@@ -166,7 +163,7 @@ def _evaluated(paths: Sequence[Path], work: _Work, results: ResultsFolder) -> li
 
 
 def _request(pairs: PairOptions, rectangle: str | None) -> ImageRequest:
-    from ...evaluate.picture.request import ImageRequest
+    from ...evaluate.picture.image import ImageRequest
     from ...regions import load_regions, rois_of
 
     neighbours = pairs.neighbours or rectangle is not None

@@ -16,8 +16,7 @@ from ...core.errors import LabcdpError
 from ..options import contrasts_or_measured, parse_tolerance
 from ..output import Results, show_page
 from ..terminal import print_result, progress_bars, say
-from .picture_options import LightOptions
-from .video_options import ClusterOptions, FrameOptions, MadeOptions, VideoPairOptions, rois_and_pairs
+from .picture_options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
 
 if TYPE_CHECKING:
     from ...core.result import Result
@@ -117,7 +116,7 @@ def evaluated_into(
         If the video cannot be evaluated or the results not be written.
     """
     from ...evaluate.video.evaluate import Part, evaluated_parts
-    from ...evaluate.video.report.files import write_video
+    from ...evaluate.video.report.page import write_video
 
     with ExitStack() as stack:
         with ExitStack() as drawing:
@@ -173,11 +172,9 @@ def _several(
     results: Results,
 ) -> None:
     from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
-    from ...evaluate.video.archive.report import write_archive
-    from ...evaluate.video.archive.result import archive_result
-    from ...evaluate.video.checks import require_same_evaluation
-    from ...evaluate.video.configuration import video_configuration
-    from ...evaluate.video.reference import make_reference
+    from ...evaluate.video.archive.result import archive_result, write_archive
+    from ...evaluate.video.checks import require_same_evaluation, video_configuration
+    from ...evaluate.video.settings import make_reference
 
     tasks = archive_tasks(paths, folder.folder, tuple(of_pairs))
     if not results.force:

@@ -196,7 +196,7 @@ def picture(path: Path) -> Description:
 
 def _clipping(frame: Frame) -> Table:
     from ...core.table import Column, Table
-    from ...files.formats.clipping import PlaneClipping, planes_of
+    from ...files.formats.raw import PlaneClipping, planes_of
 
     names = ["all"]
     if frame.colour_filter is not None:

@@ -8,9 +8,8 @@ from pathlib import Path
 from ...core.result import InputFile, Result
 from ...files.picture.read import PictureOptions, read_picture
 from ...regions import load_regions, rois_of
-from ..picture.image import evaluate_image
+from ..picture.image import ImageRequest, evaluate_image
 from ..picture.light.picture import PictureConversion
-from ..picture.request import ImageRequest
 from ..picture.result import image_result
 from ..picture.tables import ReportedPicture
 

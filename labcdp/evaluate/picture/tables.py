@@ -10,9 +10,8 @@ from ...core.table import Column, Table, uncertain, uncertain_values
 from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, DetectionResult, NeighbourCdp
 from ...metrics.regions.pair import RegionResult
 from ...metrics.regions.region import REASONS
-from .image import ImageEvaluation, ImagePair
+from .image import ImageEvaluation, ImagePair, ImageRequest
 from .neighbours import NeighbourEvaluation, Rectangle
-from .request import ImageRequest
 
 #: CDP of two regions, or of neighbouring pixels.
 AnyCdp: TypeAlias = CalibratedCdp[CdpResult] | CalibratedCdp[NeighbourCdp]

@@ -12,7 +12,7 @@ from ...calibration.emva.result import Characterisation
 from ...calibration.frames.observations import PatchObservation
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info, warning
-from ...metrics.interval import TargetContrast
+from ...metrics.contrast import TargetContrast
 from ...report.findings import finding_text
 from ...session import Session
 from ..bench.observe import ObservedSession

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...core.table import Z_95
 from ...metrics import CdpResult, Distribution
+from ...metrics.contrast import TargetContrast
 from ...metrics.detection import result_of_tally
-from ...metrics.interval import TargetContrast
 from ...metrics.pairs import PairTally, tally_pairs
 from .prediction import RegionPrediction, Shifted, added, scaled
 from .regions import RegionError, SeenRegion

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+from ...calibration.record.store import file_sha256
 from ...core.disk.journal import Row, recorded_head
 from ...core.errors import InputError
+from ...core.finding import Finding, info, warning
+from ...core.result import InputFile
 from ...files.video.source import VideoSource
 from ...metrics.regions.pair import require_apart
-from .configuration import video_configuration
-from .reference import ReferenceContrast, make_reference
-from .settings import VideoSettings
+from ..picture.light.converters import Calibrated
+from ..picture.light.picture import PictureConversion
+from .settings import ReferenceContrast, VideoSettings, make_reference
 
 #: Name of the journal in the folder of the results.
 JOURNAL = "video.jsonl"
@@ -63,3 +68,36 @@ def require_regions(source: VideoSource, settings: VideoSettings) -> None:
         )
     first, second = ((roi, roi.window(source.shape), roi.mask(source.shape)) for roi in settings.rois)
     require_apart(first, second)
+
+
+def conversion_findings(conversion: PictureConversion, source: VideoSource) -> tuple[Finding, ...]:
+    """Return what there is to know about the luminance of a video's frames."""
+    found = [info("relative-luminance")] if conversion.unit == "relative" else []
+    if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
+        calibrated = isinstance(conversion.converter, Calibrated)
+        found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
+    return tuple(found)
+
+
+def video_configuration(settings: VideoSettings, reference: ReferenceContrast | None) -> dict[str, Any]:
+    """All that decides the results, as values JSON can hold."""
+    epsilon = settings.epsilon
+    asked: Any = settings.reference
+    if isinstance(asked, Path):
+        assert reference is not None
+        asked = {"sha256": reference.sha256, "by": settings.reference_by}
+    return {
+        "contrasts": None if settings.contrasts is None else list(settings.contrasts),
+        "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
+        "method": settings.method if settings.rois else None,
+        "epsilon": epsilon if isinstance(epsilon, float | int) else asdict(epsilon),
+        "reference": asked,
+        "selection": settings.selection.to_dict(),
+        "calibration_sha256": None if settings.calibration is None else file_sha256(settings.calibration),
+        "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
+        "encoding": settings.encoding,
+        "exposure_s": settings.exposure_s,
+        "gain_db": settings.gain_db,
+        "bit_depth": settings.bit_depth,
+        "damaged": settings.damaged,
+    }

@@ -21,14 +21,12 @@ from ...metrics.regions.pair import size_findings
 from ...output import Destination, open_results
 from ...report.findings import finding_text
 from ..picture.light.picture import PictureConversion, picture_conversion
-from .checks import JOURNAL, evaluation_head, require_regions
-from .configuration import conversion_findings
+from .checks import JOURNAL, conversion_findings, evaluation_head, require_regions
 from .dataset import VideoRows, as_json
 from .findings import VideoFindings, recorded
-from .reference import make_reference
 from .rows import is_end, variables
 from .run import PartRun, VideoRun
-from .settings import Observer, Progress, VideoSettings
+from .settings import Observer, Progress, VideoSettings, make_reference
 
 if TYPE_CHECKING:
     from xarray import Dataset

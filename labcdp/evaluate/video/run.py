@@ -22,9 +22,8 @@ from ...report.findings import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.light.picture import PictureConversion
 from .pipeline import ahead, in_order
-from .reference import ReferenceContrast
 from .rows import MEASURED, FrameRows, is_end, variables
-from .settings import Observer, Progress, VideoSettings
+from .settings import Observer, Progress, ReferenceContrast, VideoSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,9 @@ from ...core.disk import parse_json, shortened
 from ...core.errors import InputError
 from ...core.finding import Finding, info
 from .colour import BT709_LUMINANCE
-from .decoder_messages import decoder_messages
-from .stored_image import StoredImage, real_numbers, require_size
+from .stored_image import StoredImage, decoder_messages, real_numbers, require_size
 
-SIGNATURE = b"\x76\x2f\x31\x01"
+EXR = b"\x76\x2f\x31\x01"
 #: Channels of a picture of the largest size, and of any.
 _MOST_CHANNELS, _MOST_NAMES = 4, 1000
 #: Names of a channel of luminance: that of OpenEXR's luminance/chroma images, and spelt out.

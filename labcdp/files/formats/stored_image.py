@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryFile
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -11,7 +18,6 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
-from ..orientation import upright
 from .colour import Encoding
 from .exif import ExifFacts
 
@@ -130,3 +136,73 @@ def grey_if_colourless(values: NDArray[Any]) -> NDArray[Any]:
     red = values[..., 0]
     colourless = np.array_equal(red, values[..., 1]) and np.array_equal(red, values[..., 2])
     return np.ascontiguousarray(red) if colourless else values
+
+
+#: EXIF orientations (CIPA DC-008, tag 274) by the signs of a display matrix: what column and row add to x, and to y.
+_OF_MATRIX = {
+    (1, 0, 0, 1): 1, (-1, 0, 0, 1): 2, (-1, 0, 0, -1): 3, (1, 0, 0, -1): 4,
+    (0, 1, 1, 0): 5, (0, 1, -1, 0): 6, (0, -1, -1, 0): 7, (0, -1, 1, 0): 8,
+}  # fmt: skip
+
+
+def upright(values: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Values of a picture as it is to be seen; shape (height, width) or with colours."""
+    if orientation > 4:
+        values = values.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        values = values[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        values = values[::-1]
+    return np.ascontiguousarray(values)
+
+
+def orientation_of_matrix(matrix: bytes) -> int | None:
+    """EXIF orientation of FFmpeg's display matrix (nine 32-bit integers); None if it is no multiple of 90 degrees."""
+    a, b, _, c, d = np.sign(np.frombuffer(matrix, np.int32, 5))
+    return _OF_MATRIX.get((int(a), int(b), int(c), int(d)))
+
+
+#: How the messages of libpng, libjpeg and OpenEXR look.
+_OF_DECODERS = re.compile(
+    rb"libpng |Corrupt JPEG|Premature end of JPEG|Invalid SOS|Invalid component|Warning: unknown JFIF|"
+    rb"Inconsistent progression|Unknown Adobe|.*\(EXR_ERR_"
+)
+_STANDARD_ERROR = 2
+#: The file descriptor belongs to the whole process.
+_lock = Lock()
+
+
+@contextmanager
+def decoder_messages() -> Iterator[list[str]]:
+    """Catch what decoders print on standard error; gives a list that is filled at the end, each message once.
+
+    Whatever else is printed meanwhile, by another thread for example, continues to standard error afterwards.
+    """
+    messages: list[str] = []
+    with _lock, TemporaryFile() as caught:
+        try:
+            kept = os.dup(_STANDARD_ERROR)
+        except OSError:
+            # Without a standard error nothing can be printed on it.
+            yield messages
+            return
+        _flush()
+        os.dup2(caught.fileno(), _STANDARD_ERROR)
+        try:
+            yield messages
+        finally:
+            _flush()
+            os.dup2(kept, _STANDARD_ERROR)
+            os.close(kept)
+            caught.seek(0)
+            for line in caught.read().splitlines(keepends=True):
+                if _OF_DECODERS.match(line):
+                    messages.append(line.decode("utf-8", "replace").strip())
+                else:
+                    os.write(_STANDARD_ERROR, line)
+            messages[:] = dict.fromkeys(messages)
+
+
+def _flush() -> None:
+    if sys.stderr is not None and not sys.stderr.closed:
+        sys.stderr.flush()

@@ -16,7 +16,7 @@ from .colour import BT709_LUMINANCE, Encoding
 from .exif import ExifFacts, read_exif
 from .stored_image import StoredImage, real_numbers, require_size, whole_numbers, without_alpha
 
-SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
 _ICC_PROFILE = 34675
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isclose
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding
-from ...core.frame import Frame
+from ...core.errors import InputError
+from ...core.finding import Finding, warning
+from ...core.frame import CameraIdentity, Frame
 from ...core.luminance import LuminanceMap
+from ...core.pixel_format import pixel_format
 from ..formats.colour import Encoding
+from ..formats.stored_image import MAX_PIXELS
+
+if TYPE_CHECKING:
+    pass  # own
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +78,137 @@ class Picture:
         values = self.light if self.frame is None else self.frame.dn
         assert values is not None
         return values.shape[0], values.shape[1]
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """What a file is taken to be where it does not say, and what is allowed.
+
+    Parameters
+    ----------
+    exposure_s, gain_db : float or None
+        Exposure time and gain; None for not known, and for 0 dB.
+    camera : CameraIdentity or None
+        Camera; None if unknown.
+    bit_depth : int or None
+        Bits of the DN in files of 16 bits, for example 12; None to guess.
+    pixel_format : str or None
+        GenICam pixel format the DN came in: says bits and colour filter of grey files, and the layout of raw dumps.
+    size : (int, int) or None
+        Width and height of raw dumps.
+    saturation_dn, black_level_dn : float or None
+        DN from which a pixel is saturated, and of dark signal; None for the highest DN, and for 0.
+    encoding : {'linear', 'srgb', 'bt709'} or None
+        How values are encoded; None for what the file or its kind suggests.
+    overrides : frozenset of str
+        Names of the options that the user gave explicitly: these count before what a file says, with a finding where
+        it says otherwise or the option cannot count. The others count where the file does not say.
+    max_pixels : int
+        Pixels from which a picture is refused before it is decoded.
+    damaged : bool
+        Whether frames of a video that are damaged, or build on damaged ones, are used, with a note.
+
+    Raises
+    ------
+    InputError
+        If a value is not possible.
+    """
+
+    exposure_s: float | None = None
+    gain_db: float | None = None
+    camera: CameraIdentity | None = None
+    bit_depth: int | None = None
+    pixel_format: str | None = None
+    size: tuple[int, int] | None = None
+    saturation_dn: float | None = None
+    black_level_dn: float | None = None
+    encoding: Encoding | None = None
+    overrides: frozenset[str] = frozenset()
+    max_pixels: int = MAX_PIXELS
+    damaged: bool = False
+
+    def __post_init__(self) -> None:
+        if self.exposure_s is not None and not (np.isfinite(self.exposure_s) and self.exposure_s > 0):
+            raise InputError(f"the exposure is {self.exposure_s} s: give a time above 0 s")
+        if self.gain_db is not None and not np.isfinite(self.gain_db):
+            raise InputError(f"the gain is {self.gain_db} dB: give a number")
+        if self.bit_depth is not None and not 1 <= self.bit_depth <= 16:
+            raise InputError(f"the bit depth is {self.bit_depth}: give 1 to 16 bits")
+        if self.pixel_format is not None:
+            pixel_format(self.pixel_format)
+        if self.size is not None and min(self.size) < 1:
+            raise InputError(f"the size is {self.size[0]} x {self.size[1]} pixels: give at least 1 x 1")
+        if self.max_pixels < 1:
+            raise InputError(f"the limit is {self.max_pixels} pixels: give at least 1")
+
+
+#: Difference that rounding explains: 1/60 s as 16.7 ms; an ISO speed in steps of a third.
+_EXPOSURE_REL, _GAIN_DB = 0.005, 0.05
+_OF_DN = {"exposure_s": "exposure", "gain_db": "gain", "bit_depth": "bit depth", "pixel_format": "pixel format"}
+
+
+def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
+    """Frame with the exposure and gain that the user gave."""
+    if "exposure_s" in options.overrides and options.exposure_s is not None:
+        frame = replace(frame, exposure_s=options.exposure_s)
+    if "gain_db" in options.overrides and options.gain_db is not None:
+        frame = replace(frame, gain_db=options.gain_db)
+    return frame
+
+
+def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -> tuple[Finding, ...]:
+    """Find where a file says another exposure or gain than the user gave."""
+    found = []
+    given_s, given_db = options.exposure_s, options.gain_db
+    if (
+        "exposure_s" in options.overrides
+        and given_s is not None
+        and not isclose(exposure_s, given_s, rel_tol=_EXPOSURE_REL)
+    ):
+        found.append(warning("exposure-replaced", stated_s=exposure_s, given_s=given_s))
+    if "gain_db" in options.overrides and given_db is not None and not isclose(gain_db, given_db, abs_tol=_GAIN_DB):
+        found.append(warning("gain-replaced", stated_db=gain_db, given_db=given_db))
+    return tuple(found)
+
+
+def unused_options(frame: Frame | None, bits: int | None, options: PictureOptions) -> tuple[Finding, ...]:
+    """Find what the user gave that cannot count for the DN of a file.
+
+    Parameters
+    ----------
+    frame : Frame or None
+        The DN, None of a file of floats.
+    bits : int or None
+        Bits of the values as they were taken from the file.
+    options : PictureOptions
+        With what was given.
+    """
+    if frame is None:
+        given = [what for name, what in _OF_DN.items() if name in options.overrides]
+        return tuple(warning("option-needs-dn", option=what) for what in given)
+    found = []
+    if "bit_depth" in options.overrides and options.bit_depth != bits:
+        found.append(warning("bit-depth-ignored", given=options.bit_depth, bits=bits))
+    name = options.pixel_format
+    if "pixel_format" in options.overrides and name is not None and pixel_format(name).name != frame.pixel_format:
+        found.append(warning("pixel-format-ignored", given=name))
+    return tuple(found)
+
+
+def with_overrides(picture: Picture, options: PictureOptions, bits: int | None) -> Picture:
+    """Picture with what the user gave, and findings about what contradicts its file or cannot count for it."""
+    found: list[Finding] = []
+    frame = picture.frame
+    if frame is not None:
+        found += contradictions(frame.exposure_s, frame.gain_db, options)
+        frame = overridden_frame(frame, options)
+    found += unused_options(frame, bits, options)
+    height, width = picture.shape
+    if "size" in options.overrides and options.size is not None and options.size != (width, height):
+        given_width, given_height = options.size
+        found.append(
+            warning("size-ignored", given_width=given_width, given_height=given_height, width=width, height=height)
+        )
+    if "encoding" in options.overrides and options.encoding not in (None, picture.encoding):
+        found.append(warning("encoding-ignored", given=options.encoding, encoding=picture.encoding))
+    return replace(picture, frame=frame, findings=(*picture.findings, *found))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike
@@ -15,33 +17,27 @@ from ...core.errors import InputError
 from ...core.finding import info, warning
 from ...core.frame import CameraIdentity, Frame
 from ..file_frame import FileDefaults, camera_of, picture_bytes
-from ..formats import exr as exr_picture
-from ..formats import jpeg as jpeg_picture
-from ..formats import npy as npy_picture
-from ..formats import png as png_picture
-from ..formats import tiff as tiff_picture
+from ..formats.arrays import NPY, read_dump, read_npy
 from ..formats.colour import luminance_dn
-from ..formats.dump import read_dump
+from ..formats.exr import EXR, exr_text, read_exr
+from ..formats.png_jpeg import JPEG, PNG, read_jpeg, read_png
 from ..formats.raw import read_raw
 from ..formats.stored_image import StoredImage
+from ..formats.tiff import TIFF, is_of_a_sensor, read_tiff, tiff_text
 from ..luminance_file import FORMAT as LUMINANCE
 from ..luminance_file import read_luminance
-from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, frame_of_pixels, make_frame, scale_of
-from .options import PictureOptions
-from .overrides import with_overrides
-from .paths import DUMP_SUFFIXES, RAW_SUFFIXES, STATED_SUFFIXES, picture_paths
-from .picture import Picture
-from .saturation import Scale
+from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, Scale, frame_of_pixels, make_frame, scale_of
+from .picture import Picture, PictureOptions, with_overrides
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 
 _ZIP = b"PK\x03\x04"
 #: Readers by the first bytes of a file.
 _READERS: dict[bytes, Callable[[bytes, Path, int], StoredImage]] = {
-    png_picture.SIGNATURE: png_picture.read_png,
-    jpeg_picture.SIGNATURE: jpeg_picture.read_jpeg,
-    exr_picture.SIGNATURE: exr_picture.read_exr,
-    npy_picture.SIGNATURE: npy_picture.read_npy,
+    PNG: read_png,
+    JPEG: read_jpeg,
+    EXR: read_exr,
+    NPY: read_npy,
 }
 #: Options of files that say all that is needed.
 NOTHING_KNOWN = PictureOptions()
@@ -77,9 +73,9 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     own = _from_labcdp(data, sha256, path, options.max_pixels)
     if own is not None:
         return with_overrides(own, options, None if own.frame is None else own.frame.bit_depth)
-    is_tiff = data.startswith(tiff_picture.SIGNATURES)
-    if is_tiff and suffix not in RAW_SUFFIXES and not tiff_picture.is_of_a_sensor(data):
-        return _picture(tiff_picture.read_tiff(data, path, options.max_pixels), path, sha256, options)
+    is_tiff = data.startswith(TIFF)
+    if is_tiff and suffix not in RAW_SUFFIXES and not is_of_a_sensor(data):
+        return _picture(read_tiff(data, path, options.max_pixels), path, sha256, options)
     for signature, read in _READERS.items():
         if data.startswith(signature):
             return _picture(read(data, path, options.max_pixels), path, sha256, options)
@@ -90,7 +86,7 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
 
 def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> Picture:
     """Read one picture of a TIFF of several; raises InputError as `read_picture`."""
-    return _picture(tiff_picture.read_tiff(data, path, options.max_pixels, number), path, "", options)
+    return _picture(read_tiff(data, path, options.max_pixels, number), path, "", options)
 
 
 def _not_known(path: Path) -> str:
@@ -110,17 +106,17 @@ def _from_labcdp(data: bytes, sha256: str, path: Path, max_pixels: int) -> Pictu
         # Of archives these are the only ones that are read.
         return _from_luminance(data, sha256, path, max_pixels)
     text: dict[str, Any] | None = None
-    if data.startswith(tiff_picture.SIGNATURES):
-        text = tiff_picture.tiff_text(data)
-    elif data.startswith(exr_picture.SIGNATURE):
-        text = exr_picture.exr_text(path, max_pixels)
+    if data.startswith(TIFF):
+        text = tiff_text(data)
+    elif data.startswith(EXR):
+        text = exr_text(path, max_pixels)
     if text is None:
         return None
     if text.get("format") == LUMINANCE:
         return _from_luminance(data, sha256, path, max_pixels)
     if not {"exposure_s", "saturation_dn", "camera"} <= set(text):
         return None
-    stored = tiff_picture.read_tiff(data, path, max_pixels)
+    stored = read_tiff(data, path, max_pixels)
     try:
         frame = Frame.from_metadata(stored.values, text)
     except InputError as error:
@@ -193,3 +189,51 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
 def _camera(stored: StoredImage, options: PictureOptions) -> CameraIdentity:
     facts, known = stored.facts, options.camera or UNKNOWN_CAMERA
     return camera_of(facts.vendor, facts.model, facts.serial, known)
+
+
+_log = logging.getLogger(__name__)
+
+#: Endings of the names of camera RAW files that LibRaw reads.
+RAW_SUFFIXES = (
+    ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".mrw",
+    ".nef", ".nrw", ".orf", ".pef", ".raf", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f",
+)  # fmt: skip
+#: Endings of names whose bytes say what they are.
+STATED_SUFFIXES = (".exr", ".jpeg", ".jpg", ".npy", ".npz", ".png", ".tif", ".tiff", *RAW_SUFFIXES)
+#: Usual endings of raw dumps; with a size given, any other ending is a dump too.
+DUMP_SUFFIXES = (".bin", ".dat", ".raw")
+
+
+def picture_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
+    """Files to read: those given, and of folders the images they hold, by name with numbers in order.
+
+    A file that is given itself is kept whatever it is, so that reading it says what is wrong with it.
+
+    Raises
+    ------
+    InputError
+        If a folder holds no image, or cannot be read.
+    """
+    found: list[Path] = []
+    for path in map(Path, paths):
+        found += _in_folder(path) if path.is_dir() else [path]
+    return list(dict.fromkeys(found))
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    try:
+        files = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read ({error.strerror}): give a folder you can read") from error
+    images = [path for path in files if path.suffix.lower() in (*STATED_SUFFIXES, *DUMP_SUFFIXES)]
+    for path in sorted(set(files) - set(images)):
+        _log.info("%s is left out: its name is not that of an image", path)
+    if not images:
+        raise InputError(f"{folder} holds no image: give a folder with some, or files")
+    return sorted(images, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Key that sorts img2 before img10."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(1, int(part), part) if part.isdecimal() else (0, 0, part) for part in parts]

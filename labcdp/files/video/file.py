@@ -19,7 +19,7 @@ from ...core.errors import InputError
 from ...core.finding import Finding
 from ...core.frame import Frame
 from ..formats.colour import Encoding
-from ..picture.overrides import unused_options
+from ..picture.picture import unused_options
 from ..picture.read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels

@@ -82,7 +82,7 @@ def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
 
 def left_out(folder: Path) -> list[Path]:
     """Folders with images in a folder of video files: `video_paths` leaves them out."""
-    from ..picture.paths import STATED_SUFFIXES
+    from ..picture.read import STATED_SUFFIXES
 
     folders = sorted(one for one in folder.iterdir() if one.is_dir())
     return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]

@@ -20,11 +20,9 @@ from ...core.frame import Frame
 from ..file_frame import picture_bytes
 from ..formats.colour import Encoding, decoded_table
 from ..formats.tiff import count_pictures
-from ..picture.options import PictureOptions
-from ..picture.paths import picture_paths
-from ..picture.picture import Picture
-from ..picture.read import read_page, read_picture
-from ..picture.saturation import guessed_scale
+from ..picture.frame import guessed_scale
+from ..picture.picture import Picture, PictureOptions
+from ..picture.read import picture_paths, read_page, read_picture
 from .source import Entry, require_frames
 
 #: Largest number in a name that can be one of a frame; others are times or dates.

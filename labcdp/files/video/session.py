@@ -13,8 +13,7 @@ from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
 from ...session import FrameRecord, Session
 from ..formats.colour import Encoding
-from ..picture.options import PictureOptions
-from ..picture.overrides import contradictions, overridden_frame
+from ..picture.picture import PictureOptions, contradictions, overridden_frame
 from .source import Entry
 
 

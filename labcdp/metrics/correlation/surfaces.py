@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..image import window_of
-from .cache import kept_by_mask
+
+#: Number of cached masks, and pixels from which a mask is not cached, to limit memory.
+_MASKS, _TOO_LARGE = 16, 2**18
+_Result = TypeVar("_Result")
+_Mask = NDArray[np.bool_]
+
+
+def kept_by_mask(function: Callable[[_Mask], _Result]) -> Callable[[_Mask], _Result]:
+    """Cache the results of a function for the last masks, ndarrays of bool, shape (height, width).
+
+    Videos use the same masks in each frame.
+    """
+
+    @lru_cache(maxsize=_MASKS)
+    def of_bytes(shape: tuple[int, ...], pixels: bytes) -> _Result:
+        return function(np.frombuffer(pixels, dtype=np.bool_).reshape(shape))
+
+    @wraps(function)
+    def of_mask(mask: _Mask) -> _Result:
+        return function(mask) if mask.size >= _TOO_LARGE else of_bytes(mask.shape, mask.tobytes())
+
+    return of_mask
+
 
 #: Degree of the surface for slowly changing light, and of those tested for noise.
 SLOW_DEGREE, _NOISE_DEGREE = 2, 4

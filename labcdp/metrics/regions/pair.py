@@ -16,9 +16,9 @@ from ...core.finding import Finding, info, warning
 from ...core.luminance import LuminanceMap, Window
 from ...core.roi import Roi
 from .. import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
-from ..calibrated import PairError, joined_errors
+from ..contrast import TargetContrast
 from ..correlation.cdp import cdp_of_regions
-from ..interval import TargetContrast
+from ..detection import PairError, joined_errors
 from ..pairs import bright_and_dark, tally_pairs
 from .region import RegionPixels, RegionResult, evaluate_region, region_result, variance_of_changes, with_uncertainty
 

@@ -46,7 +46,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion, options
     CalibrationError
         If the calibration is for another camera.
     """
-    from ...evaluate.video.configuration import conversion_findings
+    from ...evaluate.video.checks import conversion_findings
     from ...files.video.open import open_video
 
     source = open_video(path, options)

@@ -11,9 +11,8 @@ from labcdp.core.finding import Finding, info
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import CommonError, LuminanceMap
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.image import evaluate_image
+from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.evaluate.picture.request import ImageRequest
 from labcdp.files.picture.picture import Picture
 from labcdp.metrics import cdp, cdp_neighbours_range
 

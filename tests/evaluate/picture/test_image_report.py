@@ -18,11 +18,9 @@ from labcdp.core.finding import warning
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.figures import histogram_edges, image_figures
-from labcdp.evaluate.picture.files import picture_files, summary_files
-from labcdp.evaluate.picture.image import evaluate_image
+from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.page import overview_page, picture_page
-from labcdp.evaluate.picture.request import ImageRequest
-from labcdp.evaluate.picture.result import image_result
+from labcdp.evaluate.picture.result import image_result, picture_files, summary_files
 from labcdp.evaluate.picture.surface import MOST_POINTS, surface_page
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture.picture import Picture

@@ -24,7 +24,7 @@ from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
 from labcdp.evaluate.twin.report.verdict import signal_findings, verdict
 from labcdp.evaluate.twin.signal import KINDS, predicted_signal
 from labcdp.metrics import Distribution, cdp
-from labcdp.metrics.interval import TargetContrast
+from labcdp.metrics.contrast import TargetContrast
 from labcdp.metrics.pairs import tally_pairs
 from labcdp.session import Session
 

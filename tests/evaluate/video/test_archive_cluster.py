@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from labcdp.cli.pictures.picture_options import MadeOptions
 from labcdp.cli.pictures.video import evaluate_values
-from labcdp.cli.pictures.video_options import MadeOptions
 from labcdp.core.computer import cluster as dask_cluster
 from labcdp.core.computer.cluster import TlsFiles
 from labcdp.core.errors import InputError

@@ -22,7 +22,7 @@ from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
 from labcdp.evaluate.video.frame.neighbours import NeighbourTables
-from labcdp.evaluate.video.frame.pair import evaluate_frame_pair
+from labcdp.evaluate.video.rows import evaluate_frame_pair
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.picture.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection

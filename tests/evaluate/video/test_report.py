@@ -15,8 +15,8 @@ from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video.frame_findings import runs
-from labcdp.evaluate.video.report import sheets as video_sheets
-from labcdp.evaluate.video.report.files import write_video
+from labcdp.evaluate.video.report import page as video_page
+from labcdp.evaluate.video.report.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
@@ -168,7 +168,7 @@ def test_text_that_looks_like_a_formula_stays_text(tmp_path: Path) -> None:
 
 
 def test_more_frames_than_columns_continue_in_further_sheets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_sheets, "MOST_COLUMNS", 51)
+    monkeypatch.setattr(video_page, "MOST_COLUMNS", 51)
     write_video(synthetic_video(120, contrasts=(0.5, 1.0), regions=()), tmp_path)
     with (tmp_path / "results.xlsx").open("rb") as file:
         book = openpyxl.load_workbook(file)

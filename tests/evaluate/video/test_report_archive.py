@@ -8,8 +8,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.core.finding import warning
 from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, archive_tasks
-from labcdp.evaluate.video.archive.report import write_archive
-from labcdp.evaluate.video.archive.result import archive_result
+from labcdp.evaluate.video.archive.result import archive_result, write_archive
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.envelope import envelope, schema
 

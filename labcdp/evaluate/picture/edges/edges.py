@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....metrics import Distribution, Epsilon
+from ....metrics.contrast import TargetContrast
 from ....metrics.detection import result_of_tally
-from ....metrics.interval import TargetContrast
 from ....metrics.pairs import tally_pairs
 from ....metrics.uncertainty import confidence_interval
 from ....regions.superpixels.segment import Neighbours

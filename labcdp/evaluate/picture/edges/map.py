@@ -12,7 +12,7 @@ from ....core.errors import InputError
 from ....core.finding import Finding, info, warning
 from ....core.luminance import LuminanceMap
 from ....metrics import Epsilon
-from ....metrics.interval import TargetContrast
+from ....metrics.contrast import TargetContrast
 from ....regions.superpixels.segment import Neighbours, neighbours
 from .edges import FALSE_ALARM, EdgeKind, MapEdges, map_edges
 from .noise import MapNoise, map_noise

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....metrics import Epsilon
-from ....metrics.interval import TargetContrast
+from ....metrics.contrast import TargetContrast
 from ....regions.superpixels.segment import neighbours
 from .regions import MapRegions, map_cut, mean_and_std
 

@@ -1,4 +1,4 @@
-"""PNG files: values as stored, whatever their depth."""
+"""PNG and JPEG files: values as stored, with what their EXIF says."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
 from .colour import ENCODING_NAMES, Encoding
 from .exif import ExifFacts, read_exif
-from .stored_image import StoredImage, require_size, without_alpha
+from .stored_image import StoredImage, decoder_messages, require_size, without_alpha
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG = b"\x89PNG\r\n\x1a\n"
 #: The last chunk with its check.
-_END = b"IEND\xaeB`\x82"
+_PNG_END = b"IEND\xaeB`\x82"
 #: Colour types (ISO/IEC 15948:2004, table 11.1).
 _GREY, _PALETTE, _GREY_ALPHA = 0, 3, 4
 #: gAMA of sRGB values (ISO/IEC 15948:2004, 11.3.3.5), which some write as 0.45454.
@@ -42,7 +42,7 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         require_size(path, *header.size, max_pixels)
         if getattr(header, "n_frames", 1) > 1:
             raise InputError(f"{path} holds several pictures: give files of one picture each")
-        if _END not in data:
+        if _PNG_END not in data:
             raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy or save it again")
         values = imagecodecs.png_decode(data)
     except InputError:
@@ -52,10 +52,13 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         raise InputError(f"{path} is damaged, truncated or no PNG ({reason(error)}): copy or save it again") from error
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
-    block = header.info.get("exif")
-    facts = read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
     encoding, doubts = _encoding(header.info, values.ndim == 3)
-    return StoredImage(values, bits, encoding, facts, changes, doubts).upright()
+    return StoredImage(values, bits, encoding, _facts(header, path), changes, doubts).upright()
+
+
+def _facts(header: Any, path: Path) -> ExifFacts:
+    block = header.info.get("exif")
+    return read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
 
 
 def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
@@ -84,3 +87,39 @@ def _encoding(about: dict[Any, Any], coloured: bool) -> tuple[Encoding, tuple[Fi
     if "icc_profile" in about and (gamma is None or coloured):
         doubts.append(warning("png-icc-profile", encoding=ENCODING_NAMES[encoding]))
     return encoding, tuple(doubts)
+
+
+JPEG = b"\xff\xd8\xff"
+#: Markers of a scan and of the end (ITU-T T.81, table B.1), which do not occur in coded data.
+_SCAN, _JPEG_END = b"\xff\xda", b"\xff\xd9"
+
+
+def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
+    """Read a JPEG of 8 bits, grey or coloured.
+
+    Raises
+    ------
+    InputError
+        If it is truncated, damaged, larger than `max_pixels`, or of a kind with more than 8 bits or four colours.
+    """
+    import cv2
+    from PIL.JpegImagePlugin import JpegImageFile
+
+    try:
+        header = JpegImageFile(BytesIO(data))
+    # Damaged files raise what the library does.
+    except Exception as error:
+        raise InputError(f"{path} cannot be read as JPEG ({reason(error)}): copy it again from the camera") from error
+    require_size(path, *header.size, max_pixels)
+    if header.mode not in ("L", "RGB"):
+        raise InputError(f"{path} has the colours {header.mode}, as for print: save it as grey or RGB")
+    if data.rfind(_JPEG_END) < data.rfind(_SCAN):
+        raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy it again")
+    # Pillow does not say what libjpeg has to say of damage.
+    with decoder_messages() as messages:
+        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if values is None or values.shape[:2] != header.size[::-1] or values.dtype != np.uint8:
+        raise InputError(f"{path} cannot be read as JPEG (its data are damaged or of a rare kind): copy it again")
+    values = values if values.ndim == 2 else np.ascontiguousarray(values[..., ::-1])
+    doubts = tuple(warning("decoder-message", message=message) for message in messages)
+    return StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), doubts).upright()

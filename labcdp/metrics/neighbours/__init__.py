@@ -1,1 +1,0 @@
-"""CDP between each pixel and its neighbours."""

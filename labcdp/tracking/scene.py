@@ -28,6 +28,8 @@ _CORNER, _LOCAL, _CONTRAST_DN = 5e-4, (17, 17), 3.0
 _WITH_PX, _SHARE_LEAST, _SHARE_NEW = 1.0, 0.2, 0.5
 #: Lead in this share that another motion needs over rest, and over that of the frame before.
 _LEAD = 0.2
+#: Frames after which the points are followed if nothing asked for the motion before.
+_FOLLOWED_EVERY = 4
 
 
 class SceneNow:
@@ -72,7 +74,7 @@ class SceneWatch:
     def __init__(self, sight: Sight) -> None:
         self._last = _tiny(sight)
         self._last_cells = sight.shape[0] * sight.shape[1] / self._last.size
-        self._epoch = self._epochs = 0
+        self._epoch = self._epochs = self._frames = 0
         self._median = float(np.median(sight.small))
         self._noise = noise_dn(sight.part(0, 0, min(sight.shape[1], _SAMPLE), min(sight.shape[0], _SAMPLE)))
         self._start(_grey(sight.small), np.eye(3))
@@ -98,8 +100,9 @@ class SceneWatch:
             return self._epoch, inverse(factor) @ moved @ factor
 
         now = SceneNow("cut" if cut else "", self._median, motion)
-        # Another scene begins with its first frame.
-        if cut:
+        # Another scene begins with its first frame; points that are not followed for long are not found again.
+        self._frames += 1
+        if cut or self._frames % _FOLLOWED_EVERY == 0:
             now.moved_since(now)
         return now
 

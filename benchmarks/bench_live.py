@@ -27,8 +27,7 @@ import psutil
 from numpy.typing import NDArray
 
 from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.gige.device import FORMATS
-from labcdp.drivers.simulated.gige.frame_renderer import Wanted
+from labcdp.drivers.simulated.gige.device import FORMATS, Wanted
 from labcdp.regions import RectangleShape, save_regions
 
 ADDRESS = "127.0.0.1"

@@ -27,8 +27,7 @@ from ..camera import (
 from ..device import Device
 from ..host.kernel import overload
 from .connection import Connection
-from .features import described_features, read_feature, readable_features, write_feature
-from .known_state import not_understood
+from .features import described_features, not_understood, read_feature, readable_features, write_feature
 from .settings import SettingChanges, exposure_range_s, read_settings, temperature_c
 from .settings import configure as change_settings
 from .snapshot import require_kept, take_snapshot

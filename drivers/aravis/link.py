@@ -10,9 +10,9 @@ from typing import Any
 
 from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
-from ..host.sockets import shut_down, udp_socket_numbers
+from ..host.kernel import shut_down, udp_socket_numbers
 from . import gvcp
-from .known_state import bring_to_known_state
+from .features import bring_to_known_state
 from .library import CameraInfo, aravis, camera_errors, device_text, gerror
 from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 

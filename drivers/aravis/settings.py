@@ -15,8 +15,7 @@ from ...core.errors import InputError
 from ...core.frame import Readout
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
 from ..camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
-from .features import available, read_feature, writable, write_feature
-from .known_state import show_whole_sensor
+from .features import available, read_feature, show_whole_sensor, writable, write_feature
 from .link import Link
 
 #: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own.

@@ -10,12 +10,11 @@ from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
-from ..host.sockets import enlarge_receive_buffer, has_packet_sockets
+from ..host.kernel import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
-from .frames import FrameCheck, arrival, refusal
+from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
-from .pool import BufferPool, pool_size
 from .settings import layout_of, temperature_c
 from .transport import set_up_transport
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..host.kernel import may_open_packet_sockets, raise_receive_limit
+from ..host.kernel import may_open_packet_sockets, raise_receive_limit, receive_buffer_limit
 from ..host.network import Interface, interface_to, interfaces
-from ..host.sockets import receive_buffer_limit
 from . import gvcp
 from .features import available, writable
 from .library import aravis, discover

@@ -20,10 +20,9 @@ from ..camera import (
     IncompleteFrameError,
     StreamStatistics,
 )
-from ..host.finding import Finding
+from ..host.finding import Finding, size
 from ..host.network import GIGABIT_MBIT_S, Interface, interface_to, network_finding
 from ..host.stream import packet_size_finding
-from ..host.units import size
 
 #: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5

@@ -11,8 +11,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
-from ..aravis.features import readable_features
-from ..aravis.known_state import not_understood
+from ..aravis.features import not_understood, readable_features
 from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import connect
 from ..aravis.snapshot import take_snapshot

@@ -8,13 +8,92 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from ..host import kernel
-from ..host.finding import Finding
+from ..host.finding import Finding, State, size
+from ..host.kernel import open_firewall
 from ..host.network import Interface, interface_findings, interfaces
-from ..host.units import size
+from ..minolta_ls.meter import find_meter_ports
+from .meter import SerialPortFacts, serial_port_facts, serial_port_finding
 from .packages import AravisFacts, aravis_facts, aravis_finding
-from .serial_port import SerialPortFacts, serial_port_facts, serial_port_finding
-from .udp_port import PortUser, udp_port_users
+
+
+@dataclass(frozen=True)
+class PortUser:
+    """A socket bound to a UDP port.
+
+    Parameters
+    ----------
+    address : str
+        Local address; ``0.0.0.0`` for all of them.
+    pid : int or None
+        Process id; None if not visible to this user.
+    program : str
+        Name of the program; empty if not visible to this user.
+    """
+
+    address: str
+    pid: int | None = None
+    program: str = ""
+
+    def __str__(self) -> str:
+        """Return program, process and address."""
+        who = "a program of another user" if self.pid is None else f"{self.program} (process {self.pid})"
+        return f"{who} on {self.address}"
+
+
+def udp_port_users(port: int) -> list[PortUser] | None:
+    """List the sockets bound to a UDP port over IPv4; None if the kernel's list cannot be read."""
+    try:
+        bound = [one for one in psutil.net_connections("udp4") if one.laddr and one.laddr.port == port]
+    except (psutil.Error, OSError):
+        return None
+    return [PortUser(one.laddr.ip, one.pid, _program(one.pid)) for one in bound]
+
+
+def _program(pid: int | None) -> str:
+    try:
+        return "" if pid is None else psutil.Process(pid).name()
+    except psutil.Error:
+        return ""
+
+
+_BY_HAND = "check that it has power, its cable, and that it is in the network of one of these interfaces"
+
+
+def no_camera_finding(known: Sequence[Interface], firewall: str | None, state: State) -> Finding:
+    """List possible causes of a camera that does not answer.
+
+    Parameters
+    ----------
+    known : sequence of Interface
+        The computer's.
+    firewall : str or None
+        Name of an active firewall; empty if none is known.
+    state : {'notice', 'fault'}
+        Whether a camera was expected.
+    """
+    ways = [one for one in known if not one.is_loopback and one.is_up and one.has_link]
+    topic = "discovery"
+    if not ways:
+        return Finding(
+            topic,
+            state,
+            "no camera answers, and no network interface with an IPv4 address has a link",
+            "connect the camera, give it power, and see the network interfaces above",
+        )
+    listing = ", ".join(f"{one.name} ({one.address})" for one in ways)
+    if firewall is None:
+        return Finding(topic, state, f"no camera answers at {listing}", _BY_HAND)
+    networks = "; ".join(open_firewall(firewall, str(one.address.network)) for one in ways)
+    return Finding(
+        topic,
+        state,
+        f"no camera answers at {listing}, and the firewall {firewall} may keep its answer out",
+        f"{_BY_HAND}; then {networks}",
+    )
+
 
 #: A 16-bit frame of a Manta G-505: 2452 x 2056 pixels.
 FRAME_BYTES = 2452 * 2056 * 2
@@ -73,8 +152,6 @@ def host_facts(frame_bytes: int = FRAME_BYTES, root: Path = Path("/")) -> HostFa
     root : Path
         Parent of ``proc``, ``sys``, ``etc`` and ``var``.
     """
-    from ..minolta_ls.meter import find_meter_ports
-
     return HostFacts(
         frame_bytes=frame_bytes,
         receive_limit_bytes=kernel.receive_limit_bytes(root),

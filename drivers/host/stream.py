@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..camera import StreamStatistics
-from .finding import Finding
+from .finding import Finding, size
 from .kernel import firewall, keep_receive_limit, open_firewall, raise_receive_limit, receive_limit_bytes
 from .network import Interface, interface_to, interfaces, network_finding
-from .units import size
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from ..meter import (
     MeterReportedError,
     MeterTimeoutError,
 )
-from .port import Port
-from .transcript import TranscriptWriter
+from .port import Port, TranscriptWriter
 
 _log = logging.getLogger(__name__)
 

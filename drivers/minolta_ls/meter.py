@@ -20,10 +20,9 @@ from ...core.reading import MeterIdentity, Reading
 from ..device import Device
 from ..meter import MeterIncident
 from .line import MeterLine
-from .port import SETTINGS, NamedPort, Port
+from .port import SETTINGS, NamedPort, Port, TranscriptWriter
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_reading
 from .recovery import MeterLink
-from .transcript import TranscriptWriter
 
 __all__ = [
     "DRIVERS",
@@ -66,7 +65,7 @@ class MinoltaLS(Device):
         How long to wait for a lost meter, in seconds: its port is closed and reopened when available, the modes are
         restored and the command is repeated. A meter still silent after all attempts counts as lost.
     transcript : path, optional
-        File to create with every byte sent and received; see `labcdp.drivers.minolta_ls.transcript`.
+        File to create with every byte sent and received; see `labcdp.drivers.minolta_ls.port.TranscriptWriter`.
 
     Raises
     ------

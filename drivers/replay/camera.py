@@ -28,8 +28,7 @@ from ..camera import (
     StreamStatistics,
 )
 from ..device import Device
-from .meter import ReplayMeter
-from .pace import Pace
+from .meter import Pace, ReplayMeter
 
 __all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]
 

@@ -1,16 +1,15 @@
 """The simulated bench: camera and meter with real protocols that view one simulated target."""
 
 from .bench import SimulatedBench
+from .commands import parse_command, parse_schedule
 from .devices import BenchDevices, SimulatedBenchFile
-from .faults.schedule_file import parse_command, parse_schedule
-from .faults.trouble import CameraTrouble
 from .gige.camera import SimulatedGigECamera
 from .gige.device import SimulatedDevice
 from .in_process import InProcessCamera
-from .meter.in_process import InProcessPort
+from .link import CameraTrouble
 from .meter.meter import MeterErrorModel, SimulatedLS
+from .meter.port import Fault, InProcessPort
 from .meter.pty import PtyMeter
-from .meter.replies import Fault
 
 __all__ = [
     "BenchDevices",

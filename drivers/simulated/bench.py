@@ -14,18 +14,16 @@ from ...core.errors import ConfigurationError
 from ...session import SessionConfiguration
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 from ..minolta_ls.protocol import LSDataSheet
+from .commands import Scheduled, parse_command, parse_schedule
 from .devices import BenchDevices
-from .faults.commands import Scheduled
-from .faults.drift import Drifts
-from .faults.misfortune import Misfortune
-from .faults.schedule_file import parse_command, parse_schedule
 from .gige.camera import SimulatedGigECamera
 from .gige.device import SimulatedDevice
 from .gige.genicam import standard_features
 from .in_process import InProcessCamera
-from .meter.in_process import InProcessPort
 from .meter.meter import SimulatedLS
+from .meter.port import InProcessPort
 from .meter.pty import PtyMeter
+from .misfortune import Drifts, Misfortune
 from .target import SimulatedTarget
 
 __all__ = ["BenchDevices", "SimulatedBench"]

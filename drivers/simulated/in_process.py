@@ -26,10 +26,9 @@ from ..camera import (
     StreamStatistics,
 )
 from ..device import Device
-from .faults.trouble import CameraTrouble
 from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
 from .gige.genicam import feature
-from .link import STEP_S, Link
+from .link import STEP_S, CameraTrouble, Link
 
 _EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
 _GAIN_RANGE_DB: Final = feature("Gain")["range"]

@@ -13,7 +13,7 @@ from ...chain import ImagingChain, PatchScene
 from ...chain import Patch as ScenePatch
 from ...core.errors import ConfigurationError
 from ...session import Patch, SessionConfiguration
-from .faults.drift import Drifts
+from .misfortune import Drifts
 
 #: Margin of a patch of the simulated target around its region on each side, relative to the region.
 _MARGIN_REL = 0.15

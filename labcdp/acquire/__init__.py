@@ -2,10 +2,9 @@
 
 from .before import check_devices
 from .checks import CheckFinding
-from .control import AcquisitionStoppedError, Control
+from .control import AcquisitionStoppedError, Control, Progress
 from .live import Live, PatchNumbers
 from .operator import AskedOperator, HandNeededError, Operator, Unattended
-from .progress import Progress
 from .recording.writer import FrameWriter
 from .run import Left, acquire, is_complete
 from .search import FoundExposures, PatchRate, choose_exposures

@@ -1,15 +1,48 @@
-"""Checks before the start: devices against the plan, and the plan against the free disk space."""
+"""Checks before the start, and a start that is refused leaves nothing behind."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from ..core.errors import SessionError
+from ..core.errors import LabcdpError, SessionError
 from ..core.pixel_format import pixel_format
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError, CameraSetup, Region, Trigger
 from ..drivers.meter import Meter
-from ..session import CameraConfiguration, Session, SessionConfiguration
+from ..session import CameraConfiguration, EventRecord, Session, SessionConfiguration
+from ..session.records import SIMULATED_BENCH
 from .steps import remaining
+
+#: Records with which every session begins.
+_OF_A_NEW_SESSION = ("session", "readme", SIMULATED_BENCH)
+
+
+@contextmanager
+def no_bare_session(path: Path) -> Iterator[None]:
+    """Remove a session that failed before its first record, unless it was there before.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the session, which the block creates or resumes, and closes.
+    """
+    new = not holds_something(path)
+    try:
+        yield
+    except LabcdpError:
+        if new and holds_something(path):
+            session = Session.open(path)
+            if all(isinstance(one, EventRecord) and one.kind in _OF_A_NEW_SESSION for one in session.records):
+                session.remove()
+        raise
+
+
+def holds_something(path: Path) -> bool:
+    """Whether there is anything at a path but an empty folder."""
+    return path.exists() and not (path.is_dir() and not any(path.iterdir()))
+
 
 #: Most bytes of a frame beyond its pixels: header, description, and its line in the journal.
 _FILE_BYTES = 8192

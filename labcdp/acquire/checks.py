@@ -10,8 +10,7 @@ from typing import Literal
 from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 from ..core.errors import InputError
 from ..core.reading import Reading, ReadingSeries
-from .black import measured_black_dn
-from .live import PatchNumbers
+from .live import PatchNumbers, measured_black_dn
 
 #: Standard uncertainties above which a change is significant.
 _SIGNIFICANT = 3.0

@@ -1,10 +1,46 @@
-"""Control: pause, continue and stop a running acquisition from another thread."""
+"""Control and progress of a running acquisition, and the frames of one setting."""
 
 from __future__ import annotations
 
+import logging
 import threading
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import dataclass
+from math import ceil
+from typing import Any, cast
 
+from ..core.clock import Clock
 from ..core.errors import LabcdpError
+from ..core.frame import Frame
+from ..drivers.camera import Camera, IncompleteFrameError, Refused
+from .live import Live
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a run.
+
+    Parameters
+    ----------
+    step : str
+        Current step, for the user.
+    done, total : int
+        Frames or readings of this kind, including those recorded earlier.
+    live : Live or None
+        Statistics of the current exposure, after each frame.
+    note : str or None
+        Message to the user.
+    """
+
+    step: str
+    done: int
+    total: int
+    live: Live | None = None
+    note: str | None = None
+
+
+Report = Callable[[Progress], None]
 
 
 class AcquisitionStoppedError(LabcdpError):
@@ -53,3 +89,95 @@ class Control:
         self._going.wait()
         if self._stopped:
             raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")
+
+
+_log = logging.getLogger(__name__)
+
+#: Interval at which pause and stop are polled while waiting for the next frame of a schedule.
+_NAP_S = 0.5
+
+
+def noted(note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]) -> Refused:
+    """Return a function that records incomplete frames, which are taken again.
+
+    Parameters
+    ----------
+    note : callable
+        Records an event of a kind with its content.
+    content : dict
+        Content of the events in addition to the reason.
+    """
+
+    def refuse(error: IncompleteFrameError) -> None:
+        found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
+        note("refused frame", content | found)
+        _log.warning("%s; taking it again", error)
+
+    return refuse
+
+
+class Schedule:
+    """Start times of frames at a fixed interval, without accumulating delays.
+
+    Parameters
+    ----------
+    interval_s : float
+        From one start to the next.
+    clock : Clock
+        Clock to read and to wait with.
+    control : Control
+        Polled while waiting.
+    """
+
+    def __init__(self, interval_s: float, clock: Clock, control: Control) -> None:
+        self._interval_s = interval_s
+        self._clock = clock
+        self._control = control
+        self._next_s: float | None = None
+
+    def wait(self) -> None:
+        """Wait until the next frame is due; raises AcquisitionStoppedError."""
+        self._control.checkpoint()
+        now_s = self._clock.monotonic_s()
+        due_s = now_s if self._next_s is None else self._next_s
+        if now_s - due_s >= self._interval_s:
+            # Frames missed during a pause or a lost connection are not caught up.
+            due_s += ceil((now_s - due_s) / self._interval_s) * self._interval_s
+        while now_s < due_s:
+            self._clock.sleep(min(due_s - now_s, _NAP_S))
+            self._control.checkpoint()
+            now_s = self._clock.monotonic_s()
+        self._next_s = due_s + self._interval_s
+
+
+def take_frames(
+    camera: Camera, n: int, schedule: Schedule | None, control: Control, on_refused: Refused, discard: int = 0
+) -> Generator[Frame, None, None]:
+    """Yield `n` complete frames, consecutive without a schedule.
+
+    The stream is off during a pause: otherwise the buffers would overrun. The first `discard` frames after each start
+    of the stream are dropped.
+
+    Raises
+    ------
+    AcquisitionStoppedError
+        If a stop is requested.
+    DeviceError
+        If the camera fails, or too many consecutive frames are incomplete.
+    """
+    left = n
+    while left:
+        if schedule is None:
+            control.checkpoint()
+        else:
+            schedule.wait()
+        stream = camera.grab(discard + (left if schedule is None else 1), on_refused=on_refused)
+        # Iterators of drivers are generators: closing one stops its stream.
+        with closing(cast(Generator[Frame, None, None], stream)) as frames:
+            for taken, frame in enumerate(frames):
+                if taken < discard:
+                    continue
+                left -= 1
+                yield frame
+                if control.interrupts:
+                    break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal, Protocol
 
 from ..core.errors import DeviceError
@@ -113,3 +114,35 @@ class Unattended:
         again = what not in self._repeated and any(finding.passing for finding in findings)
         self._repeated.add(what)
         return again
+
+
+class LensCap:
+    """State of the lens cap, which an operator moves.
+
+    Parameters
+    ----------
+    operator : Operator
+        Moves the cap.
+    """
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+        self._is: Literal["unknown", "on", "off"] = "unknown"
+
+    def on(self) -> None:
+        """Ensure that the lens is covered; raises HandNeededError."""
+        if self._is != "on":
+            self._operator.cover_lens()
+            self._is = "on"
+
+    def off(self) -> None:
+        """Ensure that the lens is uncovered; raises HandNeededError."""
+        if self._is != "off":
+            self._operator.uncover_lens()
+            self._is = "off"
+
+    def leave_off(self) -> None:
+        """Remove the cap at the end if it was put on and an operator is present."""
+        if self._is == "on":
+            with suppress(HandNeededError):
+                self.off()

@@ -14,7 +14,6 @@ from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .before import check_devices, check_plan, check_room, prepare_camera
-from .black import measured_black_dn
 from .checks import (
     CheckFinding,
     check_darkness,
@@ -24,10 +23,9 @@ from .checks import (
     check_repeats,
     check_scatter,
 )
-from .control import Control
-from .lens_cap import LensCap
-from .operator import HandNeededError, Operator
-from .progress import Progress, Report
+from .control import Control, Progress, Report
+from .live import measured_black_dn
+from .operator import HandNeededError, LensCap, Operator
 from .recording.frames import FrameRecorder
 from .recording.readings import ReadingRecorder
 from .search import LONGEST_S, Look, choose_exposures, measure_rates

@@ -16,7 +16,7 @@ import typer
 from ..core.disk.quoting import reason, shortened
 from ..core.errors import InputError, LabcdpError
 from . import simulation
-from .bench import acquire, demo, devices, doctor, import_files, live, meter, simulate_bench
+from .bench import acquire, demo, devices, doctor, import_files, live, simulate_bench
 from .ending import EndedBySignal, unwinding, what_is_left
 from .evaluate import characterise, compare, history, luminance, session, twin, verify
 from .groups import grouped
@@ -36,7 +36,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "doctor": doctor.doctor,
         "devices": devices.devices,
         "snap": devices.snap,
-        "meter": meter.meter,
+        "meter": devices.meter,
         "bench": live.bench,
         "acquire": acquire.acquire,
         "import": import_files.import_files,

@@ -20,13 +20,10 @@ from ...aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
 from ...aravis.library import aravis
 from ...camera import CameraError
 from ...device import Device
-from ..faults.trouble import NO_TROUBLE, CameraTrouble
-from .device import FrameSource, SimulatedDevice
-from .frame_renderer import FrameRenderer, Wanted
+from ..link import NO_TROUBLE, CameraTrouble
+from .control import ControlPort, SecondController, check_free
+from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import Address, description
-from .loopback import ControlPort, check_free
-from .registers import TEMPERATURE_STEPS_PER_C, Registers
-from .second_controller import SecondController
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 

@@ -1,16 +1,19 @@
-"""The simulated camera: identity, frame source, and readout by its settings."""
+"""The simulated camera: identity, frame source, registers, and readout and rendering of its frames."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core.pixel_format import PIXEL_FORMATS, PixelFormat
-from .genicam import FeatureTable, feature, standard_features
+from ...camera import CameraError
+from .genicam import Address, FeatureTable, feature, initial_values, standard_features
 
 #: Formats the simulated camera offers.
 FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[name] for name in feature("PixelFormat")["choices"])
@@ -120,3 +123,146 @@ def _averaged(dn: NDArray[np.uint16], binning: tuple[int, int]) -> NDArray[np.ui
     total = blocks.sum(axis=(1, 3), dtype=np.uint32)
     average: NDArray[np.uint16] = ((2 * total + rows * columns) // (2 * rows * columns)).astype(np.uint16)
     return average
+
+
+#: Steps of the register of the temperature.
+TEMPERATURE_STEPS_PER_C = feature("DeviceTemperature")["steps"]
+
+
+class Registers:
+    """Registers of Aravis' simulator.
+
+    Parameters
+    ----------
+    fake : Aravis.FakeCamera
+        Camera of Aravis' simulator.
+    """
+
+    def __init__(self, fake: Any) -> None:
+        self._fake = fake
+
+    def read(self, address: int) -> int:
+        """Return a number."""
+        return int(self._fake.read_register(address).value)
+
+    def write(self, address: int, value: int) -> None:
+        """Store a number."""
+        self._fake.write_register(address, value)
+
+    def write_text(self, address: Address, text: str, length: int) -> None:
+        """Store text of less than `length` letters; raises CameraError if it is longer."""
+        raw = text.encode("ascii")
+        if len(raw) >= length:
+            raise CameraError(f"{text!r} is too long for the camera's register: use up to {length - 1} letters")
+        for start in range(0, length, 4):
+            self.write(address + start, int.from_bytes(raw.ljust(length, b"\0")[start : start + 4], "big"))
+
+    def switch_on(self, device: SimulatedDevice) -> None:
+        """Store the values of a device after power-on."""
+        self.write_text(Address.VENDOR, device.vendor, 32)
+        self.write_text(Address.MODEL, device.model, 32)
+        self.write_text(Address.MANUFACTURER_INFO, "labcdp simulated camera", 48)
+        numbers = initial_values(device.features) | {
+            Address.SENSOR_WIDTH: device.width,
+            Address.SENSOR_HEIGHT: device.height,
+            Address.WIDTH: device.width,
+            Address.HEIGHT: device.height,
+            Address.FRAME_PERIOD_US: round(1e6 / device.frame_rate_hz),
+            Address.BLACK_LEVEL: round(device.black_level_dn),
+            Address.TEMPERATURE: round(device.temperature_c * TEMPERATURE_STEPS_PER_C),
+            Address.TICK_FREQUENCY_HIGH: 0,
+        }
+        for address, value in numbers.items():
+            self.write(address, value)
+
+    def readout(self, device: SimulatedDevice) -> Readout:
+        """Return the current readout of a device."""
+        return Readout(
+            x=self.read(Address.OFFSET_X),
+            y=self.read(Address.OFFSET_Y),
+            width=self.read(Address.WIDTH),
+            height=self.read(Address.HEIGHT),
+            binning=(self.read(Address.BINNING_HORIZONTAL), self.read(Address.BINNING_VERTICAL)),
+            black_level_change_dn=self.read(Address.BLACK_LEVEL) - round(device.black_level_dn),
+            mirrored=(self.read(Address.REVERSE_X) != 0, self.read(Address.REVERSE_Y) != 0),
+        )
+
+
+_GAIN_STEPS_PER_DB: Final = feature("Gain")["steps"]
+
+#: Frames rendered ahead: one to send while the next is made.
+_AHEAD: Final = 2
+
+#: A frame as bytes, with the state of the source that it shows; None if the state changed while it was rendered.
+_Rendered = tuple[Hashable, NDArray[np.uint8] | None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Specification of a frame.
+
+    Parameters
+    ----------
+    exposure_us, gain_steps, format_code : int
+        Values of the registers.
+    readout : Readout
+        Readout of the sensor.
+    """
+
+    exposure_us: int
+    gain_steps: int
+    format_code: int
+    readout: Readout
+
+
+class FrameRenderer:
+    """Frames rendered ahead, each sent once.
+
+    Parameters
+    ----------
+    source : FrameSource
+        Source of the pixels.
+    """
+
+    def __init__(self, source: FrameSource) -> None:
+        self._source = source
+        self._executor: ThreadPoolExecutor | None = None
+        self._kind: Hashable = None
+        self._coming: deque[Future[_Rendered]] = deque()
+        self._n_begun = 0
+
+    def open(self) -> None:
+        """Start the rendering thread."""
+        self._executor = ThreadPoolExecutor(1, "simulated camera")
+
+    def close(self) -> None:
+        """Stop rendering; may be called twice."""
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
+            self._executor = None
+            self._coming.clear()
+
+    def next(self, wanted: Wanted) -> NDArray[np.uint8] | None:
+        """Return the next frame, or None if it is not rendered yet."""
+        state = self._source.state
+        if (state, wanted) != self._kind:
+            self._kind = (state, wanted)
+            for outdated in self._coming:
+                outdated.cancel()
+            self._coming.clear()
+        frame = None
+        if self._coming and self._coming[0].done():
+            shown, rendered = self._coming.popleft().result()
+            frame = rendered if shown == state else None
+        while len(self._coming) < _AHEAD and self._executor is not None:
+            self._coming.append(self._executor.submit(self._render, wanted, self._n_begun))
+            self._n_begun += 1
+        return frame
+
+    def _render(self, wanted: Wanted, index: int) -> _Rendered:
+        state = self._source.state
+        dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / _GAIN_STEPS_PER_DB, index)
+        if self._source.state != state:
+            return state, None
+        layout = next(form for form in FORMATS if form.code == wanted.format_code)
+        return state, wanted.readout.payload(dn, layout)

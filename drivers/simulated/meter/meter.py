@@ -24,8 +24,8 @@ from ...minolta_ls.protocol import (
     MeterMode,
     four_digits,
 )
+from .port import CRLF, Fault
 from .pty import PtyMeter
-from .replies import CRLF, Fault
 
 __all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
 

@@ -15,11 +15,8 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...drivers.camera import Camera, CameraLostError, CameraSettings
 from ...session import Role, Session
-from ..black import measured_black_dn
-from ..control import Control
-from ..frames import Schedule, noted, take_frames
-from ..live import Live, LiveNumbers, PatchNumbers
-from ..progress import Progress, Report
+from ..control import Control, Progress, Report, Schedule, noted, take_frames
+from ..live import Live, LiveNumbers, PatchNumbers, measured_black_dn
 from ..steps import frames_at, remaining, same_exposure, shown_patches
 from .writer import FrameWriter
 

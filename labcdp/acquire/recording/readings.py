@@ -5,9 +5,8 @@ from __future__ import annotations
 from ...core.reading import Reading
 from ...drivers.meter import Meter, MeterError
 from ...session import MeterConfiguration, Session
-from ..control import Control
+from ..control import Control, Progress, Report
 from ..operator import Operator
-from ..progress import Progress, Report
 from ..steps import readings_wanted, remaining
 
 

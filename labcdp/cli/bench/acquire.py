@@ -15,7 +15,7 @@ from ...core.errors import InputError, SessionError
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .device_options import DeviceChoice, DeviceOptions
 from .devices_of_session import connected
-from .keys import Keys
+from .operators import Keys
 
 if TYPE_CHECKING:
     from ...acquire import Left, Unattended
@@ -186,7 +186,7 @@ def _record(
 ) -> tuple[tuple[Left, ...], int, int]:
     from ...acquire import Control, forget, is_complete
     from ...acquire import acquire as run
-    from ...acquire.attempt import no_bare_session
+    from ...acquire.before import no_bare_session
     from ...core.clock import SimulatedClock
     from .operators import Console
 
@@ -224,7 +224,7 @@ def _clock(path: Path, simulated: bool) -> Clock:
     """Return the computer's clock, or a simulated one that continues after the records of the session."""
     from datetime import UTC, datetime
 
-    from ...acquire.attempt import holds_something
+    from ...acquire.before import holds_something
     from ...core.clock import SimulatedClock, SystemClock
     from ...session import Session
 
@@ -236,7 +236,7 @@ def _clock(path: Path, simulated: bool) -> Clock:
 
 
 def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
-    from ...acquire.attempt import holds_something
+    from ...acquire.before import holds_something
     from ...session import Session
 
     if not holds_something(path):

@@ -98,8 +98,7 @@ def connected(
 def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[Devices]:
     from ...drivers.aravis.camera import AravisCamera
     from ...drivers.manual.csv import CsvMeter
-    from ...drivers.manual.meter import ManualMeter
-    from ...drivers.manual.text import stated_accuracy
+    from ...drivers.manual.text import ManualMeter, stated_accuracy
     from .operators import ConsoleOperator
 
     configuration = session.configuration

@@ -142,7 +142,7 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding
     from ...drivers.aravis.library import CameraInfo, choose, discover
     from ...drivers.camera import CameraError
     from ...drivers.doctor.camera import check_camera
-    from ...drivers.doctor.discovery import no_camera_finding
+    from ...drivers.doctor.host import no_camera_finding
     from ...drivers.host.finding import Finding
     from ...drivers.host.kernel import firewall
     from ...drivers.host.network import interfaces

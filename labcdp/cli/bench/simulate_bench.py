@@ -43,7 +43,7 @@ def simulate_bench(
     """
     from ...core.disk import read_text
     from ...drivers.simulated.bench import SimulatedBench
-    from ...drivers.simulated.faults.schedule_file import parse_schedule
+    from ...drivers.simulated.commands import parse_schedule
     from ...session import SessionConfiguration, example_configuration
 
     if configuration is None:
@@ -136,14 +136,14 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 def _help() -> str:
-    from ...drivers.simulated.faults.schedule_file import EXAMPLES
+    from ...drivers.simulated.commands import EXAMPLES
 
     return _HELP + " | ".join(EXAMPLES)
 
 
 def _run_command(bench: SimulatedBench, line: str) -> bool:
     """Run one command; return whether to continue."""
-    from ...drivers.simulated.faults.schedule_file import EXAMPLES
+    from ...drivers.simulated.commands import EXAMPLES
 
     word, _, rest = line.partition(" ")
     if word == "quit":

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
 from ...core.roi import Roi
-from ...drivers.manual.meter import ManualMeter
-from ...drivers.manual.text import stated_accuracy
+from ...drivers.manual.text import ManualMeter, stated_accuracy
 from ..regions.measurements import Evaluated
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace

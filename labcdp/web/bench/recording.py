@@ -11,7 +11,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
-from ...acquire.attempt import no_bare_session
+from ...acquire.before import no_bare_session
 from ...acquire.operator import AskedOperator
 from ...core.errors import LabcdpError
 from ...drivers.meter import Meter
@@ -20,7 +20,7 @@ from .live_camera import LiveCamera
 
 if TYPE_CHECKING:
     from ...acquire import CheckFinding, Operator
-    from ...acquire.progress import Progress
+    from ...acquire.control import Progress
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from labcdp.drivers.camera import (
     IncompleteFrameError,
 )
 from labcdp.drivers.host.kernel import overload
-from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, Ramp, features
 

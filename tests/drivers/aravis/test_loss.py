@@ -17,7 +17,7 @@ from labcdp.drivers.camera import (
     CameraSettingError,
     Region,
 )
-from labcdp.drivers.simulated.faults.trouble import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, features
 

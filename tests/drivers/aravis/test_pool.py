@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.aravis.pool import BufferPool, Loan, pool_size
+from labcdp.drivers.aravis.frames import BufferPool, Loan, pool_size
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 
 from ..conftest import Ramp

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from labcdp.drivers.aravis.library import aravis
-from labcdp.drivers.doctor.host import FRAME_BYTES, HostFacts, host_facts, host_findings
+from labcdp.drivers.doctor.host import FRAME_BYTES, HostFacts, PortUser, host_facts, host_findings, udp_port_users
+from labcdp.drivers.doctor.meter import SerialPortFacts, serial_port_finding
 from labcdp.drivers.doctor.packages import NEEDED, AravisFacts, aravis_facts, aravis_finding, debian_packages
-from labcdp.drivers.doctor.serial_port import SerialPortFacts, serial_port_finding
-from labcdp.drivers.doctor.udp_port import PortUser, udp_port_users
 from labcdp.drivers.host import kernel
 from labcdp.drivers.host.finding import Finding
 from labcdp.drivers.host.network import Interface

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.drivers.simulated.faults.commands import Command, Scheduled
-from labcdp.drivers.simulated.faults.schedule_file import EXAMPLES, parse_command, parse_schedule
+from labcdp.drivers.simulated.commands import EXAMPLES, Command, Scheduled, parse_command, parse_schedule
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,124 @@
-"""Misfortune: applies faults to the devices of a simulated bench and ends them after their duration."""
+"""Misfortune: applies faults and drifts to the devices of a simulated bench, and ends them after their duration."""
 
 from __future__ import annotations
 
+import logging
 import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
-from ....core.clock import Clock
-from ..meter.meter import SimulatedLS
-from ..meter.replies import Fault, FaultyMeter
+from ...core.clock import Clock, SimulatedClock
 from .commands import Command, Scheduled
-from .drift import Drifts
-from .schedule import Timers
-from .trouble import CameraTrouble, TroubledCamera
+from .link import CameraTrouble, TroubledCamera
+from .meter.meter import SimulatedLS
+from .meter.port import Fault, FaultyMeter
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A drift and its start time on the clock."""
+
+    drift: Command
+    at_s: float
+
+    def change(self, now_s: float) -> float:
+        """Return the current amount of the change."""
+        duration_s = self.drift.duration_s or 0.0
+        return self.drift.number * (1.0 if duration_s == 0 else min(1.0, max(0.0, (now_s - self.at_s) / duration_s)))
+
+
+class Drifts:
+    """Temperature and light as they change with a clock.
+
+    Parameters
+    ----------
+    clock : Clock
+        Clock of the drifts.
+    temperature_c : float
+        Temperature at the beginning, in degrees Celsius.
+    """
+
+    def __init__(self, clock: Clock, temperature_c: float) -> None:
+        self._clock = clock
+        self._temperature_c = temperature_c
+        self._begun: tuple[_Begun, ...] = ()
+
+    def begin(self, drift: Command) -> None:
+        """Start a drift now, in addition to existing ones."""
+        self._begun = (*self._begun, _Begun(drift, self._clock.monotonic_s()))
+
+    @property
+    def begun(self) -> bool:
+        """Whether there are any drifts."""
+        return bool(self._begun)
+
+    def temperature_c(self) -> float:
+        """Temperature now, in degrees Celsius."""
+        return self._temperature_c + sum(self._changes("temperature"))
+
+    def light_rel(self) -> float:
+        """Return the current light, relative to that at the start."""
+        light = 1.0
+        for change in self._changes("light"):
+            light *= 1 + change
+        return light
+
+    def _changes(self, quantity: Literal["temperature", "light"]) -> list[float]:
+        now_s = self._clock.monotonic_s()
+        return [begun.change(now_s) for begun in self._begun if begun.drift.kind == quantity]
+
+
+_log = logging.getLogger(__name__)
+
+Action = Callable[[], None]
+
+
+class Timers:
+    """Actions at given times of a clock.
+
+    On a `SimulatedClock` an action runs inside the `sleep` that passes its time, on another clock in a thread of its
+    own, which ends with `close` at the latest. One that is due runs at once.
+
+    Parameters
+    ----------
+    clock : Clock
+        Clock of the actions.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._waiting: list[threading.Timer] = []
+        self._closed = False
+
+    def call_in(self, delay_s: float, action: Action) -> None:
+        """Run an action after a number of seconds, unless closed before; its exceptions are logged."""
+        if delay_s <= 0:
+            self._do(action)
+        elif isinstance(self._clock, SimulatedClock):
+            self._clock.call_at(self._clock.monotonic_s() + delay_s, lambda: self._do(action))
+        elif not self._closed:
+            timer = threading.Timer(delay_s, self._do, [action])
+            timer.daemon = True
+            self._waiting = [*(one for one in self._waiting if one.is_alive()), timer]
+            timer.start()
+
+    def close(self) -> None:
+        """Cancel all pending actions; may be called twice."""
+        self._closed = True
+        for timer in self._waiting:
+            timer.cancel()
+            if timer is not threading.current_thread():
+                timer.join()
+
+    def _do(self, action: Action) -> None:
+        if self._closed:
+            return
+        try:
+            action()
+        except Exception:
+            _log.exception("a fault of the simulated bench could not be triggered")
+
 
 #: Update interval of the temperature register of a camera on the wire during a drift.
 _FOLLOWED_EVERY_S = 1.0

@@ -1,15 +1,58 @@
-"""Parser of fault commands of the simulated bench, for schedules and typed commands."""
+"""Fault commands of the simulated bench, for schedules and typed commands."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Final
 
-from ....core.disk.quoting import MOST_QUOTED, quoted
-from ....core.errors import ConfigurationError
-from .commands import Command, Scheduled
+from ...core.disk.quoting import MOST_QUOTED, quoted
+from ...core.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class Command:
+    """One fault, or the end of all.
+
+    Parameters
+    ----------
+    kind : str
+        First words of the command: a fault of the camera (see `CameraTrouble`), ``temperature``, ``light``, ``meter``
+        with what happens to it, or ``recover``.
+    value : float or str
+        Share of lost packets; change in degrees Celsius, or of the current light as a fraction; bytes of a truncated
+        reply; seconds of delay; error code or unit of the meter.
+    duration_s : float or None
+        How long it lasts, None until ``recover``; for a drift the time of the change, None for a step.
+    """
+
+    kind: str
+    value: float | str = 0.0
+    duration_s: float | None = None
+
+    @property
+    def number(self) -> float:
+        """The value as a number."""
+        return float(self.value)
+
+
+@dataclass(frozen=True)
+class Scheduled:
+    """A command with its time.
+
+    Parameters
+    ----------
+    at_s : float
+        Seconds from the start of the schedule.
+    command : Command
+        The command.
+    """
+
+    at_s: float
+    command: Command
+
 
 _SECONDS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
 _NUMBER: Final = r"[0-9]{1,9}(?:\.[0-9]{1,12})?"

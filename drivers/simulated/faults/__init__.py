@@ -1,1 +1,0 @@
-"""Faults and drifts of the simulated bench."""

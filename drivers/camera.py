@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Protocol, Self
+from typing import Protocol
 
 from ..core.errors import DeviceError
 from ..core.frame import CameraIdentity, Frame
@@ -20,6 +20,7 @@ from .camera_settings import (
     Region,
     Trigger,
 )
+from .device import Device
 
 __all__ = [
     "FRAME_ALLOWANCE_S",
@@ -150,26 +151,14 @@ Refused = Callable[[IncompleteFrameError], None]
 MOST_REFUSED = 20
 
 
-class Camera(Protocol):
+class Camera(Device, Protocol):
     """Interface of all cameras: real, simulated in this process, or replayed.
 
-    A camera is a context manager; its constructor does no I/O, `open` does.
+    A camera is a context manager; its constructor does no I/O; `open` raises CameraNotFoundError or CameraBusyError.
     """
 
     #: False for a recording, which has no frames but those that were kept.
     live: bool
-
-    def open(self) -> Self:
-        """Connect; raises CameraNotFoundError or CameraBusyError."""
-
-    def close(self) -> None:
-        """Stop and disconnect; may be called twice."""
-
-    def __enter__(self) -> Self:
-        """Open."""
-
-    def __exit__(self, *exc: object) -> None:
-        """Close."""
 
     @property
     def identity(self) -> CameraIdentity:
@@ -194,16 +183,22 @@ class Camera(Protocol):
     @property
     def gaps(self) -> tuple[Gap, ...]:
         """Interruptions since the camera was opened, after which it was reconnected."""
+        return ()
 
     @property
     def not_understood(self) -> tuple[str, ...]:
         """Names of writable features of which labcdp does not know what they do to a picture."""
+        return ()
 
     def features(self) -> dict[str, FeatureValue]:
         """Read all readable GenICam features by name, as a snapshot for a recording."""
 
     def describe_features(self) -> tuple[FeatureDescription, ...]:
-        """Read all readable GenICam features with range and unit, in the camera's order."""
+        """Read all readable GenICam features with range and unit, in the camera's order.
+
+        Without an implementation of their own their values alone, as of features that cannot be changed.
+        """
+        return tuple(FeatureDescription(name, value) for name, value in self.features().items())
 
     def configure(
         self,
@@ -232,7 +227,9 @@ class Camera(Protocol):
         """
 
     def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame; `timeout_s` beyond the exposure time, None for the driver's own."""
+        """Take one frame; see `grab`."""
+        (frame,) = self.grab(1, timeout_s)
+        return frame
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Self
+from typing import Protocol, Self
 
 
-class Device(ABC):
+class Device(Protocol):
     """A camera or meter as a context manager; its constructor does no I/O."""
 
-    @abstractmethod
     def open(self) -> Self:
         """Connect; does nothing if it is open."""
 
-    @abstractmethod
     def close(self) -> None:
         """Disconnect; may be called twice."""
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal, Protocol, Self
+from typing import Literal, Protocol
 
 from ..core.errors import DeviceError, InputError
 from ..core.reading import MeterIdentity, Reading, ReadingSeries
+from .device import Device
 
 
 class MeterError(DeviceError):
@@ -71,23 +72,11 @@ class MeterIncident:
     duration_s: float
 
 
-class Meter(Protocol):
+class Meter(Device, Protocol):
     """Interface of all luminance meters: real, simulated, or replayed.
 
-    A meter is a context manager; its constructor does no I/O, `open` does.
+    A meter is a context manager; its constructor does no I/O; `open` raises MeterNotFoundError or MeterTimeoutError.
     """
-
-    def open(self) -> Self:
-        """Connect; raises MeterNotFoundError or MeterTimeoutError."""
-
-    def close(self) -> None:
-        """Disconnect; may be called twice."""
-
-    def __enter__(self) -> Self:
-        """Open."""
-
-    def __exit__(self, *exc: object) -> None:
-        """Close."""
 
     @property
     def identity(self) -> MeterIdentity:
@@ -95,7 +84,8 @@ class Meter(Protocol):
 
     @property
     def incidents(self) -> tuple[MeterIncident, ...]:
-        """Troubles since the meter was made."""
+        """Troubles since the meter was made; none of a meter that does not recover."""
+        return ()
 
     def measure(self) -> Reading:
         """Take one reading."""

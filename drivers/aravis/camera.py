@@ -14,6 +14,7 @@ from typing import Self, Unpack
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import (
+    Camera,
     CameraError,
     CameraLostError,
     CameraSettings,
@@ -24,7 +25,6 @@ from ..camera import (
     Refused,
     StreamStatistics,
 )
-from ..device import Device
 from ..host.kernel import overload
 from .connection import Connection
 from .features import described_features, not_understood, read_feature, readable_features, write_feature
@@ -37,7 +37,7 @@ from .stream import AcquisitionState, FrameStream
 _LONGEST_WAIT_S = 86_400
 
 
-class AravisCamera(Device):
+class AravisCamera(Camera):
     """A camera through Aravis.
 
     Each `grab` opens a new stream on a new network port after the last change of a setting, so that it receives no
@@ -210,11 +210,6 @@ class AravisCamera(Device):
     def not_understood(self) -> tuple[str, ...]:
         """Names of writable features of which labcdp does not know what they do to a picture."""
         return not_understood(self._connection.retry_after_reconnect(take_snapshot))
-
-    def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame; see `grab`."""
-        (frame,) = self.grab(1, timeout_s)
-        return frame
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.

@@ -12,8 +12,7 @@ from typing import Final, Self
 from ...core.disk import quoted, read_csv, reason, shortened
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
-from ..device import Device
-from ..meter import MeterError, MeterIncident, MeterNotFoundError
+from ..meter import Meter, MeterError, MeterNotFoundError
 from .text import MeterAccuracy, WrittenUnit, parse_unit, parse_written, reading_of
 
 _LUMINANCE: Final[dict[str, WrittenUnit | None]] = {
@@ -23,7 +22,7 @@ _LUMINANCE: Final[dict[str, WrittenUnit | None]] = {
 }
 
 
-class CsvMeter(Device):
+class CsvMeter(Meter):
     """Readings of another instrument, from a file; a `Meter`.
 
     The file is UTF-8 text with a header. Its columns are ``patch``; ``luminance_cd_m2`` or ``luminance_fL``, or
@@ -93,11 +92,6 @@ class CsvMeter(Device):
                 f"{self._path} has no reading of patch {quoted(patch)}, only of {known}: add it, or correct the name"
             )
         self._patch = patch
-
-    @property
-    def incidents(self) -> tuple[MeterIncident, ...]:
-        """None: it does not recover."""
-        return ()
 
     def measure(self) -> Reading:
         """Return the next reading of the patch, in the order of the file.

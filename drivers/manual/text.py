@@ -14,8 +14,7 @@ from ...core.disk.quoting import quoted, shortened
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ...session import MeterConfiguration
-from ..device import Device
-from ..meter import MeterError, MeterIncident
+from ..meter import Meter, MeterError
 
 WrittenUnit = Literal["cd/m2", "fL"]
 
@@ -169,7 +168,7 @@ def reading_of(
 _ATTEMPTS: Final = 3
 
 
-class ManualMeter(Device):
+class ManualMeter(Meter):
     """A meter whose readings are typed in; a `Meter`.
 
     Parameters
@@ -208,11 +207,6 @@ class ManualMeter(Device):
     def close(self) -> None:
         """Close the meter; may be called twice."""
         self._is_open = False
-
-    @property
-    def incidents(self) -> tuple[MeterIncident, ...]:
-        """None: it does not recover."""
-        return ()
 
     def measure(self) -> Reading:
         """Ask for one reading, up to three times if the input is not a luminance.

@@ -17,8 +17,7 @@ from serial.tools import list_ports
 
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
-from ..device import Device
-from ..meter import MeterIncident
+from ..meter import Meter, MeterIncident
 from .line import MeterLine
 from .port import SETTINGS, NamedPort, Port, TranscriptWriter
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_reading
@@ -43,7 +42,7 @@ _log = logging.getLogger(__name__)
 _ON_OPENING: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
 
 
-class MinoltaLS(Device):
+class MinoltaLS(Meter):
     """Base class of both models; use `MinoltaLS100` or `MinoltaLS110`, which have their data sheets.
 
     Parameters

@@ -16,18 +16,16 @@ from ...core.clock import Clock
 from ...core.frame import CameraIdentity, Frame, Readout, black_levels
 from ...session import EventRecord, FrameRecord, Session
 from ..camera import (
+    Camera,
     CameraError,
     CameraNotFoundError,
     CameraSettingError,
     CameraSettings,
     CameraSetup,
-    FeatureDescription,
     FeatureValue,
-    Gap,
     Refused,
     StreamStatistics,
 )
-from ..device import Device
 from .meter import Pace, ReplayMeter
 
 __all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]
@@ -41,7 +39,7 @@ GAIN_TOLERANCE_DB = 0.05
 FEATURES_EVENT = "camera features"
 
 
-class ReplayCamera(Device):
+class ReplayCamera(Camera):
     """The camera of a recorded session, with the protocol of `Camera`.
 
     Light and dark frames come in recorded order for each setting, so a procedure that takes them in the same order gets
@@ -133,20 +131,6 @@ class ReplayCamera(Device):
         """Number of frames returned so far; recorded frames are always complete."""
         self._opened()
         return StreamStatistics(completed=len(self._recorded) - len(self._left))
-
-    @property
-    def gaps(self) -> tuple[Gap, ...]:
-        """Empty: a replay has no interruptions."""
-        return ()
-
-    @property
-    def not_understood(self) -> tuple[str, ...]:
-        """None: it has no other features."""
-        return ()
-
-    def describe_features(self) -> tuple[FeatureDescription, ...]:
-        """Return the features with their values alone: none can be changed."""
-        return tuple(FeatureDescription(name, value) for name, value in self.features().items())
 
     def features(self) -> dict[str, FeatureValue]:
         """Return the last recorded GenICam features of the camera; empty if there are none.

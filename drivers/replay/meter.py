@@ -11,8 +11,7 @@ from ...core.clock import Clock, SystemClock
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
 from ...session import ReadingRecord, Session
-from ..device import Device
-from ..meter import MeterError, MeterIncident, MeterNotFoundError
+from ..meter import Meter, MeterError, MeterNotFoundError
 
 
 class Pace:
@@ -51,7 +50,7 @@ class Pace:
         self._last = recorded, self._clock.monotonic_s()
 
 
-class ReplayMeter(Device):
+class ReplayMeter(Meter):
     """The luminance meter of a recorded session, with the protocol of `Meter`.
 
     Readings are not repeated after closing and reopening.
@@ -113,11 +112,6 @@ class ReplayMeter(Device):
     def unused(self) -> tuple[ReadingRecord, ...]:
         """Recorded readings not requested so far; none before the first `open`."""
         return tuple(self._recorded[self._given :])
-
-    @property
-    def incidents(self) -> tuple[MeterIncident, ...]:
-        """None: it does not recover."""
-        return ()
 
     def measure(self) -> Reading:
         """Return the next reading; never times out.

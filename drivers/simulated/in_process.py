@@ -13,11 +13,11 @@ from ...core.clock import Clock, SystemClock
 from ...core.frame import CameraIdentity, Frame, Readout
 from ..camera import (
     MOST_REFUSED,
+    Camera,
     CameraError,
     CameraSettingError,
     CameraSettings,
     CameraSetup,
-    FeatureDescription,
     FeatureValue,
     FrameTimeoutError,
     Gap,
@@ -25,7 +25,6 @@ from ..camera import (
     Refused,
     StreamStatistics,
 )
-from ..device import Device
 from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
 from .gige.genicam import feature
 from .link import STEP_S, CameraTrouble, Link
@@ -37,7 +36,7 @@ _GAIN_RANGE_DB: Final = feature("Gain")["range"]
 _PACKET_DATA_BYTES: Final = 8964
 
 
-class InProcessCamera(Device):
+class InProcessCamera(Camera):
     """The simulated camera with the camera protocol, without a network; 12-bit only.
 
     Parameters
@@ -143,15 +142,6 @@ class InProcessCamera(Device):
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._link.gaps
 
-    @property
-    def not_understood(self) -> tuple[str, ...]:
-        """None: it has no other features."""
-        return ()
-
-    def describe_features(self) -> tuple[FeatureDescription, ...]:
-        """Return the features with their values alone: none can be changed."""
-        return tuple(FeatureDescription(name, value) for name, value in self.features().items())
-
     def features(self) -> dict[str, FeatureValue]:
         """Return the register values of the camera on the wire, by name."""
         device, settings = self._device, self.settings
@@ -206,11 +196,6 @@ class InProcessCamera(Device):
         given = [*wanted.settings, *wanted.features]
         if given:
             raise CameraSettingError(f"the camera in this process cannot set {given[0]}: use the one on loopback")
-
-    def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame; see `grab`."""
-        (frame,) = self.grab(1, timeout_s)
-        return frame
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ipaddress import AddressValueError, IPv4Address, IPv4Interface
 
-from ...core.disk.quoting import printable
 from ...core.errors import InputError
 from ..camera import CameraError, CameraNotFoundError
 from ..host.network import Interface, interfaces
@@ -58,9 +57,9 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
 
 def _set_address(interface: Interface, serial: str, address: IPv4Address) -> IPv4Interface:
     found = gvcp.announce_all(interface.name)
-    camera = next((one for one in found if printable(one.serial) == serial), None)
+    camera = next((one for one in found if one.serial == serial), None)
     if camera is None:
-        listing = ", ".join(f"{printable(one.serial)} at {one.address}" for one in found) or "none"
+        listing = ", ".join(f"{one.serial} at {one.address}" for one in found) or "none"
         raise CameraNotFoundError(
             f"no camera {serial} answers at {interface.name}; found: {listing}: check power, cable and serial number"
         )

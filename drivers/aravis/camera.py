@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import astuple
+from functools import partial
 from math import isfinite
 from typing import Self, Unpack
 
@@ -28,10 +29,10 @@ from ..camera import (
 from ..host.kernel import overload
 from .connection import Connection
 from .features import described_features, not_understood, read_feature, readable_features, write_feature
-from .settings import SettingChanges, exposure_range_s, read_settings, temperature_c
+from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c
 from .settings import configure as change_settings
 from .snapshot import require_kept, take_snapshot
-from .stream import AcquisitionState, FrameStream
+from .stream import FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.
 _LONGEST_WAIT_S = 86_400
@@ -152,7 +153,7 @@ class AravisCamera(Camera):
         self._refuse_while_grabbing("a change of settings")
         given = {name: value for name, value in wanted.items() if value is not None}
         for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, given)):
-            self._connection.changes.setting(name, given[name])
+            self._connection.note_change(name, partial(change_setting, name=name, value=given[name]))
         self._connection.remember_settings()
         return self.settings
 
@@ -191,10 +192,9 @@ class AravisCamera(Camera):
             If a grab is in progress.
         """
         self._refuse_while_grabbing("a change of settings")
-        applied = self._connection.ask(
-            f"feature {name} cannot be set", lambda camera: write_feature(camera, name, value)
-        )
-        self._connection.changes.feature(name, value)
+        write = partial(write_feature, name=name, value=value)
+        applied = self._connection.ask(f"feature {name} cannot be set", write)
+        self._connection.note_change(name, write)
         self._connection.remember_settings()
         return applied
 
@@ -267,9 +267,8 @@ class AravisCamera(Camera):
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
-            acquisition_state = AcquisitionState(settings, self._connection.changes.features, n)
         wait_s = settings.longest_wait_s(timeout_s, overload())
-        frame_stream = FrameStream(link, acquisition_state, wait_s, on_refused)
+        frame_stream = FrameStream(link, settings, self._connection.changed, n, wait_s, on_refused)
         self._frame_stream = frame_stream
         try:
             with frame_stream:

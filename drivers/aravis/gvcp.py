@@ -12,6 +12,9 @@ import time
 from dataclasses import dataclass
 from ipaddress import IPv4Interface
 
+from ...core.disk.quoting import printable
+from .library import CameraInfo
+
 #: UDP port of the protocol, fixed by the standard.
 GVCP_PORT = 3956
 
@@ -60,21 +63,9 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Announcement:
-    """Identity of a camera, from its discovery acknowledgement.
+class Announcement(CameraInfo):
+    """A camera that answered a discovery, and its hardware address."""
 
-    Parameters
-    ----------
-    vendor, model, serial, address : str
-        As the camera announced them.
-    mac : bytes
-        Its hardware address.
-    """
-
-    vendor: str
-    model: str
-    serial: str
-    address: str
     mac: bytes = b""
 
 
@@ -154,10 +145,11 @@ def _announcement(answer: Answer) -> Announcement | None:
     if answer.status != 0 or len(payload) < 0xE8:
         return None
     vendor, model, serial = (
-        payload[start : start + length].split(b"\0")[0].decode("utf-8", "replace")
+        printable(payload[start : start + length].split(b"\0")[0].decode("utf-8", "replace"))
         for start, length in ((0x48, 32), (0x68, 32), (0xD8, 16))
     )
-    return Announcement(vendor, model, serial, socket.inet_ntoa(payload[0x24:0x28]), payload[0x0A:0x10])
+    address = socket.inet_ntoa(payload[0x24:0x28])
+    return Announcement(vendor, model, serial, address, "GigEVision", mac=payload[0x0A:0x10])
 
 
 def announce_all(interface: str, timeout_s: float = 1.0) -> list[Announcement]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from dataclasses import dataclass
 from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
@@ -42,25 +41,6 @@ _COUNTERS = {
 }
 
 
-@dataclass(frozen=True)
-class AcquisitionState:
-    """Conditions of a camera's frames.
-
-    Parameters
-    ----------
-    settings : CameraSettings
-        In force.
-    chosen : frozenset of str
-        GenICam features set by the user, which must not be changed.
-    n_frames : int
-        How many are wanted.
-    """
-
-    settings: CameraSettings
-    chosen: frozenset[str] = frozenset()
-    n_frames: int = 1
-
-
 class FrameStream:
     """One stream and its buffers; a context manager.
 
@@ -70,8 +50,12 @@ class FrameStream:
     ----------
     link : Link
         Link to the camera, with its final settings.
-    acquisition_state : AcquisitionState
-        For the frames.
+    settings : CameraSettings
+        In force.
+    chosen : frozenset of str
+        GenICam features set by the user, which must not be changed.
+    n_frames : int
+        How many are wanted.
     wait_s : float
         Longest wait for a frame.
     on_refused : callable or None
@@ -79,11 +63,18 @@ class FrameStream:
     """
 
     def __init__(
-        self, link: Link, acquisition_state: AcquisitionState, wait_s: float, on_refused: Refused | None
+        self,
+        link: Link,
+        settings: CameraSettings,
+        chosen: frozenset[str],
+        n_frames: int,
+        wait_s: float,
+        on_refused: Refused | None,
     ) -> None:
-        settings = acquisition_state.settings
         self._link = link
-        self._conditions = acquisition_state
+        self._settings = settings
+        self._chosen = chosen
+        self._n_frames = n_frames
         self._on_refused = on_refused
         self._layout = layout_of(settings)
         self._wait_s = wait_s
@@ -106,18 +97,18 @@ class FrameStream:
         return self
 
     def _start(self, camera: Any) -> None:
-        settings = self._conditions.settings
+        settings = self._settings
         is_gige = bool(camera.is_gv_device())
         self._check = FrameCheck(settings, self._layout, reserves_zero=is_gige)
         self._packet_bytes = None
         if is_gige:
-            link, chosen = self._link, self._conditions.chosen
+            link, chosen = self._link, self._chosen
             set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, link.neighbours)
             self._packet_bytes = camera.gv_get_packet_size()
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
-        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._conditions.n_frames)
+        n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._n_frames)
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
         if is_gige:
             self._link.stream_port = self._stream.get_port()
@@ -154,7 +145,7 @@ class FrameStream:
         """Wait for the next complete frame; raises as `AravisCamera.grab`."""
         while True:
             self._running()
-            if self._conditions.settings.trigger.source == "Software":
+            if self._settings.trigger.source == "Software":
                 with self._link.using("no trigger can be sent") as camera:
                     camera.software_trigger()
             buffer = self._received()
@@ -201,7 +192,7 @@ class FrameStream:
     def _explain_silence(self) -> NoReturn:
         # Always checked: a short time-out may end before a frame is due.
         self._link.require_life("no frame came")
-        source = self._conditions.settings.trigger.source
+        source = self._settings.trigger.source
         if source is None:
             default = "check packet size and firewall"
         elif source == "Software":
@@ -261,7 +252,7 @@ class FrameStream:
         return self._pool
 
     def _frame(self, buffer: Any) -> Frame:
-        settings = self._conditions.settings
+        settings = self._settings
         layout = self._layout
         frame_id, camera_timestamp_ns, timestamp = buffer.get_frame_id(), buffer.get_timestamp(), arrival(buffer)
         shape = (settings.height, settings.width)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -97,9 +96,7 @@ def acquire(
     if roi is not None:
         wanted = _with_regions(wanted, roi)
     choice.check(wanted.meter)
-    left, frames, readings = record(
-        session, configuration, wanted, choice, operator, again.replace_damaged, tuple(again.retake)
-    )
+    left, frames, readings = record(session, configuration, wanted, choice, operator, again)
     if as_json:
         print_result(_result(session, frames, readings, left, choice.simulated), as_json)
         return
@@ -139,8 +136,7 @@ def record(
     wanted: SessionConfiguration,
     choice: DeviceChoice,
     unattended_operator: Unattended | None = None,
-    replace_damaged: bool = False,
-    retake: Sequence[str] = (),
+    again: Again = Again(False, []),
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -156,35 +152,15 @@ def record(
         Which devices.
     unattended_operator : Unattended or None
         Operator of an unattended acquisition.
-    replace_damaged : bool
-        Record frames again whose files are missing or damaged.
-    retake : sequence of str
-        Parts to take again, see `labcdp.acquire.forget`.
+    again : Again
+        What is recorded again.
 
     Returns
     -------
     tuple of Left, int, int
         Remaining manual steps, and the numbers of frames and readings.
     """
-    from ...acquire import AcquisitionStoppedError
-
-    try:
-        return _record(path, source, wanted, choice, unattended_operator, replace_damaged, retake)
-    except AcquisitionStoppedError:
-        # The message is that of Ctrl-C.
-        raise typer.Exit(_INTERRUPTED) from None
-
-
-def _record(
-    path: Path,
-    source: Path,
-    wanted: SessionConfiguration,
-    choice: DeviceChoice,
-    unattended_operator: Unattended | None,
-    replace_damaged: bool,
-    retake: Sequence[str],
-) -> tuple[tuple[Left, ...], int, int]:
-    from ...acquire import Control, forget, is_complete
+    from ...acquire import AcquisitionStoppedError, Control, forget, is_complete
     from ...acquire import acquire as run
     from ...acquire.before import no_bare_session
     from ...core.clock import SimulatedClock
@@ -195,19 +171,23 @@ def _record(
     pace = clock if choice.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
-    with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
-        if replace_damaged:
-            _give_up_damaged(opened)
-        if retake or not is_complete(opened):
-            keys = Keys(control)
-            with (
-                progress_bars() as bars,
-                connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
-                keys,
-            ):
-                forget(opened, retake)
-                left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
-        return left, len(opened.frames()), len(opened.readings())
+    try:
+        with no_bare_session(path), _open_or_create(path, source, wanted, clock) as opened:
+            if again.replace_damaged:
+                _give_up_damaged(opened)
+            if again.retake or not is_complete(opened):
+                keys = Keys(control)
+                with (
+                    progress_bars() as bars,
+                    connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
+                    keys,
+                ):
+                    forget(opened, again.retake)
+                    left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
+            return left, len(opened.frames()), len(opened.readings())
+    except AcquisitionStoppedError:
+        # The message is that of Ctrl-C.
+        raise typer.Exit(_INTERRUPTED) from None
 
 
 def _give_up_damaged(session: Session) -> None:

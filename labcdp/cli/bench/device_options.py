@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,18 +24,18 @@ class DeviceChoice:
     camera, meter : str or None
         Serial number, address or model of the camera; serial port of the meter; None as configured.
     simulated, virtual_clock : bool
-        Use the simulated bench, of which `bench` is the file, and which `rehearse` needs; use it with a virtual clock.
+        Use the simulated bench, which `rehearse` needs; use it with a virtual clock.
     faults : Path or None
         Schedule of faults for the simulated bench.
     replay : Path or None
         Recorded session to replay instead of using devices.
     speed : float or None
         Speed of the replay; None for no waiting.
-    patience_s : float
-        How long to wait for a lost device.
+    patience : float
+        Seconds to wait for a lost device.
     transcript : Path or None
         File for the bytes exchanged with the meter.
-    bench : Path or None
+    simulated_bench : Path or None
         File of the simulated bench.
     rehearse : bool
         Ask the user for each manual step of the simulated bench.
@@ -53,9 +53,9 @@ class DeviceChoice:
     faults: Path | None = None
     replay: Path | None = None
     speed: float | None = None
-    patience_s: float = 0.0
+    patience: float = 0.0
     transcript: Path | None = None
-    bench: Path | None = None
+    simulated_bench: Path | None = None
     rehearse: bool = False
 
     def __post_init__(self) -> None:
@@ -67,7 +67,9 @@ class DeviceChoice:
         for option, given, needed, there in needs:
             if given and not there:
                 raise InputError(f"{option} requires {needed}: give both or neither")
-        simulating = "--rehearse" if self.rehearse else "--simulated" if self.bench is None else "--simulated-bench"
+        simulating = (
+            "--rehearse" if self.rehearse else "--simulated" if self.simulated_bench is None else "--simulated-bench"
+        )
         excluded = (
             (simulating, self.simulated, "--replay", self.replay is not None),
             ("--camera", self.camera is not None, simulating, self.simulated),
@@ -116,19 +118,8 @@ class DeviceOptions:
 
     def choice(self, replay: Path | None = None, speed: float | None = None, rehearse: bool = False) -> DeviceChoice:
         """Return which devices are meant; raises InputError if options contradict each other."""
-        return DeviceChoice(
-            self.camera,
-            self.meter,
-            self.simulated or self.simulated_bench is not None or rehearse,
-            self.virtual_clock,
-            self.faults,
-            replay,
-            speed,
-            self.patience,
-            self.transcript,
-            self.simulated_bench,
-            rehearse,
-        )
+        simulated = self.simulated or self.simulated_bench is not None or rehearse
+        return DeviceChoice(**asdict(self) | {"simulated": simulated}, replay=replay, speed=speed, rehearse=rehearse)
 
     @property
     def given(self) -> bool:

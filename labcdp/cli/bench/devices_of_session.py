@@ -105,7 +105,7 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
     wanted = configuration.camera
     selector = choice.camera or wanted.serial or wanted.address or wanted.model
     with ExitStack() as stack:
-        camera = stack.enter_context(AravisCamera(selector, patience_s=choice.patience_s))
+        camera = stack.enter_context(AravisCamera(selector, patience_s=choice.patience))
         described = configuration.meter
         meter: Meter
         if described.entry == "by hand":
@@ -163,19 +163,19 @@ def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Co
     from .operators import ConsoleOperator
 
     faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
-    described = simulated_bench_file(choice.bench)
-    devices = described.devices(choice.bench)
+    described = simulated_bench_file(choice.simulated_bench)
+    devices = described.devices(choice.simulated_bench)
     with (
         SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
         ExitStack() as stack,
     ):
         if choice.virtual_clock:
-            camera = stack.enter_context(bench.in_process_camera(patience_s=choice.patience_s))
+            camera = stack.enter_context(bench.in_process_camera(patience_s=choice.patience))
             meter = serial_meter(stack, session.configuration.meter, bench.in_process_port(), choice)
             opened = Devices(camera, meter, bench, "in this process")
         else:
             opened = stack.enter_context(
-                simulated_devices(session.configuration, bench, choice.patience_s, choice.transcript)
+                simulated_devices(session.configuration, bench, choice.patience, choice.transcript)
             )
         note_bench(session, described)
         bench.schedule(faults, str(choice.faults))
@@ -210,7 +210,7 @@ def simulated_devices(
     """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails."""
     with ExitStack() as stack:
         pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
-        choice = DeviceChoice(patience_s=patience_s, transcript=transcript)
+        choice = DeviceChoice(patience=patience_s, transcript=transcript)
         meter = serial_meter(stack, configuration.meter, pty.port, choice)
         camera, transport = _simulated_camera(bench, stack, patience_s)
         yield Devices(camera, meter, bench, transport)
@@ -254,7 +254,7 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Po
         described.identity,
         modes=modes,
         attempts=_METER_ATTEMPTS,
-        patience_s=choice.patience_s,
+        patience_s=choice.patience,
         transcript=choice.transcript,
     )
     stack.enter_context(meter).ask_if_simulated()

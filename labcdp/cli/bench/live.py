@@ -57,17 +57,17 @@ class LiveDevices:
         from ...session import SessionConfiguration, example_configuration
 
         simulated = self.simulated or self.simulated_bench is not None
-        choice = DeviceChoice(self.camera, self.meter, simulated=simulated, bench=self.simulated_bench)
-        if plan is not None:
-            with (_simulated if simulated else self._real)(SessionConfiguration.load(plan), choice) as opened:
-                yield opened
-        elif simulated:
-            text = example_configuration()
-            with _simulated(SessionConfiguration.from_toml(text, "the demonstration's"), choice) as opened:
-                yield opened
+        choice = DeviceChoice(self.camera, self.meter, simulated=simulated, simulated_bench=self.simulated_bench)
+        configuration = None if plan is None else SessionConfiguration.load(plan)
+        if simulated:
+            configuration = configuration or SessionConfiguration.from_toml(
+                example_configuration(), "the demonstration's"
+            )
+            opening = _simulated(configuration, choice)
         else:
-            with self._real(None, choice) as opened:
-                yield opened
+            opening = self._real(configuration, choice)
+        with opening as opened:
+            yield opened
 
     @contextmanager
     def _real(self, plan: SessionConfiguration | None, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
@@ -167,9 +167,9 @@ def _simulated(plan: SessionConfiguration, choice: DeviceChoice) -> Iterator[tup
     from ...drivers.simulated.bench import SimulatedBench
     from ...web.bench.desk import BenchOfPage
 
-    described = simulated_bench_file(choice.bench)
+    described = simulated_bench_file(choice.simulated_bench)
     with (
-        SimulatedBench(plan, described.devices(choice.bench)) as bench,
+        SimulatedBench(plan, described.devices(choice.simulated_bench)) as bench,
         simulated_devices(plan, bench) as opened,
     ):
         meter = opened.meter if plan.meter.entry == "serial" else None

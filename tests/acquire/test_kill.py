@@ -132,7 +132,10 @@ def test_a_kill_at_any_moment_loses_nothing_and_the_resumed_session_has_the_same
 
     try:
         completed, caught_at, path = 0, set(), None
-        for _ in range(kills):
+        # Where the moments fall is up to the machine: a slow one is killed more often before it completes a session.
+        for n_killed in range(5 * kills):
+            if n_killed >= kills and completed >= least_completed:
+                break
             if path is None:
                 path = tmp_path / f"session {completed}"
                 Session.create(path, configuration()).close()

@@ -1,13 +1,7 @@
 """The live bench: camera thread, verdict and exposure, and the page in a browser on the simulated bench."""
 
-import re
-import shutil
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +17,6 @@ from labcdp.core.luminance import LuminanceMap
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.regions import RectangleShape
-from labcdp.session import Session, SessionConfiguration, example_session
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.exposure import better_exposure_s
 from labcdp.web.bench.images import sharpness
@@ -207,6 +200,18 @@ def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBen
     assert [one.n_readings for one in desk.readings] == [2, 3]
 
 
+def test_an_unplugged_meter_is_noticed_while_no_reading_is_taken(bench: SimulatedBench) -> None:
+    from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+
+    with bench.pty_meter() as pty, MinoltaLS110(pty.port) as meter:
+        desk = MeterDesk(meter, None, lambda: (None, ()), lambda: False)
+        assert not desk.lost
+        pty.unplug()
+        assert desk.lost
+        pty.plug_in()
+        assert not desk.lost
+
+
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_no_refreshes_pile_up_for_a_browser_that_sleeps(tmp_path: Path) -> None:
     from bokeh.document import Document
@@ -233,50 +238,6 @@ def test_no_refreshes_pile_up_for_a_browser_that_sleeps(tmp_path: Path) -> None:
     assert 0 < refreshed() < 10
 
 
-def small_plan() -> SessionConfiguration:
-    """Six patches and two exposures of the demonstration's target."""
-    plan = SessionConfiguration.load(example_session() / "session.toml")
-    names = ("P01", "P07", "upper left", "upper right", "lower left", "lower right")
-    patches = [patch for patch in plan.target.patches if patch.name in names]
-    pairs = tuple(pair for pair in plan.contrasts if {pair.bright, pair.dark} <= set(names))
-    short = plan.plan.model_copy(
-        update={"exposures_s": (0.002, 0.032), "frames_per_exposure": 2, "readings_per_patch": 1}
-    )
-    target = plan.target.model_copy(update={"patches": tuple(patches)})
-    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400)})
-    return plan.model_copy(update={"camera": camera, "target": target, "plan": short, "contrasts": pairs})
-
-
-@pytest.fixture
-def live_page(tmp_path: Path) -> Iterator[tuple[Any, str]]:
-    """The page of the simulated bench, in a browser, and its address."""
-    from playwright.sync_api import sync_playwright
-
-    (tmp_path / "plan.toml").write_text(small_plan().to_toml())
-    # Each frame is drawn by the browser without a graphics card: at 15 frames/s that is most of the work.
-    (tmp_path / "bench.toml").write_text("[camera]\nframe_rate_hz = 5\n")
-    labcdp = Path(sys.executable).with_name("labcdp")
-    command = [labcdp, "bench", "plan.toml", "--simulated-bench", "bench.toml", "--no-open"]
-    with (
-        subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process,
-        sync_playwright() as playwright,
-    ):
-        assert process.stderr is not None
-        url = next(line.split()[1] for line in process.stderr if line.startswith("Open: "))
-        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.set_default_timeout(300_000)
-        answer = page.goto(url)
-        assert answer is not None
-        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
-        yield page, url
-        browser.close()
-        process.send_signal(signal.SIGINT)
-        assert "Traceback" not in process.stderr.read()
-        assert process.wait(300) == 0
-
-
 def test_the_sharpest_image_of_a_scene_has_the_largest_value() -> None:
     rng = np.random.default_rng(5)
     scene = np.kron(rng.integers(1, 5, (20, 20)) * 400.0, np.ones((10, 10)))
@@ -284,111 +245,3 @@ def test_the_sharpest_image_of_a_scene_has_the_largest_value() -> None:
     assert values == sorted(values, reverse=True)
     assert sharpness(3 * scene) == pytest.approx(sharpness(scene))
     assert sharpness(np.zeros((50, 50))) == sharpness(np.ones((4, 4))) == 0
-
-
-def number(text: str) -> float:
-    return float(re.findall(r"-?\d+\.?\d*", text)[0])
-
-
-@pytest.mark.usefixtures("aravis")
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-def test_the_page_shows_what_camera_and_meter_see_and_records_the_plan(
-    live_page: tuple[Any, str], tmp_path: Path
-) -> None:
-    live_page, address = live_page
-
-    def card_when(index: int, pattern: str) -> str:
-        """Text of a card without its title, once it is as it should become."""
-        found = live_page.locator(".card").nth(index).filter(has_text=re.compile(pattern, re.DOTALL))
-        found.wait_for()
-        return str(found.inner_text()).split("\n", 1)[1]
-
-    card_when(0, r"fps.*32 ms")
-    # At 32 ms the brightest patches of the target are saturated, and the page does not call that detected.
-    card_when(1, "saturated")
-    exposure = live_page.get_by_label("Exposure (ms)")
-    exposure.fill("2")
-    exposure.press("Enter")
-    card_when(0, r"fps.*2 ms")
-    card_when(1, "detected")
-    # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
-    assert number(card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
-    # Most pairs show more than 100 %.
-    asked = live_page.get_by_label("Contrast to detect (%)")
-    asked.fill("100")
-    asked.press("Enter")
-    assert number(card_when(1, "too strong")) == 0.0
-
-    # The meter reads the patch that is selected.
-    live_page.get_by_text("Regions", exact=True).first.click()
-    live_page.locator("tr[data-region]", has_text="lower left").first.click()
-    live_page.get_by_text("Live", exact=True).first.click()
-    live_page.get_by_role("button", name="Read meter").click()
-    assert number(card_when(3, "lower left")) == pytest.approx(414, rel=0.02)
-    typed = live_page.get_by_label("Reading of another meter")
-    typed.fill("400,5")
-    typed.press("Enter")
-    assert number(card_when(3, r"400\.5")) == 400.5
-    live_page.get_by_role("button", name="Pause", exact=True).click()
-    card_when(0, "paused")
-    live_page.get_by_role("button", name="Pause", exact=True).click()
-
-    # A second browser looks on until it takes control, and then the first one does.
-    other = live_page.context.browser.new_page()
-    other.set_default_timeout(300_000)
-    other.goto(address)
-    control = "Take control"
-    other.get_by_role("button", name=control).wait_for()
-    assert other.get_by_label("Exposure (ms)").is_disabled()
-    other.get_by_role("button", name=control).click()
-    live_page.get_by_role("button", name=control).wait_for()
-    assert exposure.is_disabled()
-    other.close()
-    live_page.get_by_role("button", name=control).click()
-    live_page.get_by_role("button", name=control).wait_for(state="hidden")
-
-    # A smaller part of the sensor: regions outside it have no values, and come back with it.
-    live_page.get_by_text("Camera", exact=True).last.click()
-    live_page.get_by_text("ExposureTimeAbs", exact=True).wait_for()
-    area = live_page.get_by_label("Region: x, y, width, height")
-    area.fill("0, 0, 480, 200")
-    area.press("Enter")
-    live_page.get_by_text(re.compile("480 x 200 pixels")).first.wait_for()
-    live_page.get_by_text("Luminance", exact=True).first.click()
-    live_page.locator("table.dense tr", has_text=re.compile("lower left.*image", re.DOTALL)).wait_for()
-    live_page.get_by_text("Camera", exact=True).last.click()
-    area.fill("0, 0, 480, 400")
-    area.press("Enter")
-    live_page.get_by_text(re.compile("480 x 400 pixels")).first.wait_for()
-
-    # The plan is recorded as on the terminal, with each manual step confirmed.
-    live_page.get_by_text("Record", exact=True).first.click()
-    folder = live_page.get_by_label("Folder of the session")
-    folder.fill("mine")
-    folder.press("Enter")
-    live_page.get_by_role("button", name="Record the plan").click()
-    from playwright.sync_api import TimeoutError  # noqa: A004
-
-    report, done = live_page.get_by_text("Open the report"), live_page.get_by_role("button", name="Done", exact=True)
-    asked = []
-    until_s = time.monotonic() + 600
-    while not report.is_visible():
-        assert time.monotonic() < until_s, live_page.locator(".card").all_inner_texts()
-        # A question may change while the hand is on its way.
-        with suppress(TimeoutError):
-            if done.is_visible():
-                asked.append(live_page.get_by_role("alert").inner_text(timeout=2000))
-                done.click(timeout=2000)
-        live_page.wait_for_timeout(100)
-    with live_page.expect_popup() as opened:
-        report.click()
-    opened.value.get_by_text("detected", exact=False).first.wait_for()
-    assert any("Cover the lens" in one for one in asked)
-    # Earlier results stay.
-    (earlier,) = tmp_path.glob("mine-evaluate/report.html")
-    live_page.get_by_role("button", name="Record the plan").click()
-    live_page.get_by_text("mine-evaluate-2/report.html").wait_for()
-    assert earlier.exists()
-    with Session.open(tmp_path / "mine") as session:
-        session.verify()
-        assert (len(session.frames("light")), len(session.readings())) == (4, 6)

@@ -3,6 +3,7 @@
 import re
 import signal
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -198,12 +199,14 @@ def test_regions_are_drawn_measured_saved_and_read_again(picture, tmp_path, serv
     assert (status, said_last.splitlines()) == (0, ["Nothing was changed"])
 
 
-def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_path, serve, open_tab):
-    output = tmp_path / "regions.json"
-    served = serve(picture, "--output", output)
-    tab = open_tab(served)
+@pytest.fixture(scope="module")
+def shared(picture: Path, tmp_path_factory: pytest.TempPathFactory, serve: Callable[..., Served]) -> Served:
+    """A page that several tests use, one after the other."""
+    return serve(picture, "--output", tmp_path_factory.mktemp("shared") / "regions.json")
 
-    # DN under the pointer, at any zoom; far in, the picture is that of single pixels.
+
+def test_dn_under_the_pointer_and_single_pixels_far_in(shared, open_tab):
+    tab = open_tab(shared)
     readout = tab.page.locator(".readout")
     tab.page.mouse.move(*tab.at(50.5, 100.5))
     readout.get_by_text(re.compile(r"x 50, y 100 · DN 12340 · light")).wait_for()
@@ -218,7 +221,13 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     tones = DisplayScale.of(known_dn()).to_8_bit(known_dn()[y : y + height, x : x + width])
     assert detail["values"] == tones.ravel().tolist()
 
-    # The picture is moved by dragging it, once all turns of the wheel have been obeyed, and shown whole again by a key.
+
+def test_the_picture_is_moved_by_dragging_and_shown_whole_by_a_key(shared, open_tab):
+    tab = open_tab(shared)
+    for _ in range(12):
+        tab.page.mouse.move(*tab.at(50.5, 100.5))
+        tab.page.mouse.wheel(0, -200)
+    # Once all turns of the wheel have been obeyed.
     seen: list[tuple[float, ...]] = []
 
     def rests() -> bool:
@@ -235,19 +244,24 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     tab.page.keyboard.press("f")
     wait_until(lambda: tab.seen()[0] < 0 < WIDTH < tab.seen()[2], "the whole picture is seen")
 
-    # A profile along a line, and the map as a table of numbers.
+
+def test_a_line_has_its_profile_and_the_map_is_exported(shared, open_tab):
+    tab = open_tab(shared)
     tab.page.keyboard.press("l")
     tab.drag((100, 200), (540, 200))
     tab.page.get_by_text("Luminance", exact=True).click()
-    ends = [float(one) for one in tab.page.get_by_label("Profile from").input_value().split(",")]
+    field = tab.page.get_by_label("Profile from")
+    wait_until(lambda: field.input_value() != "", "the line has arrived")
+    ends = [float(one) for one in field.input_value().split(",")]
     assert ends == pytest.approx([100, 200, 540, 200], abs=1.5)
     tab.page.get_by_label("Export as").fill("map.csv")
     tab.page.get_by_role("button", name="Export").click()
     tab.wait_for_notice("Exported: .*map.csv")
-    (tmp_path / "map.csv").unlink()
-    tab.page.get_by_text("Regions", exact=True).first.click()
-    tab.page.keyboard.press("v")
 
+
+def test_polygons_are_refused_closed_and_changed_and_ellipses_deleted_and_undone(picture, tmp_path, serve, open_tab):
+    output = tmp_path / "regions.json"
+    tab = open_tab(serve(picture, "--output", output))
     # A polygon that crosses itself is refused and not lost: two corners are taken back, and it is closed otherwise.
     tab.page.keyboard.press("p")
     for corner in ((50, 50), (150, 150), (150, 50), (50, 150)):
@@ -284,9 +298,25 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     tab.wait_for_rows(1)
     tab.button("Undo")
     tab.wait_for_rows(2)
+    tab.page.keyboard.press("Control+s")
+    tab.wait_for_notice("Saved: 2 regions")
+    first, second = load_regions(output, (WIDTH, HEIGHT))
+    assert isinstance(first, PolygonShape)
+    corners = np.array(first.corners) - 100
+    assert np.abs(corners - [(50, 50), (150, 150), (50, 150)]).max() < 1.5
+    assert isinstance(second, EllipseShape)
 
-    # Two tabs show one drawing.
-    other = open_tab(served)
+
+def test_two_tabs_show_one_drawing_which_a_killed_labcdp_keeps(picture, tmp_path, serve, open_tab):
+    output = tmp_path / "regions.json"
+    served = serve(picture, "--output", output)
+    tab, other = open_tab(served), open_tab(served)
+    tab.page.keyboard.press("p")
+    for corner in ((150, 150), (250, 250), (150, 250), (150, 150)):
+        tab.click(*corner)
+    tab.wait_for_rows(1)
+    tab.page.keyboard.press("e")
+    tab.drag((400, 50), (500, 150))
     other.wait_for_rows(2)
     other.click(450, 100)
     other.page.get_by_label("Name of the selected region").fill("lamp")
@@ -307,8 +337,6 @@ def test_pixels_are_read_and_shapes_are_drawn_changed_and_refused(picture, tmp_p
     tab.wait_for_notice("Saved: 2 regions")
     first, second = load_regions(output, (WIDTH, HEIGHT))
     assert isinstance(first, PolygonShape)
-    corners = np.array(first.corners) - 100
-    assert np.abs(corners - [(50, 50), (150, 150), (50, 150)]).max() < 1.5
     assert second == EllipseShape("lamp", 400, 50, 100, 100)
     assert {path.name for path in tmp_path.iterdir()} == {"regions.json", ".regions.json.lock"}
 

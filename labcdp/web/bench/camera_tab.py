@@ -123,7 +123,8 @@ class CameraTab:
         )
         more = f"<p class='quiet'>{len(found) - _MOST_ROWS} more</p>" if len(found) > _MOST_ROWS else ""
         head = "".join(f"<th scope='col'>{text}</th>" for text in ("Feature", "value", "possible"))
-        self._table.object = f"<table class='dense'><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more}"
+        table = f"<table class='dense features'><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+        self._table.object = f"{table}{more}"
 
 
 def _value(feature: FeatureDescription, text: str) -> FeatureValue | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import hypot, nan
+from os.path import exists
 from time import monotonic, sleep
 
 from ...acquire import Operator
@@ -128,7 +129,14 @@ class MeterDesk:
     ) -> None:
         self.meter = meter
         self.readings: tuple[MeterReading, ...] = ()
+        #: Serial port of the meter, if it has one that is a file.
+        self._port = port if exists(port := getattr(meter, "port", "")) else ""
         self._hands, self._seen, self._ended = hands, seen, ended
+
+    @property
+    def lost(self) -> bool:
+        """Whether the meter is unplugged, also while no reading is taken."""
+        return bool(self._port) and not exists(self._port)
 
     def note(self, taken: ReadingSeries | float, region: str) -> None:
         """Add what the meter says, or a person typed, with what the camera sees in the region now."""

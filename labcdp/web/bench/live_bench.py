@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
+from ...core.reading import Reading, ReadingSeries
 from ...core.roi import Roi
 from ...drivers.manual.text import ManualMeter, stated_accuracy
 from ..regions.measurements import Evaluated
@@ -25,9 +27,12 @@ from .live_camera import LiveCamera
 from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_point
 from .plan import with_regions
 from .recording import PageOperator, Recording
+from .watched import WatchedMeter
 
 if TYPE_CHECKING:
+    from ...drivers.meter import Meter
     from ...evaluate.picture.light.picture import PictureConversion
+    from ...metrics.regions.pair import PairResult
     from ..server import Server
 
 #: Seconds between two curves of the CDP.
@@ -154,7 +159,9 @@ class LiveBench:
         assert meter is not None, "the page offers no recording without"
         self.notice = ""
         recording = self.recording = Recording(Path(name), plan, operator, self._devices.begun)
-        self._work(f"Recording {name}", recording.run(self.camera, meter, self._tell, again))
+        # What the plan reads is shown like other readings, with what the camera sees in the patch.
+        watched = cast("Meter", WatchedMeter(meter, self._note))
+        self._work(f"Recording {name}", recording.run(self.camera, watched, self._tell, again))
 
     def say(self, text: str) -> None:
         """Show a sentence until the next one."""
@@ -173,8 +180,17 @@ class LiveBench:
         asked = None if self.recording is None or not self.busy else self.recording.operator.question
         return "" if asked is None else asked.text
 
+    @property
+    def pair(self) -> PairResult | None:
+        """Contrast and CDP of the chosen pair in the newest image; None if they cannot be evaluated."""
+        evaluated = self.workspace.evaluated.pair
+        return None if evaluated is None else evaluated.result
+
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:
         return self.workspace.image, self.workspace.drawing.rois
+
+    def _note(self, reading: Reading) -> None:
+        self.desk.note(ReadingSeries((reading,)), self.workspace.selected or "")
 
     def _tell(self) -> None:
         self._server.call(self.workspace.changed)
@@ -209,13 +225,15 @@ class LiveBench:
         if evaluated is self._evaluated:
             return
         self._evaluated, pair = evaluated, evaluated.pair
-        result, now_s = None if pair is None else pair.result, monotonic()
+        result, now_s = self.pair, monotonic()
         names = () if pair is None else (pair.first.name, pair.second.name)
         point = None if result is None else pair_point(result, now_s, self.target.limit)
         self.trace = self.trace.after(point, names)
-        if pair is None or point is None or now_s - self._curve_s < _CURVE_S:
+        if pair is None or result is None or point is None or now_s - self._curve_s < _CURVE_S:
+            return
+        if not isfinite(result.contrast.value):
             return
         self._curve_s = now_s
         image, rois = self.workspace.image, (pair.first, pair.second)
-        curves = (cdp_curve(image, rois, point.contrast, epsilon) for epsilon in (self.target.epsilon,))
+        curves = (cdp_curve(image, rois, result.contrast.value, epsilon) for epsilon in (self.target.epsilon,))
         self._server.elsewhere(curves, partial(setattr, self, "curve"), lambda: None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from threading import Condition, Lock, Thread
 from time import monotonic
 from typing import cast
@@ -34,6 +34,8 @@ _READ_BACK_S = 1.0
 #: Settings of `Camera.configure`; the others are of a `CameraSetup`, or features.
 _CONFIGURED = ("exposure_s", "gain_db", "pixel_format")
 _SETUP = ("frame_rate_hz", "black_level", "region")
+#: Names and units of settings for a person; others have the name of their field.
+_NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
 
 #: Value of a setting or feature.
 Setting = FeatureValue | Region
@@ -241,8 +243,8 @@ class LiveCamera:
         self._read_s, before, now = monotonic(), self._live.settings, camera.settings
         if before is None or before == now:
             return False
-        names = [one.name for one in fields(now) if getattr(now, one.name) != getattr(before, one.name)]
-        said = ", ".join(f"{name} {getattr(before, name)} → {getattr(now, name)}" for name in names)
+        changes = (_difference(one.name, getattr(before, one.name), getattr(now, one.name)) for one in fields(now))
+        said = ", ".join(filter(None, changes))
         self._publish(settings=now, changed=f"changed by the camera or another program: {said}")
         return True
 
@@ -287,3 +289,11 @@ class LiveCamera:
         with self._changed:
             self._live = replace(self._live, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
+
+
+def _difference(name: str, before: object, now: object) -> str:
+    """Say how a setting has changed; empty if it has not."""
+    if before == now:
+        return ""
+    label, unit = _NAMES.get(name, (name.replace("_", " "), ""))
+    return label if is_dataclass(now) else f"{label} {before} → {now}{unit}"

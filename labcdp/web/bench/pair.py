@@ -55,12 +55,6 @@ class PairPoint:
         When the frame arrived, by the monotonic clock.
     cdp, low, high : float
         CDP of the first target contrast with its 95 % interval.
-    contrast : float
-        Measured Weber contrast of the means.
-    contrast_u : float
-        Its standard uncertainty.
-    target : float
-        Target contrast.
     verdict : str
         As of `verdict`; ``saturated`` if a region is, whatever its contrast.
     """
@@ -69,9 +63,6 @@ class PairPoint:
     cdp: float
     low: float
     high: float
-    contrast: float
-    contrast_u: float
-    target: float
     verdict: Verdict
 
 
@@ -101,25 +92,19 @@ class Trace:
         return Trace(kept, pair, point)
 
 
+def is_saturated(pair: PairResult) -> bool:
+    """Whether so many pixels of a region are saturated that the contrast means nothing."""
+    return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in (pair.a, pair.b))
+
+
 def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:
     """Return a pair's point; None without a target contrast. `limit` is the CDP from which it counts as detected."""
     if not pair.results:
         return None
     one = pair.results[0]
     low, high = one.confidence_interval
-    found = verdict(one.result.below, one.result.above, (low, high), limit)
-    if any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in (pair.a, pair.b)):
-        found = "saturated"
-    return PairPoint(
-        time_s,
-        one.result.cdp,
-        low,
-        high,
-        pair.contrast.value,
-        pair.contrast.standard_error,
-        one.result.contrast,
-        found,
-    )
+    found = "saturated" if is_saturated(pair) else verdict(one.result.below, one.result.above, (low, high), limit)
+    return PairPoint(time_s, one.result.cdp, low, high, found)
 
 
 def verdict(below: float, above: float, interval: tuple[float, float], limit: float) -> Verdict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from time import monotonic
 from typing import Any
 
@@ -55,15 +56,15 @@ class Plots:
         self._curve.data = {"contrast": 100 * contrasts, "cdp": values}
         if contrasts.size:
             self._contrasts.update(start=100 * contrasts[0], end=100 * contrasts[-1])
-        newest = bench.trace.newest
-        self._measured.location = None if newest is None else 100 * newest.contrast
+        measured = 0.0 if bench.pair is None else 100 * bench.pair.contrast.value
+        self._measured.location = measured if 0 < measured < inf else None
         self._dn.end = bench.images.highest_dn
         self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
         return True
 
     def _trace_figure(self, limit: float) -> Any:
         plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
-        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "s"
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "time in s"
         plot.varea("t", "low", "high", source=self._trace, fill_alpha=0.3, fill_color=_BLUE)
         plot.line("t", "cdp", source=self._trace, line_color=_BLUE, line_width=2)
         plot.add_layout(Span(location=limit, dimension="width", line_dash="dotted"))
@@ -71,7 +72,7 @@ class Plots:
 
     def _curve_figure(self, limit: float) -> Any:
         plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
-        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (red: measured)"
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (line: measured)"
         plot.line("contrast", "cdp", source=self._curve, line_color=_BLUE, line_width=2)
         for mark in (self._measured, Span(location=limit, dimension="width", line_dash="dotted")):
             plot.add_layout(mark)
@@ -80,13 +81,17 @@ class Plots:
     def _histogram_figure(self) -> Any:
         plot = _figure(110, x_range=self._dn, y_axis_type="log")
         plot.y_range.start = 0.5
+        plot.yaxis.ticker.desired_num_ticks = 3
         plot.xaxis.axis_label, plot.yaxis.axis_label = "DN", "pixels"
         plot.step("dn", "n", source=self._histogram, mode="after", line_color="#555555")
         return plot
 
 
 def _figure(height: int, **options: Any) -> Any:
-    return figure(sizing_mode="stretch_width", height=height, toolbar_location=None, tools="", **options)
+    plot = figure(sizing_mode="stretch_width", height=height, toolbar_location=None, tools="", **options)
+    # So close together that they would look like a bar.
+    plot.yaxis.minor_tick_line_color = None
+    return plot
 
 
 def _histogram(values: Any, highest: float) -> dict[str, Any]:

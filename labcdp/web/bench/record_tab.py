@@ -15,6 +15,14 @@ from ..look import column, row
 from .live_bench import LiveBench
 from .recording import Question
 
+#: In the browser: what answers a question has the focus once it is shown, so that Enter goes on, except while typing.
+_FOCUS = """
+let focused = document.activeElement
+while (focused?.shadowRoot?.activeElement)
+  focused = focused.shadowRoot.activeElement
+if (cb_obj.visible && !["INPUT", "SELECT", "TEXTAREA"].includes(focused?.tagName))
+  setTimeout(() => Bokeh.index.find_one(cb_obj)?.el.shadowRoot.querySelector("button, input")?.focus(), 100)
+"""
 #: What may be recorded again, besides patches.
 _NOTHING, _UNITS = "nothing", ("light frames", "dark frames")
 
@@ -60,6 +68,8 @@ class RecordTab:
         self._stop.on_click(guarded(lambda _event: self._end()))
         self._typed.param.watch(guarded(lambda event: self._answer(event.new) if event.new else None), "value")
         self._dismiss.on_click(guarded(lambda _event: self._forget_findings()))
+        for widget in (self._first, self._typed):
+            widget.jscallback(visible=_FOCUS)
         for button in (self._first, self._second):
             button.on_click(guarded(lambda event: self._answer(event.obj.name)))
 
@@ -102,7 +112,7 @@ class RecordTab:
             if bench.unrecordable or bench.plan is None:
                 return f"<p class='quiet'>{_text(bench.unrecordable)}</p>"
             return (
-                f"<p class='quiet'>Records the plan {_text(bench.plan.name)} with the regions of this page as "
+                f"<p class='quiet'>Records the plan “{_text(bench.plan.name)}” with the regions of this page as "
                 "patches, then calibrates the camera and writes the report. An interrupted session is resumed under "
                 "its name.</p>"
             )

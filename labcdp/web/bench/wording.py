@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from html import escape
 
-from ...report.digits import Z_95, exposure, printable, significant, with_half_width
+from ...report.digits import exposure, printable, significant
+from ..regions.wording import percent_with_interval
 from .desk import MeterReading
 from .live_bench import LiveBench
 from .live_camera import Live
+from .pair import is_saturated
 
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
@@ -33,7 +35,8 @@ def camera_card(bench: LiveBench) -> str:
     lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
     rejected = f"rejected: {live.error}" if live.error else ""
     lines = [*(line for line in (rejected, live.changed) if line), *lines][:3]
-    return _card("Camera", f"{live.rate_hz:.1f} fps", "bad" if live.error else "good", *lines)
+    rate = f"{live.rate_hz:.1f} fps" if live.rate_hz else "…"
+    return _card("Camera", rate, "bad" if live.error else "good", *lines)
 
 
 def pair_card(bench: LiveBench) -> str:
@@ -42,10 +45,12 @@ def pair_card(bench: LiveBench) -> str:
     if len(pair) < 2:
         return _card("CDP", "-", "open", "choose two regions under Regions")
     title = " / ".join(roi.name for roi in pair)
-    point = bench.trace.newest
-    if point is None:
+    found, point = bench.pair, bench.trace.newest
+    if found is not None and not found.results:
+        return _card(title, "saturated" if is_saturated(found) else "no contrast", "bad", "both regions look the same")
+    if found is None or point is None:
         return _card(title, "…", "open", _why(bench))
-    asked = f"contrast {100 * point.target:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
+    asked = f"contrast {100 * found.results[0].result.contrast:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
     if bench.target.contrast is None:
         asked = f"of the measured contrast, ε {100 * bench.target.epsilon:.3g} %"
     interval = f"95 % interval {point.low:.4f} to {point.high:.4f}"
@@ -57,21 +62,21 @@ def pair_card(bench: LiveBench) -> str:
 
 def contrast_card(bench: LiveBench) -> str:
     """Write the card of the measured contrast."""
-    point = bench.trace.newest
-    if point is None:
+    if bench.pair is None:
         return _card("Measured contrast", "-", "open")
-    text = with_half_width(100 * point.contrast, 100 * Z_95 * point.contrast_u)
-    return _card(
-        "Measured contrast", f"{text} %", "open", f"U (95 %) of {'this' if _seen_now(bench) else 'the last'} frame"
-    )
+    contrast, frame = bench.pair.contrast, "this" if _seen_now(bench) else "the last"
+    text = percent_with_interval(contrast.value, contrast.standard_error)
+    return _card("Measured contrast", text, "open", f"U (95 %) of {frame} frame")
 
 
 def meter_card(bench: LiveBench) -> str:
     """Write the card of the last reading."""
     if bench.desk.meter is None:
         return _card("Meter", "-", "open", "none: give --meter PORT")
+    if bench.desk.lost:
+        return _card("Meter", "lost", "bad", "check its cable; the next reading waits for it")
     if not bench.desk.readings:
-        return _card("Meter", "-", "open", bench.busy or "no reading yet")
+        return _card("Meter", "-", "open", "no reading yet")
     last = bench.desk.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
     state = "bad" if last.disagrees else "open"

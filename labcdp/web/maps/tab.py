@@ -68,6 +68,7 @@ class MapTab:
         self._plot = self._new_plot()
         self._connect()
         page.after_update.append(self.update)
+        self._low.disabled = self._high.disabled = not coloured
         if coloured:
             self._shown.value = _COLOURS
         self.update()
@@ -119,6 +120,7 @@ class MapTab:
 
     def _show(self, what: str) -> None:
         of_dn = what == _VALUES
+        self._low.disabled = self._high.disabled = of_dn
         kinds = list(SCALES) if of_dn else ["logarithm", "linear"]
         self._kind.param.update(options=kinds, value=self._dn_scale.name if of_dn else kinds[0])
         if not (of_dn or self._high.value):

@@ -86,7 +86,7 @@ def pair_table(drawing: Drawing, evaluated: Evaluated) -> str:
             f"<td class='cdp'>{fixed(result.cdp, cdp_decimals(result))}</td><td>{cdp_interval(result)}</td></tr>"
         )
     ratio, csnr = pair.contrast, pair.csnr
-    facts = [f"Measured contrast {_percent_with_interval(ratio.value, ratio.standard_error)}"]
+    facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error)}"]
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
     bright = _text(pair.bright_region.roi.name)
@@ -143,7 +143,8 @@ def _with_interval(value: float, standard_uncertainty: float) -> str:
     return with_half_width(value, Z_95 * standard_uncertainty)
 
 
-def _percent_with_interval(value: float, standard_error: float) -> str:
+def percent_with_interval(value: float, standard_error: float) -> str:
+    """Percentage with U (95 %), without it if unknown."""
     if not isfinite(value):
         return "unbounded"
     return f"{_with_interval(100 * value, 100 * standard_error)} %"

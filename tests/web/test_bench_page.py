@@ -1,0 +1,238 @@
+"""The live bench in Chromium, on the simulated bench."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labcdp.session import Session, SessionConfiguration, example_session
+
+from .conftest import CHROMIUM
+
+pytestmark = [
+    pytest.mark.usefixtures("aravis"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
+]
+
+
+def small_plan() -> SessionConfiguration:
+    """Six patches and two exposures of the demonstration's target."""
+    plan = SessionConfiguration.load(example_session() / "session.toml")
+    names = ("P01", "P07", "upper left", "upper right", "lower left", "lower right")
+    patches = [patch for patch in plan.target.patches if patch.name in names]
+    pairs = tuple(pair for pair in plan.contrasts if {pair.bright, pair.dark} <= set(names))
+    short = plan.plan.model_copy(
+        update={"exposures_s": (0.002, 0.032), "frames_per_exposure": 2, "readings_per_patch": 1}
+    )
+    target = plan.target.model_copy(update={"patches": tuple(patches)})
+    camera = plan.camera.model_copy(update={"region": (0, 0, 480, 400)})
+    return plan.model_copy(update={"camera": camera, "target": target, "plan": short, "contrasts": pairs})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the bench runs."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "plan.toml").write_text(small_plan().to_toml())
+    # Each frame is drawn by the browser without a graphics card: at 15 frames/s that is most of the work.
+    (folder / "bench.toml").write_text("[camera]\nframe_rate_hz = 5\n")
+    return folder
+
+
+@contextmanager
+def served(folder: Path, number: int = signal.SIGINT) -> Iterator[str]:
+    """Address of a live bench, which then gets a signal and ends cleanly."""
+    labcdp = Path(sys.executable).with_name("labcdp")
+    command = [labcdp, "bench", "plan.toml", "--simulated-bench", "bench.toml", "--no-open"]
+    with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        try:
+            yield next(line.split()[1] for line in process.stderr if line.startswith("Open: "))
+        finally:
+            process.send_signal(number)
+            _, said = process.communicate(timeout=300)
+        assert "Traceback" not in said
+        assert process.returncode == (0 if number == signal.SIGINT else -number)
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    """Address of the live bench."""
+    with served(folder) as url:
+        yield url
+
+
+class Bench:
+    """The page in a tab, and a person at it."""
+
+    def __init__(self, page: Any, address: str) -> None:
+        self.page = page
+        page.set_default_timeout(120_000)
+        answer = page.goto(address)
+        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+        self.card_when(0, "fps")
+
+    def card_when(self, index: int, pattern: str) -> str:
+        """Text of a card without its title, once it is as it should become."""
+        found = self.page.locator(".card").nth(index).filter(has_text=re.compile(pattern, re.DOTALL))
+        found.wait_for()
+        return str(found.inner_text()).split("\n", 1)[1]
+
+    def fill(self, label: str, text: str) -> None:
+        field = self.page.get_by_label(label)
+        field.fill(text)
+        field.press("Enter")
+
+    def button(self, name: str) -> Any:
+        return self.page.get_by_role("button", name=name, exact=True)
+
+    def tab(self, number: int) -> None:
+        """Show a tab by its key, which is no text in a field."""
+        self.page.evaluate("document.activeElement?.blur()")
+        self.page.keyboard.press(str(number))
+
+    def expose(self, exposure: str) -> None:
+        self.fill("Exposure (ms)", exposure)
+        self.card_when(0, f"fps.*{exposure} ms")
+
+    def record(self, name: str, until: Callable[[], bool]) -> list[str]:
+        """Record the plan into a folder by Enter alone; return what was asked."""
+        self.tab(5)
+        self.fill("Folder of the session", name)
+        self.button("Record the plan").click()
+        asked, until_s = [], time.monotonic() + 300
+        while not until():
+            assert time.monotonic() < until_s, self.page.locator(".card").all_inner_texts()
+            # A question may change while the hand is on its way.
+            with suppress(Exception):
+                if self.button("Done").evaluate("button => button.matches(':focus')", timeout=100):
+                    asked.append(self.page.get_by_role("alert").inner_text(timeout=2000))
+                    self.page.keyboard.press("Enter")
+            self.page.wait_for_timeout(100)
+        return asked
+
+    def shows(self, text: str) -> bool:
+        return bool(self.page.get_by_text(text).first.is_visible())
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def bench(chromium: Any, address: str) -> Iterator[Bench]:
+    page = chromium.new_page(viewport={"width": 1280, "height": 800})
+    bench = Bench(page, address)
+    # A page that was closed keeps control for some seconds: it may be reloaded.
+    with suppress(Exception):
+        bench.button("Take control").click(timeout=1000)
+    bench.button("Take control").wait_for(state="hidden")
+    yield bench
+    page.close()
+
+
+def number(text: str) -> float:
+    return float(re.findall(r"-?\d+\.?\d*", text)[0])
+
+
+def test_a_recording_goes_on_after_its_server_was_killed(chromium: Any, tmp_path: Path, folder: Path) -> None:
+    # The first test: there is one simulated camera on loopback at a time.
+    for name in ("plan.toml", "bench.toml"):
+        shutil.copy(folder / name, tmp_path)
+    page = chromium.new_page()
+    with served(tmp_path, signal.SIGKILL) as url:
+        bench = Bench(page, url)
+        before = bench.record("mine", lambda: bench.shows("patch upper left"))
+    page.get_by_text("labcdp cannot be reached").wait_for()
+    with served(tmp_path) as url:
+        again = Bench(page, url)
+        after = again.record("mine", lambda: again.shows("Open the report"))
+    # What was read before is not asked again.
+    assert not set(before[1:]) & set(after)
+    with Session.open(tmp_path / "mine") as session:
+        session.verify()
+        assert (len(session.frames("light")), len(session.readings())) == (4, 6)
+
+
+def test_saturation_contrast_and_verdict_follow_the_exposure(bench: Bench) -> None:
+    bench.expose("32")
+    # At 32 ms the brightest patches of the target are saturated, and the page does not call that detected.
+    bench.card_when(1, "saturated")
+    # At 500 ms both regions are, and there is no contrast at all.
+    bench.expose("500")
+    bench.card_when(1, "saturated.*look the same")
+    bench.expose("2")
+    bench.card_when(1, "detected")
+    # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
+    assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
+    # Most pairs show more than 100 %.
+    bench.fill("Contrast to detect (%)", "100")
+    assert number(bench.card_when(1, "too strong")) == 0.0
+    bench.fill("Contrast to detect (%)", "")
+    bench.button("Pause").click()
+    bench.card_when(0, "paused")
+    bench.button("Pause").click()
+
+
+def test_the_meter_reads_the_patch_that_is_selected(bench: Bench) -> None:
+    bench.tab(3)
+    bench.page.locator("tr[data-region]", has_text="lower left").first.click()
+    bench.tab(1)
+    bench.button("Read meter").click()
+    assert number(bench.card_when(3, "lower left")) == pytest.approx(414, rel=0.02)
+    bench.fill("Reading of another meter", "400,5")
+    assert number(bench.card_when(3, r"400\.5")) == 400.5
+
+
+def test_a_second_browser_looks_on_until_it_takes_control(bench: Bench, chromium: Any, address: str) -> None:
+    other = Bench(chromium.new_page(), address)
+    other.button("Take control").wait_for()
+    assert other.page.get_by_label("Exposure (ms)").is_disabled()
+    other.button("Take control").click()
+    bench.button("Take control").wait_for()
+    assert bench.page.get_by_label("Exposure (ms)").is_disabled()
+    other.page.close()
+    bench.button("Take control").click()
+    bench.button("Take control").wait_for(state="hidden")
+
+
+def test_regions_outside_a_smaller_part_of_the_sensor_come_back_with_it(bench: Bench) -> None:
+    bench.tab(2)
+    bench.page.get_by_text("ExposureTimeAbs", exact=True).wait_for()
+    bench.fill("Region: x, y, width, height", "0, 0, 480, 200")
+    bench.page.get_by_text(re.compile("480 x 200 pixels")).first.wait_for()
+    bench.tab(4)
+    bench.page.locator("table.dense tr", has_text=re.compile("lower left.*image", re.DOTALL)).wait_for()
+    bench.tab(2)
+    bench.fill("Region: x, y, width, height", "0, 0, 480, 400")
+    bench.page.get_by_text(re.compile("480 x 400 pixels")).first.wait_for()
+
+
+def test_the_plan_is_recorded_step_by_step_and_earlier_reports_stay(bench: Bench, folder: Path) -> None:
+    asked = bench.record("mine", lambda: bench.shows("Open the report"))
+    assert any("Cover the lens" in one for one in asked)
+    with bench.page.expect_popup() as opened:
+        bench.page.get_by_text("Open the report").click()
+    opened.value.get_by_text("detected", exact=False).first.wait_for()
+    (earlier,) = folder.glob("mine-evaluate/report.html")
+    bench.button("Record the plan").click()
+    bench.page.get_by_text("mine-evaluate-2/report.html").wait_for()
+    assert earlier.exists()
+    with Session.open(folder / "mine") as session:
+        session.verify()
+        assert (len(session.frames("light")), len(session.readings())) == (4, 6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.disk.quoting import shown
 from ..core.errors import InputError
 from ..core.roi import Roi
 from ..evaluate.picture.image import ImageRequest
-from ..files.picture.picture import PictureOptions
 from ..metrics import Epsilon
 from ..metrics.result import asked_contrasts
 from ..regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, image_size_of, load_regions, rois_of
@@ -36,7 +36,7 @@ def as_path(value: PathArgument, what: str) -> Path:
     text = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(text, str) or not text:
         also = "; labcdp.cdp takes arrays" if isinstance(value, np.ndarray) else ""
-        raise InputError(f"{what} is {_shown(value)}: give the path of a file{also}")
+        raise InputError(f"{what} is {shown(value)}: give the path of a file{also}")
     return Path(text)
 
 
@@ -75,7 +75,7 @@ def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str
         listed: list[Any] = [pairs] if len(pairs) == 2 and all(isinstance(one, str) for one in pairs) else [*pairs]
         for one in listed:
             if isinstance(one, str) or len(one) != 2 or not all(isinstance(name, str) for name in one):
-                raise InputError(f"pairs has {_shown(one)}: give two names of regions, the brighter one first")
+                raise InputError(f"pairs has {shown(one)}: give two names of regions, the brighter one first")
         given = [(one[0], one[1]) for one in listed]
     return ImageRequest((), 0.5, rois, None if given is None else tuple(given)).chosen_pairs
 
@@ -111,23 +111,13 @@ def as_contrasts(contrasts: Contrasts | None, epsilon: Epsilon) -> Asked:
     return Asked(values, scalar=shape == ())
 
 
-def with_given(options: PictureOptions, **values: Any) -> PictureOptions:
-    """Return options with what the user states, which counts before what files say; None states nothing."""
-    for name in ("exposure_s", "gain_db", "bit_depth"):
-        value = values.get(name)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
-            raise InputError(f"{name} is {_shown(value)}: give a number")
-    given = {name: value for name, value in values.items() if value is not None}
-    return replace(options, **given, overrides=options.overrides | given.keys())
-
-
 def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:
     if isinstance(regions, Roi):
         return [PolygonShape(regions.name, regions.corners)]
     if isinstance(regions, Mapping):
         return [_named(name, value) for name, value in regions.items()]
     if not isinstance(regions, Iterable):
-        raise InputError(f"regions is {_shown(regions)}: {_HOW}")
+        raise InputError(f"regions is {shown(regions)}: {_HOW}")
     shapes: list[Shape] = []
     for one in regions:
         if isinstance(one, Roi):
@@ -135,7 +125,7 @@ def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> l
         elif isinstance(one, PolygonShape | RectangleShape | EllipseShape | GridShape):
             shapes.append(one)
         else:
-            raise InputError(f"regions has {_shown(one)}: {_HOW}")
+            raise InputError(f"regions has {shown(one)}: {_HOW}")
     return shapes
 
 
@@ -151,11 +141,4 @@ def _named(name: str, value: Any) -> Shape:
         return PolygonShape(name, Roi.rectangle(name, x, y, width, height).corners)
     if numbers.ndim == 2 and numbers.shape[1] == 2:
         return PolygonShape(name, tuple((x, y) for x, y in numbers.tolist()))
-    raise InputError(
-        f"region {name!r} is {_shown(value)}: give (x, y, width, height), or at least three (x, y) corners"
-    )
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    raise InputError(f"region {name!r} is {shown(value)}: give (x, y, width, height), or at least three (x, y) corners")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -17,18 +17,33 @@ from ..core.errors import InputError
 from ..core.finding import Finding, info, unique
 from ..core.luminance import LuminanceMap
 from ..core.notebook import html_table
-from ..evaluate.picture.light.picture import PictureConversion, calibrated_conversion, picture_conversion
+from ..evaluate.picture.light.picture import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
 from ..files.picture.picture import Picture
 from ..files.picture.read import read_picture
 from ..metrics import Epsilon
 from ..report.findings import finding_text
-from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois, with_given
+from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions
 from .variables import OF_CDP, cdp_values, columns, described, noted
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+
+class StatedOfVideo(TypedDict, total=False):
+    """What the user states about frames; it counts before what their file says."""
+
+    exposure_s: float | None
+    gain_db: float | None
+    bit_depth: int | None
+
+
+class Stated(StatedOfVideo, total=False):
+    """What the user states about a picture."""
+
+    pixel_format: str | None
+    size: tuple[int, int] | None
 
 
 def read_image(
@@ -37,11 +52,7 @@ def read_image(
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,
     encoding: Literal["linear", "srgb"] | None = None,
-    exposure_s: float | None = None,
-    gain_db: float | None = None,
-    bit_depth: int | None = None,
-    pixel_format: str | None = None,
-    size: tuple[int, int] | None = None,
+    **stated: Unpack[Stated],
 ) -> Image:
     """Read a picture for evaluation.
 
@@ -74,17 +85,16 @@ def read_image(
         If the calibration is not for this picture.
     """
     file = as_path(path, "the picture")
-    conversion = conversion_of(calibration, camera_spec, encoding)
-    options = with_given(
-        conversion.options,
-        exposure_s=exposure_s,
-        gain_db=gain_db,
-        bit_depth=bit_depth,
-        pixel_format=pixel_format,
-        size=None if size is None else tuple(size),
-    )
-    picture = read_picture(file, options)
+    require_known(stated, Stated)
+    conversion = conversion_of(calibration, camera_spec, encoding).given(**stated)
+    picture = read_picture(file, conversion.options)
     return Image(picture, conversion, conversion.luminance(picture))
+
+
+def require_known(stated: Mapping[str, Any], kind: Any) -> None:
+    """Refuse names of keyword arguments that are not known, as Python does."""
+    for name in stated.keys() - kind.__annotations__.keys():
+        raise TypeError(f"unexpected keyword argument {name!r}: give some of {', '.join(kind.__annotations__)}")
 
 
 def conversion_of(
@@ -95,15 +105,10 @@ def conversion_of(
     """Return the conversion to luminance that the arguments of `read_image` ask for; raises InputError."""
     if encoding not in (None, "linear", "srgb"):
         raise InputError(f"encoding is {encoding!r}: give 'linear' or 'srgb'")
-    if isinstance(calibration, Calibration | ColourCalibration):
-        if camera_spec is not None or encoding == "srgb":
-            raise InputError("a calibration has a conversion of its own: leave camera_spec and encoding out")
-        return calibrated_conversion(calibration, "in memory", encoding)
-    return picture_conversion(
-        None if calibration is None else as_path(calibration, "calibration"),
-        None if camera_spec is None else as_path(camera_spec, "camera_spec"),
-        encoding,
-    )
+    if calibration is not None and not isinstance(calibration, Calibration | ColourCalibration):
+        calibration = as_path(calibration, "calibration")
+    spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
+    return picture_conversion(calibration, spec, encoding)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
@@ -32,9 +32,8 @@ from .arguments import (
     as_path,
     as_rois,
     drawn_on,
-    with_given,
 )
-from .picture import conversion_of
+from .picture import StatedOfVideo, conversion_of, require_known
 from .tracked_regions import TrackedRegions, renamed
 from .variables import described
 
@@ -48,9 +47,7 @@ def open_video(
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,
     encoding: Literal["linear", "srgb"] | None = None,
-    exposure_s: float | None = None,
-    gain_db: float | None = None,
-    bit_depth: int | None = None,
+    **stated: Unpack[StatedOfVideo],
 ) -> Video:
     """Open a video for evaluation.
 
@@ -73,11 +70,11 @@ def open_video(
         If the video cannot be read, or an argument cannot be used.
     """
     file = as_path(path, "the video")
-    conversion = conversion_of(calibration, camera_spec, encoding)
-    options = with_given(conversion.options, exposure_s=exposure_s, gain_db=gain_db, bit_depth=bit_depth)
-    stated = {"encoding": encoding, "exposure_s": exposure_s, "gain_db": gain_db, "bit_depth": bit_depth}
+    require_known(stated, StatedOfVideo)
+    conversion = conversion_of(calibration, camera_spec, encoding).given(**stated)
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
-    return Video(open_source(file, options), conversion, calibration, spec, stated)
+    known = {"encoding": encoding, **stated}
+    return Video(open_source(file, conversion.options), conversion, calibration, spec, known)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

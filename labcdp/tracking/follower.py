@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import dist, hypot, isfinite
 
-from ..core.finding import Finding, FindingValue, warning
+from ..core.finding import Finding
 from ..core.roi import Roi
 from .align.alignment import Fit
 from .align.template import Template
 from .align.view import view_around
-from .geometry import Matrix, carried, inverse, local_scale, shift
+from .geometry import Matrix, carried, local_scale, shift
 from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, Shape
 from .scene import SceneNow
 from .sight import Sight
-from .tracker import TrackedRoi
+from .tracker import Followed, TrackedRoi
 
 #: Fall of the quality in one frame up to which a place near the expected one is believed.
 _STEADY = 0.08
@@ -40,7 +40,7 @@ _AS_GOOD = 0.1
 _LIGHT_MOST = 1.6
 
 
-class Follower:
+class Follower(Followed):
     """Finds one region in frame after frame.
 
     In each frame the expected places (at rest with the scene, and by its motion so far) are aligned with the first
@@ -48,16 +48,13 @@ class Follower:
     """
 
     def __init__(self, sight: Sight, template: Template, scene: SceneNow, *, planar: bool) -> None:
-        self._template, self._first = template, template.roi
-        self._from_first = inverse(self._template.to_image)
-        self._to_image = self._template.to_image
+        super().__init__(template)
         self._velocity, self._light, self._quality = (0.0, 0.0), (1.0, 0.0), 1.0
         self._found: Found | None = None
         self._left, self._lost_for = False, 0
         self._held: Matrix | None = None
         self._before: tuple[Matrix, tuple[float, float]] | None = None
         self._before_roi = template.roi
-        self._result = TrackedRoi(template.roi, 1.0, False)
         self._rest = self._to_image, scene
         self._looks, self._shape = Looks(sight, template, planar=planar), Shape(template)
         self._looks.find_repeats(sight, self._possible)
@@ -66,17 +63,6 @@ class Follower:
     def seen(self) -> bool:
         """Whether the place is known in this frame."""
         return self._lost_for == 0
-
-    @property
-    def result(self) -> TrackedRoi:
-        """Findings of this frame."""
-        return self._result
-
-    @property
-    def motion(self) -> Matrix:
-        """Pixels of the first frame to those of the frame in which it was last seen."""
-        motion: Matrix = self._to_image @ self._from_first
-        return motion
 
     @property
     def step(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
@@ -91,20 +77,20 @@ class Follower:
         """Take it for lost, with the code of the reason, although it was found in this frame."""
         if self._before is not None:
             self._to_image, self._velocity = self._before
-            self._lose(self._finding(code), self._result.quality, self._before_roi)
+            self._lose(self._finding(code), self.result.quality, self._before_roi)
 
     def follow(self, sight: Sight, scene: SceneNow) -> None:
         """Look for it in the next frame."""
         self._before, self._found = None, None
         if scene.change == "blank":
             # What cannot be seen for a moment is not given up.
-            self._result = TrackedRoi(self._result.roi, 0.0, True, (self._finding("tracking-frame-blank"),))
+            self.result = TrackedRoi(self.result.roi, 0.0, True, (self._finding("tracking-frame-blank"),))
             if isfinite(self._looks.repeat_px):
                 self._lost_for += 1
             return
         if not self.seen:
             self._lost_for += 1
-            self._result = replace(self._result, quality=0.0)
+            self.result = replace(self.result, quality=0.0)
             return
         found = self._best(sight, scene)
         if found is None or found.fit.quality < LOST_BELOW:
@@ -121,7 +107,7 @@ class Follower:
         if lost > VANISHED_MOST:
             self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), found.fit.quality)
             return
-        before, self._before_roi = (self._to_image, self._velocity), self._result.roi
+        before, self._before_roi = (self._to_image, self._velocity), self.result.roi
         self._accept(sight, scene, found)
         self._before = before
 
@@ -172,8 +158,8 @@ class Follower:
         return moved < self._looks.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
 
     def _say_alike(self) -> None:
-        if all(one.code != _SAME for one in self._result.reasons):
-            self._result = replace(self._result, reasons=(*self._result.reasons, self._finding(_SAME)))
+        if all(one.code != _SAME for one in self.result.reasons):
+            self.result = replace(self.result, reasons=(*self.result.reasons, self._finding(_SAME)))
 
     def _sure(self, found: Found, expected: Matrix, *, known: bool) -> bool:
         """Whether a place found after a loss can be no other one that looks the same."""
@@ -256,12 +242,12 @@ class Follower:
         x0, y0, x1, y1 = roi.bounds
         if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
             border = self._finding("tracking-region-at-border")
-            self._result = TrackedRoi(self._result.roi, fit.quality, True, (border,))
+            self.result = TrackedRoi(self.result.roi, fit.quality, True, (border,))
         elif fit.covered > COVERED_MOST:
             reason = self._finding("tracking-region-covered", covered_share=float(fit.covered))
-            self._result = TrackedRoi(roi, fit.quality, True, (reason,))
+            self.result = TrackedRoi(roi, fit.quality, True, (reason,))
         else:
-            self._result = TrackedRoi(roi, fit.quality, False)
+            self.result = TrackedRoi(roi, fit.quality, False)
 
     def off(self, motion: Matrix) -> float:
         """Pixels from where a `motion` since the first frame carries its middle to where it is."""
@@ -288,12 +274,9 @@ class Follower:
         if found is not None and self.seen:
             self._looks.learn(sight, found)
 
-    def _finding(self, code: str, **values: FindingValue) -> Finding:
-        return warning(code, self._first.name, **values)
-
     def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
         self._lost_for += 1
         self._held = None
         # Out of the image it went on one side, and comes back there.
-        self._left = reason.code in _LEFT or any(one.code in _LEFT for one in self._result.reasons)
-        self._result = TrackedRoi(self._result.roi if roi is None else roi, quality, True, (reason,))
+        self._left = reason.code in _LEFT or any(one.code in _LEFT for one in self.result.reasons)
+        self.result = TrackedRoi(self.result.roi if roi is None else roi, quality, True, (reason,))

@@ -16,15 +16,14 @@ from .geometry import Matrix, inverse
 from .resting import Resting
 from .scene import SceneNow, SceneWatch
 from .sight import Sight, scale_of
-from .tracker import NotFollowedError, TrackedRoi, grey_frame
+from .tracker import NotFollowedError, TrackedRoi
 
 
 class FollowingTracker:
     """Follows each region; a lost one is also searched at the position predicted by the others."""
 
     def __init__(self, grey: NDArray[Any], rois: Sequence[Roi], planar: Sequence[bool]) -> None:
-        self._dtype, self._scale = grey.dtype, scale_of(grey)
-        self._shape = (grey.shape[0], grey.shape[1])
+        self._scale = scale_of(grey)
         sight = Sight(grey, self._scale)
         self._scene = SceneWatch(sight)
         self._followers = tuple(
@@ -37,7 +36,7 @@ class FollowingTracker:
 
     def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
         """Find the regions in the next frame; see `Tracker`."""
-        sight = Sight(grey_frame(grey, self._shape, self._dtype), self._scale)
+        sight = Sight(grey, self._scale)
         scene = self._scene.look(sight)
         for follower in self._followers:
             follower.follow(sight, scene)

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .fixed import FixedTracker
 from .following import FollowingTracker
-from .tracker import TrackedRoi, Tracker, grey_frame
+from .tracker import TrackedRoi
 
+#: Pixels around a region at rest that are compared with the first frame.
+_MARGIN_PX = 8
 #: Ways to follow regions: see `make_tracker`.
 METHODS = ("follow", "homography", "fixed")
 
@@ -110,27 +112,86 @@ def make_tracker(method: str | Sequence[str], grey: NDArray[Any], rois: Sequence
             raise InputError(f"{names.count(name)} regions are called {name!r}: give each a name of its own")
     for roi in rois:
         roi.mask((first.shape[0], first.shape[1]))
-    followed = [number for number, one in enumerate(methods) if one != "fixed"]
-    if not followed:
-        return FixedTracker(first, rois)
-    planar = [methods[number] == "homography" for number in followed]
-    moving = FollowingTracker(first, [rois[number] for number in followed], planar)
-    if len(followed) == len(rois):
-        return moving
-    return _Mixed(
-        moving, followed, FixedTracker(first, [roi for roi, one in zip(rois, methods, strict=True) if one == "fixed"])
-    )
+    return Tracker(first, rois, methods)
 
 
-class _Mixed:
-    """Some regions followed, and others fixed."""
+class Tracker:
+    """Finds regions in frame after frame; made by `make_tracker`."""
 
-    def __init__(self, moving: Tracker, followed: list[int], fixed: Tracker) -> None:
-        self._moving, self._followed, self._fixed = moving, followed, fixed
+    def __init__(self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str]) -> None:
+        self._shape, self._dtype = (first.shape[0], first.shape[1]), first.dtype
+        self._fixed = [
+            _Fixed(first, roi) if method == "fixed" else None for roi, method in zip(rois, methods, strict=True)
+        ]
+        followed = [
+            (roi, method == "homography") for roi, method in zip(rois, methods, strict=True) if method != "fixed"
+        ]
+        self._following = FollowingTracker(first, *zip(*followed, strict=True)) if followed else None
 
     def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
-        """Find the regions in the next frame; see `Tracker`."""
-        result = list(self._fixed.update(grey))
-        for number, found in zip(self._followed, self._moving.update(grey), strict=True):
-            result.insert(number, found)
-        return tuple(result)
+        """Find the regions in the next frame; one result a region, in the order given at the start.
+
+        Parameters
+        ----------
+        grey : ndarray of uint8 or uint16, shape (height, width)
+            The next frame, of the first one's size and type.
+
+        Raises
+        ------
+        InputError
+            If the frame is of another type or size.
+        """
+        frame = grey_frame(grey, self._shape, self._dtype)
+        moving = iter(() if self._following is None else self._following.update(frame))
+        return tuple(next(moving) if one is None else one.seen_in(frame) for one in self._fixed)
+
+
+class _Fixed:
+    """A region that stays in place; its quality is the correlation with the first frame, and it is never lost.
+
+    This assumes that nothing moves: changes in place are those of the light or of the measured quantity.
+    """
+
+    def __init__(self, first: NDArray[Any], roi: Roi) -> None:
+        rows, columns = roi.window((first.shape[0], first.shape[1]))
+        top, left = (max(one.start - _MARGIN_PX, 0) for one in (rows, columns))
+        self._roi = roi
+        self._window = slice(top, rows.stop + _MARGIN_PX), slice(left, columns.stop + _MARGIN_PX)
+        self._first = _deviations(first[self._window])
+
+    def seen_in(self, frame: NDArray[Any]) -> TrackedRoi:
+        """Compare a frame with the first one."""
+        return TrackedRoi(self._roi, _correlation(self._first, _deviations(frame[self._window])), False)
+
+
+def grey_frame(
+    grey: NDArray[Any], shape: tuple[int, int] | None = None, dtype: np.dtype[Any] | None = None
+) -> NDArray[Any]:
+    """Check a frame, also for its `shape` and type if those are given, and return it."""
+    array = np.asarray(grey)
+    if array.ndim != 2 or array.dtype not in ((np.uint8, np.uint16) if dtype is None else (dtype,)):
+        raise InputError(
+            f"a frame to track in has shape {array.shape} and type {array.dtype}: give a grey image of two dimensions "
+            f"and type {'uint8 or uint16' if dtype is None else dtype}"
+        )
+    if shape is not None and array.shape != shape:
+        raise InputError(
+            f"a frame has {array.shape[1]} x {array.shape[0]} pixels, the first one had {shape[1]} x {shape[0]}: "
+            "start again where the size changes"
+        )
+    return array
+
+
+def _deviations(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    values = pixels.astype(np.float32)
+    deviations: NDArray[np.float32] = values - np.float32(values.mean(dtype=np.float64))
+    return deviations
+
+
+def _correlation(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Correlation of two images of mean 0, nothing below 0; 1 if both are constant, 0 if one is."""
+    power_a, power_b = float(np.vdot(a, a)), float(np.vdot(b, b))
+    if power_a == 0 or power_b == 0:
+        return 1.0 if power_a == power_b else 0.0
+    correlation = float(np.vdot(a, b)) / float(np.sqrt(power_a * power_b))
+    return min(max(correlation, 0.0), 1.0)

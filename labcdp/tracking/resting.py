@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.finding import Finding, FindingValue, warning
+from ..core.finding import Finding
 from ..core.roi import Roi
 from .align.template import Template
 from .align.view import view_around
 from .follower import Follower
-from .geometry import Matrix, carried, inverse
+from .geometry import Matrix, carried
 from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow
 from .sight import Sight
-from .tracker import TrackedRoi
+from .tracker import Followed, TrackedRoi
 
 #: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
 _OFF_NOISE, _OFF_LIGHT = 6.0, 0.12
@@ -24,7 +24,7 @@ _SUDDEN = 0.2
 _MOVES_FOR = 3
 
 
-class Resting:
+class Resting(Followed):
     """Keeps a region that has no structure of its own at its place in the scene.
 
     Its place is that of the scene's points; what comes before it is noticed by the pixels that differ from the others,
@@ -42,32 +42,18 @@ class Resting:
     """
 
     def __init__(self, template: Template, scene: SceneNow, mover: Follower | None) -> None:
+        super().__init__(template)
         self._mover, self._moving = mover, 0
-        self._template, self._first = template, template.roi
-        self._from_first = inverse(template.to_image)
         self._rest, self._then = template.to_image, scene
         self._inside = template.inside
         own = template.values.ravel()[self._inside]
         self._texture = own - np.median(own)
         self._light = float(np.median(own)), scene.light
-        self._result = TrackedRoi(template.roi, 1.0, False)
-        self._to_image = template.to_image
 
     @property
     def seen(self) -> bool:
         """Whether the place is known and free in this frame."""
-        return not self._result.lost
-
-    @property
-    def result(self) -> TrackedRoi:
-        """Findings of this frame."""
-        return self._result
-
-    @property
-    def motion(self) -> Matrix:
-        """Pixels of the first frame to those of this one."""
-        motion: Matrix = self._to_image @ self._from_first
-        return motion
+        return not self.result.lost
 
     def follow(self, sight: Sight, scene: SceneNow) -> None:
         """Look whether it is to be seen in the next frame."""
@@ -77,10 +63,10 @@ class Resting:
             return
         self._mover.follow(sight, scene)
         if self._moving < _MOVES_FOR:
-            clear = self._result.lost and not self._mover.result.lost and self._mover.result.quality >= GOOD
+            clear = self.result.lost and not self._mover.result.lost and self._mover.result.quality >= GOOD
             self._moving = self._moving + 1 if clear else 0
         if self._moving >= _MOVES_FOR:
-            self._result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
+            self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
 
     def _look(self, sight: Sight, scene: SceneNow) -> None:
         if scene.change == "blank":
@@ -107,13 +93,13 @@ class Resting:
             self._lose(self._finding("tracking-region-covered", covered_share=covered), 1 - covered, roi)
             return
         self._light = float(np.median(own)), scene.light
-        self._result = TrackedRoi(roi, 1 - covered, False)
+        self.result = TrackedRoi(roi, 1 - covered, False)
 
     def look_again(self, sight: Sight, scene: SceneNow, predicted: list[Matrix]) -> None:
         """Search it, if it is known to move."""
         if self._moving >= _MOVES_FOR and self._mover is not None and not self._mover.seen:
             self._mover.look_again(sight, scene, predicted)
-            self._result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
+            self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
 
     def learn(self, sight: Sight) -> None:
         """Learn how what surrounds it looks."""
@@ -131,8 +117,5 @@ class Resting:
         most = _OFF_NOISE * noise + _OFF_LIGHT * middle
         return float(np.mean(np.abs(own - middle - self._texture * (middle / max(self._light[0], 1e-6))) > most))
 
-    def _finding(self, code: str, **values: FindingValue) -> Finding:
-        return warning(code, self._first.name, **values)
-
     def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
-        self._result = TrackedRoi(self._result.roi if roi is None else roi, quality, True, (reason,))
+        self.result = TrackedRoi(self.result.roi if roi is None else roi, quality, True, (reason,))

@@ -1,16 +1,14 @@
-"""What a tracker takes and returns, and the choice among the methods."""
+"""What is found of a region in each frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding
+from ..core.finding import Finding, FindingValue, warning
 from ..core.roi import Roi
+from .align.template import Template
+from .geometry import Matrix, inverse
 
 
 @dataclass(frozen=True)
@@ -47,38 +45,27 @@ class NotFollowedError(InputError):
         self.region = region
 
 
-class Tracker(Protocol):
-    """Follows regions through a video."""
+class Followed:
+    """A region and its template, with what is found of it in each frame.
 
-    def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
-        """Find the regions in the next frame; one result a region, in the order given at the start.
+    Parameters
+    ----------
+    template : Template
+        The region in the first frame.
+    """
 
-        Parameters
-        ----------
-        grey : ndarray of uint8 or uint16, shape (height, width)
-            The next frame, of the first one's size and type.
+    def __init__(self, template: Template) -> None:
+        self._template, self._first = template, template.roi
+        self._from_first = inverse(template.to_image)
+        self._to_image = template.to_image
+        #: Findings of this frame.
+        self.result = TrackedRoi(template.roi, 1.0, False)
 
-        Raises
-        ------
-        InputError
-            If the frame is of another type or size.
-        """
-        ...
+    @property
+    def motion(self) -> Matrix:
+        """Pixels of the first frame to those of the frame in which it was last seen."""
+        motion: Matrix = self._to_image @ self._from_first
+        return motion
 
-
-def grey_frame(
-    grey: NDArray[Any], shape: tuple[int, int] | None = None, dtype: np.dtype[Any] | None = None
-) -> NDArray[Any]:
-    """Check a frame, also for its `shape` and type if those are given, and return it."""
-    array = np.asarray(grey)
-    if array.ndim != 2 or array.dtype not in ((np.uint8, np.uint16) if dtype is None else (dtype,)):
-        raise InputError(
-            f"a frame to track in has shape {array.shape} and type {array.dtype}: give a grey image of two dimensions "
-            f"and type {'uint8 or uint16' if dtype is None else dtype}"
-        )
-    if shape is not None and array.shape != shape:
-        raise InputError(
-            f"a frame has {array.shape[1]} x {array.shape[0]} pixels, the first one had {shape[1]} x {shape[0]}: "
-            "start again where the size changes"
-        )
-    return array
+    def _finding(self, code: str, **values: FindingValue) -> Finding:
+        return warning(code, self._first.name, **values)

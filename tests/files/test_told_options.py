@@ -28,7 +28,7 @@ def codes(source):
 def given(options=None, **changes):
     """Options as the commands make them of what was typed."""
     nothing = dict.fromkeys(one.name for one in fields(PictureLightOptions))
-    return PictureLightOptions(**nothing | changes).over(options or PictureOptions())
+    return (options or PictureOptions()).given(**PictureLightOptions(**nothing | changes).stated())
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import pytest
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.files.formats.colour import decoded_table
 from labcdp.files.video.selection import Position
 from labcdp.regions import load_regions
 from labcdp.session import Session, example_session
@@ -37,8 +38,7 @@ def video(tmp_path: Path) -> Path:
 
 
 def opened(path: Path, at: str) -> PageImage:
-    conversion = picture_conversion(None, None, None)
-    return video_image(path, Position.parse(at, "--frame"), conversion, conversion.options)
+    return video_image(path, Position.parse(at, "--frame"), picture_conversion(None, None, None))
 
 
 @pytest.mark.parametrize(("at", "number"), [("0", 0), ("3", 3), ("0.2s", 2), ("0.15s", 2)])
@@ -48,6 +48,16 @@ def test_the_frame_that_was_asked_for(video: Path, at: str, number: int) -> None
     assert (image.luminance.luminance_cd_m2 == frame(number) / 256).all()
     assert (image.name, image.unit, image.size) == (f"drive.mkv, frame {number}", "relative", SHAPE[::-1])
     assert "relative-luminance" in {one.code for one in image.findings}
+
+
+def test_a_frame_is_converted_as_in_an_evaluation(tmp_path: Path) -> None:
+    path = tmp_path / "drive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, SHAPE[::-1])
+    writer.write(np.dstack([frame(1).astype(np.uint8)] * 3))
+    writer.release()
+    dn = opened(path, "0").values
+    light = decoded_table(8, "srgb").astype(np.float32)
+    assert np.array_equal(opened(path, "0").luminance.luminance_cd_m2, light[dn])
 
 
 def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:

@@ -76,11 +76,9 @@ class QuestionOptions:
             return None
         if self.over or self.changes:
             raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
-        conversion = light.conversion()
         return PictureQuestion(
             self.roi,
-            conversion,
-            light.over(conversion.options),
+            light.conversion(),
             tuple(light.inputs({"regions": self.roi})),
             None if self.contrast is None else (fraction_of_percent(self.contrast, "--contrast"),),
             fraction_of_percent(self.epsilon or "50%", "--epsilon"),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import typer
 
 from ...core.computer.processes import Processes, usable_cores
+from ...core.disk import real_path
 from ...core.errors import LabcdpError
 from ..terminal import say
 
@@ -32,6 +34,16 @@ class Failure:
 
     name: str
     reason: str
+
+
+def each_once(paths: Sequence[Path], what: str = "file") -> list[Path]:
+    """Return the paths without those of the same file as another one, and say so."""
+    found: dict[Path, Path] = {}
+    for path in paths:
+        first = found.setdefault(real_path(path), path)
+        if first is not path:
+            say(f"Note: {path} is the same {what} as {first} and is evaluated once")
+    return list(found.values())
 
 
 def worked_through(

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.disk import real_path
 from ...core.errors import InputError
 from ..options import contrasts_or_measured, parse_pair, parse_tolerance
 from ..output import Results
-from ..terminal import print_result, progress_bars, say
-from .batch import Failure, end_batch, worked_through
+from ..terminal import print_result, progress_bars
+from .batch import Failure, each_once, end_batch, worked_through
 from .picture_options import PairOptions, PictureLightOptions
 
 if TYPE_CHECKING:
-    from ...core.result import InputFile
-    from ...evaluate.picture.image import ImageEvaluation, ImageRequest
-    from ...evaluate.picture.light.picture import PictureConversion
+    from ...evaluate.picture.image import ImageRequest
+    from ...evaluate.picture.result import PictureTask
     from ...evaluate.picture.tables import ReportedPicture
-    from ...files.picture.read import PictureOptions
     from ...output import ResultsFolder
 
 
@@ -55,20 +53,29 @@ def image(
 
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
     """
-    from ...evaluate.picture.result import image_result, summary_files
+    from ...evaluate.picture.result import PictureTask, summary_files
+    from ...files.picture.read import picture_paths
 
-    request = _request(pairs, rectangle)
-    conversion = light.conversion()
-    options = light.over(conversion.options)
-    paths = _paths(files)
-    configuration = _configuration(request, conversion, pairs, light, options)
-    inputs = light.inputs({"regions": pairs.roi})
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
-    work = _Work(request, conversion, options, pairs.roi, pages, surface, configuration, inputs)
+    request, conversion = _request(pairs, rectangle), light.conversion()
+    paths, options = each_once(picture_paths(files)), conversion.options
+    given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
+    configuration = {
+        "contrasts": None if request.contrasts is None else list(request.contrasts),
+        "epsilon": request.epsilon,
+        "conversion": conversion.description,
+        "pairs": [list(one) for one in request.chosen_pairs],
+        "neighbours": request.neighbours,
+        "rectangle": request.rectangle,
+        "encoding": light.encoding,
+        **{name: None if path is None else str(path) for name, path in given.items()},
+        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
+    }
+    task = PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)
     with results.folder(context, files[0] if len(files) == 1 else "pictures") as folder:
-        pictures = _evaluated(paths, work, folder)
-        result = image_result(pictures, request, configuration, inputs)
+        pictures = _evaluated(paths, task, pages, surface, folder)
+        result = task.result(pictures)
         good = any(picture.evaluation is not None for picture in pictures)
         if good:
             folder.add(summary_files(pictures, result, conversion.description))
@@ -83,75 +90,18 @@ def image(
     end_batch(failures, len(pictures), "pictures")
 
 
-def _configuration(
-    request: ImageRequest,
-    conversion: PictureConversion,
-    pairs: PairOptions,
-    light: PictureLightOptions,
-    options: PictureOptions,
-) -> dict[str, object]:
-    files = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
-    return {
-        "contrasts": None if request.contrasts is None else list(request.contrasts),
-        "epsilon": request.epsilon,
-        "conversion": conversion.description,
-        "pairs": [list(one) for one in request.chosen_pairs],
-        "neighbours": request.neighbours,
-        "rectangle": request.rectangle,
-        "encoding": light.encoding,
-        **{name: None if path is None else str(path) for name, path in files.items()},
-        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
-    }
-
-
-@dataclass(frozen=True)
-class _Work:
-    """Evaluation of each picture."""
-
-    request: ImageRequest
-    conversion: PictureConversion
-    options: PictureOptions
-    roi: Path | None
-    pages: bool
-    surface: bool
-    configuration: dict[str, object]
-    inputs: list[InputFile]
-
-    def __call__(self, path: Path) -> tuple[ImageEvaluation, dict[str, bytes]]:
-        """Evaluate a picture and write its files."""
-        from ...evaluate.picture.image import evaluate_image
-        from ...evaluate.picture.result import image_result, picture_files
-        from ...evaluate.picture.tables import ReportedPicture
-        from ...files.picture.read import read_picture
-        from ...regions import load_regions
-
-        picture = read_picture(path, self.options)
-        height, width = picture.shape
-        if self.roi is not None:
-            # Reports regions outside the picture, or drawn on a picture of another size.
-            load_regions(self.roi, (width, height))
-        luminance = self.conversion.luminance(picture)
-        evaluation = evaluate_image(
-            picture, luminance, self.conversion.unit_of(picture), self.request, self.conversion.findings(picture)
-        )
-        if not self.pages:
-            return evaluation, {}
-        alone = [ReportedPicture(1, str(path), "", evaluation)]
-        result = image_result(alone, self.request, self.configuration, self.inputs)
-        files = picture_files(evaluation, picture, luminance, result, self.conversion.description, self.surface)
-        return evaluation, files
-
-
-def _evaluated(paths: Sequence[Path], work: _Work, results: ResultsFolder) -> list[ReportedPicture]:
+def _evaluated(
+    paths: Sequence[Path], task: PictureTask, pages: bool, surface: bool, results: ResultsFolder
+) -> list[ReportedPicture]:
     """Process the pictures and write their files."""
     from ...evaluate.picture.result import picture_folder
     from ...evaluate.picture.tables import ReportedPicture
 
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for index, made in worked_through(paths, work):
+        for index, made in worked_through(paths, partial(task.made, pages=pages, surface=surface)):
             path, number = paths[index], index + 1
-            folder = picture_folder(number, path) if len(paths) > 1 and work.pages else ""
+            folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
             if isinstance(made, Failure):
                 pictures[index] = ReportedPicture(number, str(path), folder, None, made.reason)
             else:
@@ -190,15 +140,3 @@ def _rectangle(text: str) -> tuple[int, int, int, int]:
             f"--rectangle is {text!r}: give two corner pixels x0,y0,x1,y1 as whole numbers, for example 100,50,299,149"
         ) from None
     return x0, y0, x1, y1
-
-
-def _paths(files: Sequence[Path]) -> list[Path]:
-    """Pictures to evaluate, each file once."""
-    from ...files.picture.read import picture_paths
-
-    found: dict[Path, Path] = {}
-    for path in picture_paths(files):
-        first = found.setdefault(real_path(path), path)
-        if first is not path:
-            say(f"Note: {path} is the same file as {first} and is evaluated once")
-    return list(found.values())

@@ -79,11 +79,10 @@ def image_map(
     from ...files.picture.read import read_picture
 
     settings, conversion = edges.settings(), light.conversion()
-    options = light.over(conversion.options)
     inputs = light.inputs({"reference": reference})
     with results.folder(context, file) as folder:
-        picture = read_picture(file, options)
-        scene = None if reference is None else conversion.luminance(read_picture(reference, options))
+        picture = read_picture(file, conversion.options)
+        scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
         found = contrast_map(conversion.luminance(picture), settings, scene)
         source = _source(picture, conversion, inputs)
         result = map_result(found, source)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ...evaluate.picture.light.picture import PictureConversion
     from ...evaluate.video.archive.evaluate import Workers
     from ...evaluate.video.settings import Reference
-    from ...files.picture.read import PictureOptions
     from ...files.video.selection import Selection
 
 
@@ -55,10 +54,10 @@ class LightOptions:
         """Load calibration or camera specification; raises InputError."""
         from ...evaluate.picture.light.picture import picture_conversion
 
-        return picture_conversion(self.calibration, self.camera_spec, self.encoding)
+        return picture_conversion(self.calibration, self.camera_spec, self.encoding).given(**self.stated())
 
     def stated(self) -> dict[str, Any]:
-        """Return exposure_s, gain_db and bit_depth, None for what is not given; raises InputError."""
+        """Return what is given about the files, None for what is not; raises InputError."""
         exposure_s = None if self.exposure is None else parse_seconds(self.exposure, "--exposure")
         return {"exposure_s": exposure_s, "gain_db": self.gain_db, "bit_depth": self.bit_depth}
 
@@ -79,18 +78,10 @@ class PictureLightOptions(LightOptions):
     )
     size: str | None = typer.Option(None, "--size", help="Width and height of raw dumps, for example 2464x2056.")
 
-    def over(self, options: PictureOptions) -> PictureOptions:
-        """Override the values of a calibration or camera specification, and of the files, by what is given.
-
-        Raises
-        ------
-        InputError
-            If a text cannot be read, or a value is not possible.
-        """
+    def stated(self) -> dict[str, Any]:
+        """Return what is given about the files, None for what is not; raises InputError."""
         size = None if self.size is None else _size(self.size)
-        values = {**self.stated(), "pixel_format": self.pixel_format, "size": size}
-        given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
-        return replace(options, **given, overrides=options.overrides | given.keys())
+        return {**super().stated(), "pixel_format": self.pixel_format, "size": size}
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from .rois_options import PageOptions, RegionFiles
 if TYPE_CHECKING:
     from ...core.result import Result
     from ...evaluate.picture.light.picture import PictureConversion
-    from ...files.picture.read import PictureOptions
     from ...regions import Shape
     from ...web.regions.drawing import Drawing
     from ...web.regions.files import DrawingFiles
@@ -59,8 +58,7 @@ def rois(
         raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
     _require_of_kind(file, frame, light.pixel_format or light.size)
     target = regions.target(context, file, shown.page)
-    conversion = light.conversion()
-    image = _image(file, frame, conversion, light.over(conversion.options))
+    image = _image(file, frame, light.conversion())
     files = DrawingFiles(target, image.size)
     found = () if detect is None else _found(image, detect)
     with locked(target) as tell_others:
@@ -104,7 +102,7 @@ def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> Non
         raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
 
 
-def _image(file: Path, frame: str | None, conversion: PictureConversion, options: PictureOptions) -> PageImage:
+def _image(file: Path, frame: str | None, conversion: PictureConversion) -> PageImage:
     from ...files.picture.read import read_picture
     from ...files.video.selection import Position
     from ...web.maps.dataset import dataset_image
@@ -114,8 +112,8 @@ def _image(file: Path, frame: str | None, conversion: PictureConversion, options
     if file.suffix.lower() == ".nc":
         return dataset_image(file)
     if is_video(file):
-        return video_image(file, Position.parse(frame or "0", "--frame"), conversion, options)
-    return PageImage.of(read_picture(file, options), conversion)
+        return video_image(file, Position.parse(frame or "0", "--frame"), conversion)
+    return PageImage.of(read_picture(file, conversion.options), conversion)
 
 
 def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "superpixels"]) -> tuple[Shape, ...]:

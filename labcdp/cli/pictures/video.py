@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ...core.disk import real_path
 from ...core.errors import LabcdpError
 from ..options import contrasts_or_measured, parse_tolerance
 from ..output import Results, show_page
 from ..terminal import print_result, progress_bars, say
+from .batch import each_once
 from .picture_options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
 
 if TYPE_CHECKING:
@@ -217,14 +217,7 @@ def _paths(files: Sequence[Path]) -> list[Path]:
     """Videos to evaluate, each once."""
     from ...files.video.open import left_out, video_paths
 
-    found: dict[Path, Path] = {}
     for given in files:
-        paths = video_paths([given])
-        if paths != [given]:
-            for folder in left_out(given):
-                say(f"Note: {folder} contains images and is left out, as {given} contains videos: give {folder} itself")
-        for path in paths:
-            first = found.setdefault(real_path(path), path)
-            if first is not path:
-                say(f"Note: {path} is the same video as {first} and is evaluated once")
-    return list(found.values())
+        for folder in left_out(given) if video_paths([given]) != [given] else ():
+            say(f"Note: {folder} contains images and is left out, as {given} contains videos: give {folder} itself")
+    return each_once(video_paths(files), "video")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core.result import InputFile, Result
-from ...files.picture.read import PictureOptions, read_picture
+from ...files.picture.read import read_picture
 from ...regions import load_regions, rois_of
 from ..picture.image import ImageRequest, evaluate_image
 from ..picture.light.picture import PictureConversion
@@ -24,8 +24,6 @@ class PictureQuestion:
         File with their regions.
     conversion : PictureConversion
         How values become luminance.
-    options : PictureOptions
-        What files may not state.
     inputs : tuple of InputFile
         Regions, and calibration or camera specification.
     contrasts : tuple of float or None
@@ -36,20 +34,18 @@ class PictureQuestion:
 
     regions: Path
     conversion: PictureConversion
-    options: PictureOptions
     inputs: tuple[InputFile, ...]
     contrasts: tuple[float, ...] | None = None
     epsilon: float = 0.5
 
     def evaluate(self, path: Path) -> Result:
         """Evaluate a picture; raises InputError as `read_picture` and `evaluate_image`, or if regions lie outside."""
-        picture = read_picture(path, self.options)
+        picture = read_picture(path, self.conversion.options)
         height, width = picture.shape
         rois = rois_of(load_regions(self.regions, (width, height)))
         request = ImageRequest(self.contrasts, self.epsilon, rois)
-        found = self.conversion.findings(picture)
-        unit, luminance = self.conversion.unit_of(picture), self.conversion.luminance(picture)
-        evaluation = evaluate_image(picture, luminance, unit, request, found)
+        luminance, unit = self.conversion.luminance(picture), self.conversion.unit_of(picture)
+        evaluation = evaluate_image(picture, luminance, unit, request, self.conversion.findings(picture))
         settings = {
             "conversion": self.conversion.description,
             "exposure_s": evaluation.exposure_s,

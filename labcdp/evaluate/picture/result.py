@@ -4,27 +4,71 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.finding import Finding, error, unique
 from ...core.result import InputFile, Result
+from ...files.picture.read import read_picture
+from ...regions import load_regions
 from ...report.envelope import envelope_json
 from ...report.sheets import result_workbook
 from .figures import image_figures
-from .image import ImageRequest
+from .image import ImageEvaluation, ImageRequest, evaluate_image
+from .light.picture import PictureConversion
 from .page import overview_page, picture_page
 from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
-    from ...files.picture.read import Picture
-    from .image import ImageEvaluation
+    from ...files.picture.picture import Picture
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1
+
+
+@dataclass(frozen=True)
+class PictureTask:
+    """How pictures are evaluated; can be sent to another process.
+
+    Parameters
+    ----------
+    request : ImageRequest
+        What is asked.
+    conversion : PictureConversion
+        How values become luminance.
+    configuration : mapping
+        What the command was given.
+    inputs : tuple of InputFile
+        Files other than the pictures, such as regions and calibration.
+    regions : Path or None
+        File of the regions: those outside a picture, or drawn on one of another size, are refused.
+    """
+
+    request: ImageRequest
+    conversion: PictureConversion
+    configuration: Mapping[str, Any]
+    inputs: tuple[InputFile, ...] = ()
+    regions: Path | None = None
+
+    def made(self, path: Path, *, pages: bool, surface: bool) -> tuple[ImageEvaluation, dict[str, bytes]]:
+        """Evaluate a picture; return its page with figures, and with its surface, by the names of their files."""
+        picture = read_picture(path, self.conversion.options)
+        height, width = picture.shape
+        if self.regions is not None:
+            load_regions(self.regions, (width, height))
+        luminance, unit = self.conversion.luminance(picture), self.conversion.unit_of(picture)
+        evaluation = evaluate_image(picture, luminance, unit, self.request, self.conversion.findings(picture))
+        if not pages:
+            return evaluation, {}
+        result = self.result([ReportedPicture(1, str(path), "", evaluation)])
+        return evaluation, picture_files(evaluation, picture, luminance, result, self.conversion.description, surface)
+
+    def result(self, pictures: Sequence[ReportedPicture]) -> Result:
+        """Return the result of one or several pictures, in the order they were given."""
+        return image_result(pictures, self.request, self.configuration, self.inputs)
 
 
 def image_result(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,10 @@ from ...core.disk.journal import Row, recorded_head
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
 from ...core.result import InputFile
+from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.regions.pair import require_apart
-from ..picture.light.converters import Calibrated
-from ..picture.light.picture import PictureConversion
+from ..picture.light.picture import Calibrated, PictureConversion
 from .settings import ReferenceContrast, VideoSettings, make_reference
 
 #: Name of the journal in the folder of the results.
@@ -55,6 +55,20 @@ def package_versions() -> dict[str, str]:
     return {name: version(name) for name in _PACKAGES}
 
 
+def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource, PictureConversion]:
+    """Open a video, with the conversion of its frames.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened, or does not state an exposure that is needed.
+    """
+    source = open_video(path, conversion.options)
+    if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
+        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
+    return source, replace(conversion, options=replace(conversion.options, encoding=source.encoding))
+
+
 def require_regions(source: VideoSource, settings: VideoSettings) -> None:
     """Refuse regions that cannot be those of any frame, before the first one."""
     if not settings.rois:
@@ -74,7 +88,7 @@ def conversion_findings(conversion: PictureConversion, source: VideoSource) -> t
     """Return what there is to know about the luminance of a video's frames."""
     found = [info("relative-luminance")] if conversion.unit == "relative" else []
     if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
-        calibrated = isinstance(conversion.converter, Calibrated)
+        calibrated = isinstance(conversion, Calibrated)
         found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
     return tuple(found)
 

@@ -15,13 +15,12 @@ from ...core.disk.quoting import shown
 from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ...core.result import InputFile
-from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.regions.pair import size_findings
 from ...output import Destination, open_results
 from ...report.findings import finding_text
 from ..picture.light.picture import PictureConversion, picture_conversion
-from .checks import JOURNAL, conversion_findings, evaluation_head, require_regions
+from .checks import JOURNAL, conversion_findings, evaluation_head, opened_video, require_regions
 from .dataset import VideoRows, as_json
 from .findings import VideoFindings, recorded
 from .rows import is_end, variables
@@ -164,17 +163,12 @@ def evaluated_parts(
 
 def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, PictureConversion]:
     """Open a video, with the conversion of its frames."""
-    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding)
-    options_given = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
-    given: dict[str, Any] = {name: value for name, value in options_given.items() if value is not None}
-    options = replace(conversion.options, **given, overrides=conversion.options.overrides | given.keys())
     if not isinstance(path, str | Path):
         raise InputError(f"the video is {shown(path)}: give the path of a file")
-    source = open_video(Path(path), replace(options, damaged=settings.damaged))
-    conversion = replace(conversion, options=replace(conversion.options, encoding=source.encoding))
-    if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:
-        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
-    return source, conversion
+    stated = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
+    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding).given(**stated)
+    conversion = replace(conversion, options=replace(conversion.options, damaged=settings.damaged))
+    return opened_video(Path(path), conversion)
 
 
 @contextmanager

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.disk.quoting import shown
 from ...core.errors import InputError
 from ...core.finding import Finding, warning
 from ...core.frame import CameraIdentity, Frame
@@ -17,9 +18,6 @@ from ...core.luminance import LuminanceMap
 from ...core.pixel_format import pixel_format
 from ..formats.colour import Encoding
 from ..formats.stored_image import MAX_PIXELS
-
-if TYPE_CHECKING:
-    pass  # own
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +138,15 @@ class PictureOptions:
             raise InputError(f"the size is {self.size[0]} x {self.size[1]} pixels: give at least 1 x 1")
         if self.max_pixels < 1:
             raise InputError(f"the limit is {self.max_pixels} pixels: give at least 1")
+
+    def given(self, **values: Any) -> Self:
+        """Return options with what the user states, which counts before what files say; None states nothing."""
+        for name in ("exposure_s", "gain_db", "bit_depth"):
+            value = values.get(name)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
+                raise InputError(f"{name} is {shown(value)}: give a number")
+        stated = {name: value for name, value in values.items() if value is not None}
+        return replace(self, **stated, overrides=self.overrides | stated.keys())
 
 
 #: Difference that rounding explains: 1/60 s as 16.7 ms; an ISO speed in steps of a third.

@@ -16,14 +16,12 @@ import numpy as np
 
 from ...core.disk import file_sha256, require_regular
 from ...core.errors import InputError
-from ...core.finding import Finding
 from ...core.frame import Frame
-from ..formats.colour import Encoding
 from ..picture.picture import unused_options
 from ..picture.read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
-from .source import Entry, require_frames
+from .source import Entry, VideoSource, require_frames
 
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
 _LOOKED_AT, _MOST_BROKEN = 3, 300
@@ -35,68 +33,26 @@ _CONTAINERS = (
 
 
 @dataclass(frozen=True, eq=False)
-class VideoFile:
-    """A video file; made by `open_video_file`.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    shape : (int, int)
-        Height and width of its frames.
-    frame_count : int or None
-        As the file announces it.
-    frame_rate : float or None
-        As the file announces it.
-    pixels : Pixels
-        What its numbers are.
-    options : PictureOptions
-        What the file does not say.
-    modified : datetime
-        Time of the file.
-    findings : tuple of Finding
-        What was done to the pixels, and what a user should know about them.
-    """
+class _Frames:
+    """Frames of a file, by what its numbers are and what it does not say."""
 
     path: Path
     shape: tuple[int, int]
-    frame_count: int | None
     frame_rate: float | None
     pixels: Pixels
     options: PictureOptions
     modified: datetime
-    findings: tuple[Finding, ...]
-
-    @cached_property
-    def sha256(self) -> str:
-        """Hash of its bytes."""
-        return file_sha256(self.path, "a file you can read")
-
-    @property
-    def exposure_stated(self) -> bool:
-        """Never: no container says it."""
-        return False
-
-    @property
-    def encoding(self) -> Encoding:
-        """Encoding of the DN of its frames."""
-        return self.pixels.encoding
 
     def entries(self) -> Iterator[Entry]:
         """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
         with _opened(self.path, self.options.max_pixels) as container:
-            for shown in shown_frames(container, self.shape_in_file, self.frame_rate):
+            for shown in shown_frames(container, self.shape, self.frame_rate):
                 fault, note = shown.fault, None
                 if fault is not None and self.options.damaged and shown.frame is not None:
                     fault, note = None, fault
-                yield Entry(shown.number, shown.time_s, fault, partial(self._frame, shown), note)
+                yield Entry(shown.number, shown.time_s, fault, partial(self.frame, shown), note)
 
-    @property
-    def shape_in_file(self) -> tuple[int, int]:
-        """Height and width as they are stored."""
-        return self.shape if self.pixels.orientation <= 4 else (self.shape[1], self.shape[0])
-
-    def _frame(self, shown: Shown) -> Frame:
+    def frame(self, shown: Shown) -> Frame:
         if shown.frame is None:
             raise InputError("it cannot be decoded")
         dn, clipped = self.pixels.dn(shown.frame)
@@ -117,7 +73,7 @@ class VideoFile:
         return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
 
 
-def open_video_file(path: Path, options: PictureOptions) -> VideoFile:
+def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     """Open a video file.
 
     Of grey pictures Y' is taken as it is stored, stretched if its range is limited; colours become linear luminance as
@@ -155,19 +111,22 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoFile:
         except InputError as error:
             raise InputError(f"{path}: {error}" if str(error).startswith("its") else f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width
-    found = VideoFile(
+    modified = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    frame_rate = rate if isfinite(rate) and rate > 0 else None
+    found = _Frames(path, (height, width), frame_rate, pixels, options, modified)
+    # Options that do not fit fail at once, and not once for each frame.
+    frame = found.frame(Shown(0, 0.0, frames[0], None))
+    return VideoSource(
         path=path,
         shape=(height, width) if pixels.orientation <= 4 else (width, height),
         frame_count=count or None,
-        frame_rate=rate if isfinite(rate) and rate > 0 else None,
-        pixels=pixels,
-        options=options,
-        modified=datetime.fromtimestamp(path.stat().st_mtime, UTC),
-        findings=tuple(findings),
+        frame_rate=frame_rate,
+        exposure_stated=False,
+        encoding=pixels.encoding,
+        findings=(*findings, *unused_options(frame, pixels.bits, options)),
+        entries=found.entries,
+        hashed=partial(file_sha256, path, "a file you can read"),
     )
-    # Options that do not fit fail at once, and not once for each frame.
-    frame = found._frame(Shown(0, 0.0, frames[0], None))
-    return replace(found, findings=(*found.findings, *unused_options(frame, pixels.bits, options)))
 
 
 @contextmanager

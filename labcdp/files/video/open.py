@@ -43,7 +43,7 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
         from ...session.journal_text import JOURNAL
 
         if (path / JOURNAL).is_file():
-            from .session import open_session_video
+            from .sequence import open_session_video
 
             return open_session_video(path, options)
         from .sequence import open_sequence

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -15,15 +15,16 @@ import numpy as np
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...core.finding import Finding, info
+from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
+from ...session import FrameRecord, Session
 from ..file_frame import picture_bytes
-from ..formats.colour import Encoding, decoded_table
+from ..formats.colour import decoded_table
 from ..formats.tiff import count_pictures
 from ..picture.frame import guessed_scale
-from ..picture.picture import Picture, PictureOptions
+from ..picture.picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..picture.read import picture_paths, read_page, read_picture
-from .source import Entry, require_frames
+from .source import Entry, VideoSource, require_frames
 
 #: Largest number in a name that can be one of a frame; others are times or dates.
 _MOST_NUMBER = 10_000_000
@@ -31,84 +32,7 @@ _MOST_NUMBER = 10_000_000
 _LOOKED_AT = 9
 
 
-@dataclass(frozen=True, eq=False)
-class ImageSequence:
-    """Images, one a frame; made by `open_sequence` and `open_stack`.
-
-    Parameters
-    ----------
-    path : Path
-        Folder or file.
-    sha256 : str
-        Hash of all that decides the pixels.
-    numbers : tuple of int
-        Number of the frame of each image: that in its name, so that what is missing in between is a gap.
-    read : function of (int, PictureOptions)
-        Read an image by its place.
-    first : Picture
-        The first one that can be read, or that is coloured.
-    options : PictureOptions
-        What the images do not say, with one scale of DN for all.
-    findings : tuple of Finding
-        What was done to the pixels, and what a user should know about them.
-    """
-
-    path: Path
-    sha256: str
-    numbers: tuple[int, ...]
-    read: Callable[[int, PictureOptions], Picture]
-    first: Picture
-    options: PictureOptions
-    findings: tuple[Finding, ...]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of the first image."""
-        return self.first.shape
-
-    @property
-    def exposure_stated(self) -> bool:
-        """Whether the first image says its exposure."""
-        return self.first.exposure_stated
-
-    @property
-    def encoding(self) -> Encoding:
-        """How the DN of the frames are encoded."""
-        return "linear" if self.first.coloured else self.first.encoding
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames up to the last image, gaps included."""
-        return self.numbers[-1] + 1
-
-    @property
-    def frame_rate(self) -> float:
-        """One a second: the images do not say it, so that time is their number."""
-        return 1.0
-
-    def entries(self) -> Iterator[Entry]:
-        """Go through all images."""
-        for at, number in enumerate(self.numbers):
-            yield Entry(number, float(number - self.numbers[0]), None, partial(self._load, at, number))
-
-    def _load(self, at: int, number: int) -> Frame:
-        picture = self.read(at, self.options)
-        if picture.frame is None:
-            raise InputError("it holds floats: a video is evaluated from the values of a camera")
-        frame = picture.frame
-        if picture.encoding != self.first.encoding or (picture.coloured and not self.first.coloured):
-            raise InputError("it is coloured or encoded in another way than the first image")
-        if self.first.coloured and not picture.coloured:
-            # Without colour, such as a black one.
-            light = np.rint(65535 * decoded_table(frame.bit_depth, picture.encoding)).astype(np.uint16)
-            frame = replace(
-                frame, dn=light[frame.dn], bit_depth=16, saturation_dn=65535.0, pixel_format="Mono16",
-                clipped=frame.saturated,
-            )  # fmt: skip
-        return replace(frame, frame_id=number)
-
-
-def open_sequence(folder: Path, options: PictureOptions) -> ImageSequence:
+def open_sequence(folder: Path, options: PictureOptions) -> VideoSource:
     """Open a folder of images as a video.
 
     Parameters
@@ -140,7 +64,7 @@ def open_sequence(folder: Path, options: PictureOptions) -> ImageSequence:
     )
 
 
-def open_stack(path: Path, options: PictureOptions) -> ImageSequence:
+def open_stack(path: Path, options: PictureOptions) -> VideoSource:
     """Open a TIFF of several pictures as a video; raises InputError as `open_sequence`."""
     data, sha256 = picture_bytes(path, options.max_pixels)
     n = count_pictures(data, path)
@@ -157,7 +81,7 @@ def _sequence(
     read: Callable[[int, PictureOptions], Picture],
     options: PictureOptions,
     found: tuple[Finding, ...],
-) -> ImageSequence:
+) -> VideoSource:
     looked_at: dict[int, Picture] = {}
     for at in dict.fromkeys(int(one) for one in np.linspace(0, len(numbers) - 1, min(_LOOKED_AT, len(numbers)))):
         looked_at |= _read(read, at, options)
@@ -166,7 +90,42 @@ def _sequence(
     require_frames(bool(looked_at), path)
     guessed, options = _one_scale(list(looked_at.values()), options)
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
-    return ImageSequence(path, sha256, numbers, read, first, options, (*found, *first.findings, *guessed))
+
+    def load(at: int) -> Frame:
+        return _alike(read(at, options), first, numbers[at])
+
+    def entries() -> Iterator[Entry]:
+        return (Entry(number, float(number - numbers[0]), None, partial(load, at)) for at, number in enumerate(numbers))
+
+    return VideoSource(
+        path=path,
+        shape=first.shape,
+        frame_count=numbers[-1] + 1,
+        # One a second: the images do not say it, so that time is their number.
+        frame_rate=1.0,
+        exposure_stated=first.exposure_stated,
+        encoding="linear" if first.coloured else first.encoding,
+        findings=(*found, *first.findings, *guessed),
+        entries=entries,
+        hashed=lambda: sha256,
+    )
+
+
+def _alike(picture: Picture, first: Picture, number: int) -> Frame:
+    """Frame of an image, of the same kind as the first one."""
+    if picture.frame is None:
+        raise InputError("it holds floats: a video is evaluated from the values of a camera")
+    frame = picture.frame
+    if picture.encoding != first.encoding or (picture.coloured and not first.coloured):
+        raise InputError("it is coloured or encoded in another way than the first image")
+    if first.coloured and not picture.coloured:
+        # Without colour, such as a black one.
+        light = np.rint(65535 * decoded_table(frame.bit_depth, picture.encoding)).astype(np.uint16)
+        frame = replace(
+            frame, dn=light[frame.dn], bit_depth=16, saturation_dn=65535.0, pixel_format="Mono16",
+            clipped=frame.saturated,
+        )  # fmt: skip
+    return replace(frame, frame_id=number)
 
 
 def _read(read: Callable[[int, PictureOptions], Picture], at: int, options: PictureOptions) -> dict[int, Picture]:
@@ -205,3 +164,60 @@ def _digest(path: Path) -> bytes:
         return bytes.fromhex(file_sha256(path, "an image"))
     except InputError:
         return b""
+
+
+def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
+    """Open the light frames of a session, in the order they were recorded.
+
+    Parameters
+    ----------
+    path : Path
+        The session's folder.
+    options : PictureOptions
+        Of these only encoding, and exposure and gain count that the user gave.
+
+    Raises
+    ------
+    SessionError
+        If the session was altered.
+    InputError
+        If it has no light frames.
+    """
+    session = Session.open(path)
+    records = tuple(session.frames("light"))
+    if not records:
+        raise InputError(f"{path} is a session without light frames: resume the acquisition")
+
+    def time_s(record: FrameRecord) -> float:
+        return (record.time - records[0].time).total_seconds()
+
+    def load(record: FrameRecord) -> Frame:
+        return overridden_frame(session.load(record), options)
+
+    def entries() -> Iterator[Entry]:
+        return (Entry(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
+
+    lasted = time_s(records[-1])
+    return VideoSource(
+        path=path,
+        shape=records[0].shape,
+        frame_count=len(records),
+        frame_rate=(len(records) - 1) / lasted if lasted > 0 else None,
+        exposure_stated=True,
+        encoding=options.encoding or "linear",
+        findings=_findings(records, options),
+        entries=entries,
+        hashed=lambda: hashlib.sha256("".join(one.file.sha256 for one in records).encode()).hexdigest(),
+    )
+
+
+def _findings(records: Sequence[FrameRecord], options: PictureOptions) -> tuple[Finding, ...]:
+    """Where the times come from; exposures and gains that were given instead, or differ, which looks like light."""
+    settings = {(record.exposure_s, record.gain_db) for record in records}
+    found = [info("session-frames")]
+    found += [finding for setting in sorted(settings) for finding in contradictions(*setting, options)]
+    if "bit_depth" in options.overrides:
+        found.append(warning("session-bit-depth"))
+    if len(settings) > 1:
+        found.append(warning("session-settings-differ"))
+    return tuple(found)

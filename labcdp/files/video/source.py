@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,43 +75,46 @@ class VideoFrame:
         return grey_of(self.frame)
 
 
-class VideoSource(Protocol):
-    """A video; each iteration begins at its first frame."""
+@dataclass(frozen=True, eq=False)
+class VideoSource:
+    """A video, whatever it is read from.
 
-    @property
-    def path(self) -> Path:
-        """File or folder."""
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+    shape : (int, int)
+        Height and width of the frames in pixels.
+    frame_count : int or None
+        Number of frames as the file announces it, which may be wrong; None if it does not.
+    frame_rate : float or None
+        Frames per second as the file announces it, or None.
+    exposure_stated : bool
+        Whether the frames say their exposure themselves.
+    encoding : {'linear', 'srgb', 'bt709'}
+        How the DN of the frames are encoded.
+    findings : tuple of Finding
+        What was done to the pixels, and what a user should know about them.
+    entries : callable
+        Goes through all frames; each time from the first one on.
+    hashed : callable
+        Makes the hash of all that decides the pixels.
+    """
 
-    @property
+    path: Path
+    shape: tuple[int, int]
+    frame_count: int | None
+    frame_rate: float | None
+    exposure_stated: bool
+    encoding: Encoding
+    findings: tuple[Finding, ...]
+    entries: Callable[[], Iterator[Entry]]
+    hashed: Callable[[], str]
+
+    @cached_property
     def sha256(self) -> str:
         """Hash of all that decides the pixels."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of the frames in pixels."""
-
-    @property
-    def frame_count(self) -> int | None:
-        """Number of frames as the file announces it, which may be wrong; None if it does not."""
-
-    @property
-    def frame_rate(self) -> float | None:
-        """Frames per second as the file announces it, or None."""
-
-    @property
-    def exposure_stated(self) -> bool:
-        """Whether the frames say their exposure themselves."""
-
-    @property
-    def encoding(self) -> Encoding:
-        """How the DN of the frames are encoded."""
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was done to the pixels, and what a user should know about them."""
-
-    def entries(self) -> Iterator[Entry]:
-        """Go through all frames."""
+        return self.hashed()
 
 
 def grey_of(frame: Frame) -> NDArray[np.uint8]:

@@ -13,7 +13,6 @@ from .page_image import PageImage
 if TYPE_CHECKING:
     from ...core.frame import Frame
     from ...evaluate.picture.light.picture import PictureConversion
-    from ...files.picture.read import PictureOptions
     from ...files.video.selection import Position
     from ...files.video.source import VideoSource
 
@@ -25,7 +24,7 @@ def is_video(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES
 
 
-def video_image(path: Path, at: Position, conversion: PictureConversion, options: PictureOptions) -> PageImage:
+def video_image(path: Path, at: Position, conversion: PictureConversion) -> PageImage:
     """Convert a frame of a video as in an evaluation.
 
     Parameters
@@ -35,9 +34,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion, options
     at : Position
         Which frame; for a time, the first one at or after it.
     conversion : PictureConversion
-        Conversion from DN to light.
-    options : PictureOptions
-        Camera settings missing in the video.
+        Conversion from DN to light, with camera settings missing in the video.
 
     Raises
     ------
@@ -46,12 +43,9 @@ def video_image(path: Path, at: Position, conversion: PictureConversion, options
     CalibrationError
         If the calibration is for another camera.
     """
-    from ...evaluate.video.checks import conversion_findings
-    from ...files.video.open import open_video
+    from ...evaluate.video.checks import conversion_findings, opened_video
 
-    source = open_video(path, options)
-    if conversion.unit == "cd/m^2" and options.exposure_s is None and not source.exposure_stated:
-        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
+    source, conversion = opened_video(path, conversion)
     number, frame = _frame(source, at)
     return PageImage(
         name=f"{path.name or path.resolve().name}, frame {number}",

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from ....core.errors import CalibrationError, InputError
-from ....core.finding import Finding, info
+from ....core.finding import Finding, info, warning
 from ....core.frame import Frame
 from ....core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ....core.pixel_format import PIXEL_FORMATS
 from ....files.formats.colour import Encoding
 from ....files.picture.picture import Picture
 from ....files.picture.read import PictureOptions
-from .converters import Calibrated, Converter, Relative, Specified
+from .dn_tables import relative_light, specified_light
 
 if TYPE_CHECKING:
     from ....calibration import AnyCalibration
+    from .camera_specification import CameraSpecification
 
 Unit = Literal["cd/m^2", "relative"]
+#: Relative difference of f-numbers that rounding explains.
+_F_NUMBER_REL = 0.01
 
 
 @dataclass(frozen=True)
@@ -36,14 +40,31 @@ class PictureConversion:
         What it rests on, for reports.
     options : PictureOptions
         What pictures to be converted are taken to be where their files do not say.
-    converter : Converter
-        The way from DN.
+
+    Notes
+    -----
+    This one gives relative values; a calibration and guessed parameters of a camera have conversions of their own.
     """
 
     unit: Unit
     description: str
     options: PictureOptions
-    converter: Converter
+
+    def given(self, **values: Any) -> Self:
+        """Return the same for pictures of which the user states something; see `PictureOptions.given`."""
+        return replace(self, options=self.options.given(**values))
+
+    def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
+        """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
+        return relative_light(frame, encoding).map_of(frame, window)
+
+    def _refusal(self, picture: Picture) -> str | None:
+        """Why a picture of DN cannot be converted, None if it can."""
+        return None
+
+    def _findings(self, picture: Picture) -> list[Finding]:
+        """Return what a user should know about the result."""
+        return _of_file(picture, None)
 
     def unit_of(self, picture: Picture) -> Unit:
         """Return the unit of the map of a picture."""
@@ -68,7 +89,7 @@ class PictureConversion:
             raise InputError(f"{picture.path} does not state its exposure time: give it with --exposure")
         encoding: Encoding = "linear" if picture.coloured else picture.encoding
         try:
-            return self.converter.luminance(frame, encoding, WHOLE, picture.f_number)
+            return self._map(frame, encoding, WHOLE, picture.f_number)
         except CalibrationError as error:
             raise CalibrationError(f"{picture.path}: {error}") from error
 
@@ -84,7 +105,7 @@ class PictureConversion:
         """
         if picture.frame is None:
             raise InputError(f"{picture.path} holds no DN, but floats: give a picture as the camera recorded it")
-        reason = self.converter.refusal(picture)
+        reason = self._refusal(picture)
         if reason is not None:
             raise CalibrationError(f"{picture.path}: {reason}")
         return picture.frame
@@ -94,7 +115,7 @@ class PictureConversion:
         if picture.light_is_cd_m2:
             unused = [info("conversion-ignored", conversion=self.description)] if self.unit == "cd/m^2" else []
             return (*picture.findings, *unused)
-        found = [] if picture.frame is None else self.converter.findings(picture)
+        found = [] if picture.frame is None else self._findings(picture)
         if self.unit == "relative":
             found.insert(0, info("relative-luminance"))
         elif picture.frame is not None and not picture.exposure_stated:
@@ -116,7 +137,7 @@ class PictureConversion:
         CalibrationError
             If the frame is not of the camera, setting or size the calibration is for.
         """
-        return self.converter.luminance(frame, self.options.encoding or "linear", window or WHOLE, None)
+        return self._map(frame, self.options.encoding or "linear", window or WHOLE, None)
 
     def _of_floats(self, picture: Picture) -> LuminanceMap:
         assert picture.light is not None
@@ -129,12 +150,76 @@ class PictureConversion:
         return LuminanceMap(picture.light, np.zeros_like(picture.light), (), invalid)
 
 
-def picture_conversion(calibration: Path | None, camera: Path | None, encoding: Encoding | None) -> PictureConversion:
-    """Conversion by a calibration file, by a camera specification in TOML, or by neither: relative values.
+@dataclass(frozen=True)
+class Calibrated(PictureConversion):
+    """By a calibration."""
+
+    calibration: AnyCalibration
+
+    def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
+        return self.calibration.to_luminance(frame, window)
+
+    def _refusal(self, picture: Picture) -> str | None:
+        if picture.coloured:
+            return (
+                "it is coloured, and the calibration is for the DN of the sensor: give the picture as the camera "
+                "recorded it, grey or RAW"
+            )
+        stated, own = picture.f_number, self.calibration.lens.f_number
+        if stated is None or isclose(stated, own, rel_tol=_F_NUMBER_REL):
+            return None
+        use = "use this f-number, or calibrate the other"
+        return f"it was taken with f/{stated:g}, the calibration is for f/{own:g}: {use}"
+
+    def _findings(self, picture: Picture) -> list[Finding]:
+        found = []
+        if not picture.camera_stated:
+            found.append(warning("camera-assumed", camera=str(self.calibration.state.camera)))
+        return found + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
+
+
+@dataclass(frozen=True)
+class _Specified(PictureConversion):
+    """By guessed parameters."""
+
+    specification: CameraSpecification
+
+    def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
+        return specified_light(self.specification, frame, encoding, f_number).map_of(frame, window)
+
+    def _findings(self, picture: Picture) -> list[Finding]:
+        assert picture.frame is not None
+        found, own = [warning("camera-guessed")], self.specification
+        stated = picture.f_number
+        if stated is not None and not isclose(stated, own.f_number, rel_tol=_F_NUMBER_REL):
+            found.append(warning("f-number-differs", stated=stated, specified=own.f_number))
+        if own.glare_fraction > 0 and picture.frame.saturated.any():
+            found.append(warning("glare-underestimated"))
+        return found + _of_file(picture, own.adc_bits)
+
+
+def _of_file(picture: Picture, adc_bits: int | None) -> list[Finding]:
+    """Return what is assumed about a file without a calibration."""
+    assert picture.frame is not None
+    found = []
+    if picture.encoding != "linear":
+        found.append(warning("srgb-assumed"))
+    bits = picture.frame.bit_depth
+    if adc_bits is not None and not picture.coloured and bits != adc_bits:
+        found.append(info("bits-scaled", bits=bits, adc_bits=adc_bits))
+    if picture.frame.colour_filter is not None:
+        found.append(info("green-pixels-only"))
+    return found
+
+
+def picture_conversion(
+    calibration: Path | AnyCalibration | None, camera: Path | None, encoding: Encoding | None
+) -> PictureConversion:
+    """Conversion by a calibration, by a camera specification in TOML, or by neither: relative values.
 
     Parameters
     ----------
-    calibration, camera : Path or None
+    calibration, camera : Path, or a calibration, or None
         At most one of them.
     encoding : {'linear', 'srgb'} or None
         How values are encoded; None for what each file suggests, or the camera specification says.
@@ -144,30 +229,40 @@ def picture_conversion(calibration: Path | None, camera: Path | None, encoding: 
     InputError
         If both are given, one cannot be read, or an encoding is given in addition to a calibration, which has its own.
     """
-    if calibration is not None and camera is not None:
-        raise InputError("a calibration and a camera specification are given: give one")
-    if calibration is not None:
-        return _by_calibration(calibration, encoding)
+    stated = PictureOptions().given(encoding=encoding)
+    if calibration is None and camera is None:
+        return PictureConversion("relative", "relative values, proportional to light", stated)
+    if calibration is None:
+        assert camera is not None
+        # Only where it is used, as is the calibration: they take longer to load than a small picture to evaluate.
+        from .camera_specification import load_camera_specification
+
+        specification = load_camera_specification(camera)
+        description = f"guessed camera parameters of {camera.name} ({specification.name})"
+        options = replace(
+            stated,
+            exposure_s=specification.exposure_s,
+            gain_db=specification.gain_db,
+            bit_depth=specification.adc_bits,
+            encoding=encoding or specification.encoding,
+        )
+        return _Specified("cd/m^2", description, options, specification)
     if camera is not None:
-        return _by_specification(camera, encoding)
-    options = PictureOptions(encoding=encoding, overrides=_overrides(encoding))
-    return PictureConversion("relative", "relative values, proportional to light", options, Relative())
-
-
-def _by_calibration(path: Path, encoding: Encoding | None) -> PictureConversion:
-    from ....calibration import load_any
-
+        raise InputError("a calibration and a camera specification are given: give one")
     if encoding not in (None, "linear"):
         raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
-    return calibrated_conversion(load_any(path), path.name, encoding)
+    from ....calibration import load_any
+
+    name = calibration.name if isinstance(calibration, Path) else "in memory"
+    loaded = load_any(calibration) if isinstance(calibration, Path) else calibration
+    return calibrated_conversion(loaded, name, stated)
 
 
-def calibrated_conversion(
-    loaded: AnyCalibration, name: str, encoding: Literal["linear"] | None = None
-) -> PictureConversion:
+def calibrated_conversion(loaded: AnyCalibration, name: str, stated: PictureOptions | None = None) -> Calibrated:
     """Conversion by a calibration that was loaded from the file `name`."""
     state = loaded.state
-    options = PictureOptions(
+    options = replace(
+        stated or PictureOptions(),
         exposure_s=loaded.exposures_s[0] if len(loaded.exposures_s) == 1 else None,
         gain_db=state.gain_db,
         camera=state.camera,
@@ -175,28 +270,6 @@ def calibrated_conversion(
         pixel_format=state.pixel_format if state.pixel_format in PIXEL_FORMATS else None,
         saturation_dn=state.saturation_dn,
         black_level_dn=state.black_level_dn,
-        encoding=encoding,
-        overrides=_overrides(encoding),
     )
     description = f"calibration {name} of {state.camera}, {loaded.lens}, in {loaded.source_spectrum}"
-    return PictureConversion("cd/m^2", description, options, Calibrated(loaded))
-
-
-def _by_specification(path: Path, encoding: Encoding | None) -> PictureConversion:
-    # Only where it is used, as is the calibration: they take longer to load than a small picture to evaluate.
-    from .camera_specification import load_camera_specification
-
-    specification = load_camera_specification(path)
-    options = PictureOptions(
-        exposure_s=specification.exposure_s,
-        gain_db=specification.gain_db,
-        bit_depth=specification.adc_bits,
-        encoding=encoding or specification.encoding,
-        overrides=_overrides(encoding),
-    )
-    description = f"guessed camera parameters of {path.name} ({specification.name})"
-    return PictureConversion("cd/m^2", description, options, Specified(specification))
-
-
-def _overrides(encoding: Encoding | None) -> frozenset[str]:
-    return frozenset() if encoding is None else frozenset({"encoding"})
+    return Calibrated("cd/m^2", description, options, loaded)

@@ -130,10 +130,9 @@ def check_camera(
                 with _opened(info) as link:
                     restore_trigger_modes(link, found[1])
                     restore_snapshot(link, found[0])
-    except CameraBusyError as error:
-        return [Finding.of_error("controller", error), *_network(address, interface)]
     except CameraError as error:
-        return [Finding.of_error("camera", error), *_network(address, interface)]
+        topic = "controller" if isinstance(error, CameraBusyError) else "camera"
+        return [Finding.of_error(topic, error), *_network(address, interface)]
     return camera_findings(replace(facts, address=address, interface=interface))
 
 
@@ -209,10 +208,10 @@ def _packets(facts: CameraFacts) -> list[Finding]:
         return [too_large]
     text = f"packets of {packet} bytes, and {interface.name} takes {interface.mtu_bytes}"
     # Half of the possible size: a negotiated size slightly below the MTU is as good.
-    if not interface.is_loopback and packet < interface.mtu_bytes / 2:
-        remedy = "check that the camera and every switch between take jumbo frames"
-        return [Finding("packet size", "notice", f"{text}: small packets cost computing time", remedy)]
-    return [Finding("packet size", "good", text)]
+    if interface.is_loopback or packet >= interface.mtu_bytes / 2:
+        return [Finding("packet size", "good", text)]
+    remedy = "check that the camera and every switch between take jumbo frames"
+    return [Finding("packet size", "notice", f"{text}: small packets cost computing time", remedy)]
 
 
 def _link(facts: CameraFacts) -> Finding | None:
@@ -221,11 +220,9 @@ def _link(facts: CameraFacts) -> Finding | None:
     speed = newer * 8e-6 if speed is None and newer is not None else speed
     if not speed:
         return None
+    remedy = "use a cable of category 5e or better, and a gigabit port at its other end"
     text = f"the camera's link runs at {speed:g} Mbit/s"
-    if speed < GIGABIT_MBIT_S:
-        remedy = "use a cable of category 5e or better, and a gigabit port at its other end"
-        return Finding("link speed", "notice", text, remedy)
-    return Finding("link speed", "good", text)
+    return Finding.judged("link speed", text, remedy if speed < GIGABIT_MBIT_S else None)
 
 
 def _limit(facts: CameraFacts) -> tuple[str, float] | None:
@@ -247,9 +244,8 @@ def _bandwidth(facts: CameraFacts) -> Finding | None:
     if limit is None or carried is None:
         return None
     text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
-    if limit[1] > carried:
-        return Finding("bandwidth", "notice", text, f"set the camera's {limit[0]} to {carried * 0.95:.0f}")
-    return Finding("bandwidth", "good", text)
+    remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
+    return Finding.judged("bandwidth", text, remedy if limit[1] > carried else None)
 
 
 def _need(facts: CameraFacts) -> Finding | None:
@@ -265,10 +261,8 @@ def _need(facts: CameraFacts) -> Finding | None:
         f"{settings.width} x {settings.height} pixels of {settings.pixel_format} at {rate:.4g} frames/s need "
         f"{size(per_frame * rate)}/s of {size(tightest)}/s"
     )
-    if per_frame * rate > tightest:
-        remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
-        return Finding("frame rate", "notice", text, remedy)
-    return Finding("frame rate", "good", text)
+    remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
+    return Finding.judged("frame rate", text, remedy if per_frame * rate > tightest else None)
 
 
 def _temperature(facts: CameraFacts) -> Finding | None:
@@ -291,7 +285,5 @@ def _frames(facts: CameraFacts) -> Finding:
     if facts.problem is not None:
         found = Finding.of_error("frames", facts.problem)
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
-    if facts.refused:
-        remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
-        return Finding("frames", "notice", text, remedy)
-    return Finding("frames", "good", text)
+    remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
+    return Finding.judged("frames", text, remedy if facts.refused else None)

@@ -193,8 +193,7 @@ def _receive_buffer(facts: HostFacts) -> Finding:
         remedy = f"{kernel.raise_receive_limit(frame)} (to keep it: {keep})"
         # With CAP_NET_RAW Aravis receives through a packet socket, which this limit does not apply to.
         return Finding(topic, "notice" if facts.packet_sockets else "fault", text, remedy)
-    kept = facts.kept_receive_limit_bytes
-    if kept is None or kept < frame:
+    if (facts.kept_receive_limit_bytes or 0) < frame:
         return Finding(topic, "notice", f"until the computer starts again, {text}", keep)
     return Finding(topic, "good", text)
 

@@ -42,6 +42,11 @@ class Finding:
         return self.cause if self.remedy is None else f"{self.cause}: {self.remedy}"
 
     @classmethod
+    def judged(cls, topic: str, cause: str, remedy: str | None, state: State = "notice") -> Self:
+        """Return a good finding, or one of a `state` if there is a remedy."""
+        return cls(topic, "good" if remedy is None else state, cause, remedy)
+
+    @classmethod
     def of_error(cls, topic: str, error: Exception, state: State = "fault") -> Self:
         """Convert an error of labcdp, whose message ends with the remedy after its last colon."""
         text = " ".join(str(error).split())

@@ -13,6 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Hashable
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,6 +39,21 @@ _ATTEMPTS_TO_TAKE: Final = 10
 _FillPattern = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )
+
+
+@cache
+def _aravis_c() -> ctypes.CDLL:
+    """Load Aravis' C library, with the types of the functions used of it."""
+    library, pointer, number = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.c_void_p, ctypes.c_uint64
+    for name, result, arguments in (
+        ("arv_buffer_get_data", pointer, (pointer, pointer)),
+        ("arv_buffer_get_frame_id", number, (pointer,)),
+        ("arv_buffer_set_frame_id", None, (pointer, number)),
+        ("arv_fake_camera_set_fill_pattern", None, (pointer, _FillPattern, pointer)),
+    ):
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
 
 
 class SimulatedGigECamera(Device):
@@ -82,7 +98,6 @@ class SimulatedGigECamera(Device):
         self._gv: Any = None
         self._registers: Registers | None = None
         self._control: ControlPort | None = None
-        self._lib: Any = None
         # Aravis keeps only the pointer: the callback must live as long as the camera.
         self._callback = _FillPattern(self._fill)
 
@@ -160,13 +175,6 @@ class SimulatedGigECamera(Device):
         if not gv.is_running():
             raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
         control.find()
-        self._lib = ctypes.CDLL("libaravis-0.8.so.0")
-        self._lib.arv_buffer_get_data.restype = ctypes.c_void_p
-        self._lib.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        self._lib.arv_buffer_get_frame_id.restype = ctypes.c_uint64
-        self._lib.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
-        self._lib.arv_buffer_set_frame_id.restype = None
-        self._lib.arv_buffer_set_frame_id.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
         with self._lock:
             self._gv, self._control = gv, control
             self._registers = Registers(gv.get_fake_camera())
@@ -174,7 +182,8 @@ class SimulatedGigECamera(Device):
             self._frame_id, self._exposing, self._triggered_at_s = None, None, None
             self._right_height = None
             self.follow_temperature()
-            self._set_fill_pattern(self._callback)
+            # PyGObject's binding of this function crashes (wrong annotation); the C function works.
+            _aravis_c().arv_fake_camera_set_fill_pattern(hash(gv.get_fake_camera()), self._callback, None)
 
     def _switch_off(self) -> None:
         with self._lock:
@@ -221,13 +230,6 @@ class SimulatedGigECamera(Device):
             self._registers.write(Address.HEIGHT, self._right_height)
             self._right_height = None
 
-    def _set_fill_pattern(self, callback: Any) -> None:
-        # PyGObject's binding of this function crashes (wrong annotation); the C function works.
-        function = self._lib.arv_fake_camera_set_fill_pattern
-        function.argtypes = [ctypes.c_void_p, _FillPattern, ctypes.c_void_p]
-        function.restype = None
-        function(hash(self._gv.get_fake_camera()), callback, None)
-
     def _fill(self, buffer: int, _user_data: int | None, exposure_us: int, gain_steps: int, format_code: int) -> None:
         """Write the pixels of the next frame; called in Aravis' thread before it is sent."""
         with self._lock:
@@ -252,8 +254,8 @@ class SimulatedGigECamera(Device):
         self._exposed_at_s = time.monotonic()
         self._lose(self._share_lost())
         self.follow_temperature()
-        ctypes.memmove(self._lib.arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
-        self._lib.arv_buffer_set_frame_id(buffer, self._next_id(buffer))
+        ctypes.memmove(_aravis_c().arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
+        _aravis_c().arv_buffer_set_frame_id(buffer, self._next_id(buffer))
 
     def _exposing_triggered(self, exposure_us: int) -> bool:
         """Whether the exposure of a triggered frame is in progress; triggers are ignored meanwhile."""
@@ -277,7 +279,7 @@ class SimulatedGigECamera(Device):
     def _next_id(self, buffer: int) -> int:
         """Return the id to send; ids of GigE Vision have 16 bits and leave out 0."""
         if self._frame_id is None:
-            self._frame_id = int(self._lib.arv_buffer_get_frame_id(buffer))
+            self._frame_id = int(_aravis_c().arv_buffer_get_frame_id(buffer))
         else:
             self._frame_id = self._frame_id % 0xFFFF + 1
         if not self._trouble.wrong_ids:

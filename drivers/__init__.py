@@ -5,7 +5,8 @@ from typing import Literal
 from ..core.reading import MeterIdentity
 from .aravis.camera import AravisCamera
 from .aravis.library import CameraInfo, discover
-from .camera import Camera, CameraError, CameraSettings
+from .camera import Camera, CameraError
+from .camera_settings import CameraSettings
 from .meter import Meter, MeterError
 from .minolta_ls.meter import DRIVERS, MinoltaLS, MinoltaLS100, MinoltaLS110, find_meter_ports
 from .replay.camera import ReplayCamera, ReplayMeter

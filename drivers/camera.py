@@ -9,42 +9,10 @@ from typing import Protocol
 
 from ..core.errors import DeviceError
 from ..core.frame import CameraIdentity, Frame
-from .camera_settings import (
-    FRAME_ALLOWANCE_S,
-    FREE_RUN,
-    SOFTWARE_TRIGGER,
-    CameraSettings,
-    CameraSetup,
-    FeatureDescription,
-    FeatureValue,
-    Region,
-    Trigger,
-)
+from .camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
+from .camera_settings import Region as Region
+from .camera_settings import Trigger as Trigger
 from .device import Device
-
-__all__ = [
-    "FRAME_ALLOWANCE_S",
-    "FREE_RUN",
-    "MOST_REFUSED",
-    "SOFTWARE_TRIGGER",
-    "Camera",
-    "CameraBusyError",
-    "CameraError",
-    "CameraLostError",
-    "CameraNotFoundError",
-    "CameraSettingError",
-    "CameraSettings",
-    "CameraSetup",
-    "FeatureDescription",
-    "FeatureValue",
-    "FrameTimeoutError",
-    "Gap",
-    "IncompleteFrameError",
-    "Refused",
-    "Region",
-    "StreamStatistics",
-    "Trigger",
-]
 
 
 class CameraError(DeviceError):

@@ -14,18 +14,8 @@ from typing import Self, Unpack
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
-from ..camera import (
-    Camera,
-    CameraError,
-    CameraLostError,
-    CameraSettings,
-    CameraSetup,
-    FeatureDescription,
-    FeatureValue,
-    Gap,
-    Refused,
-    StreamStatistics,
-)
+from ..camera import Camera, CameraError, CameraLostError, Gap, Refused, StreamStatistics
+from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
 from ..host.kernel import overload
 from .connection import Connection
 from .features import described_features, not_understood, read_feature, readable_features, write_feature

@@ -7,7 +7,8 @@ import difflib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from ..camera import CameraSettingError, FeatureDescription, FeatureValue
+from ..camera import CameraSettingError
+from ..camera_settings import FeatureDescription, FeatureValue
 from .library import aravis, device_text, gerror
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.pixel_format import PixelFormat
-from ..camera import CameraSettingError, CameraSettings, IncompleteFrameError
+from ..camera import CameraSettingError, IncompleteFrameError
+from ..camera_settings import CameraSettings
 from .library import aravis
 
 #: Time the caller may be busy without losing a frame, in a short and in a long grab, and the memory limit for it.

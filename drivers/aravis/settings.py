@@ -14,7 +14,8 @@ from typing import Any, TypedDict
 from ...core.errors import InputError
 from ...core.frame import Readout
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
-from ..camera import FREE_RUN, CameraSettingError, CameraSettings, Region, Trigger
+from ..camera import CameraSettingError
+from ..camera_settings import FREE_RUN, CameraSettings, Region, Trigger
 from .features import available, read_feature, show_whole_sensor, writable, write_feature
 from .link import Link
 

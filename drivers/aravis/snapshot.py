@@ -7,7 +7,8 @@ from math import isclose
 from typing import Any
 
 from ...core.frame import CameraIdentity
-from ..camera import CameraSettingError, CameraSettings, CameraSetup, FeatureValue
+from ..camera import CameraSettingError
+from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from .features import available, read_feature, readable_features, writable, write_feature
 from .link import Link
 

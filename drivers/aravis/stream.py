@@ -8,7 +8,8 @@ import time
 from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
-from ..camera import MOST_REFUSED, CameraError, CameraSettings, FrameTimeoutError, Refused, StreamStatistics
+from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
+from ..camera_settings import CameraSettings
 from ..host.kernel import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal

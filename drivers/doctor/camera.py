@@ -12,14 +12,8 @@ from ..aravis.library import CameraInfo
 from ..aravis.link import Link, connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
 from ..aravis.snapshot import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
-from ..camera import (
-    CameraBusyError,
-    CameraError,
-    CameraSettings,
-    FeatureValue,
-    IncompleteFrameError,
-    StreamStatistics,
-)
+from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamStatistics
+from ..camera_settings import CameraSettings, FeatureValue
 from ..host.finding import Finding, size
 from ..host.network import GIGABIT_MBIT_S, Interface, interface_to, network_finding
 from ..host.stream import packet_size_finding

@@ -15,17 +15,8 @@ from typing import Self
 from ...core.clock import Clock
 from ...core.frame import CameraIdentity, Frame, Readout, black_levels
 from ...session import EventRecord, FrameRecord, Session
-from ..camera import (
-    Camera,
-    CameraError,
-    CameraNotFoundError,
-    CameraSettingError,
-    CameraSettings,
-    CameraSetup,
-    FeatureValue,
-    Refused,
-    StreamStatistics,
-)
+from ..camera import Camera, CameraError, CameraNotFoundError, CameraSettingError, Refused, StreamStatistics
+from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from .meter import Pace, ReplayMeter
 
 __all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]

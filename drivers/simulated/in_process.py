@@ -16,15 +16,13 @@ from ..camera import (
     Camera,
     CameraError,
     CameraSettingError,
-    CameraSettings,
-    CameraSetup,
-    FeatureValue,
     FrameTimeoutError,
     Gap,
     IncompleteFrameError,
     Refused,
     StreamStatistics,
 )
+from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from .gige.device import FULL_SCALE_DN, FrameSource, SimulatedDevice
 from .gige.genicam import feature
 from .link import STEP_S, CameraTrouble, Link

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..core.errors import LabcdpError, SessionError
 from ..core.pixel_format import pixel_format
-from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError, CameraSetup, Region, Trigger
+from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
+from ..drivers.camera_settings import CameraSetup, Region, Trigger
 from ..drivers.meter import Meter
 from ..session import CameraConfiguration, EventRecord, Session, SessionConfiguration
 from ..session.records import SIMULATED_BENCH

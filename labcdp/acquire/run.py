@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 
 from ..core.clock import Clock, SystemClock
 from ..core.roi import Roi
-from ..drivers.camera import Camera, FeatureValue
+from ..drivers.camera import Camera
+from ..drivers.camera_settings import FeatureValue
 from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES

@@ -7,13 +7,8 @@ import pytest
 
 from labcdp.acquire import Unattended, acquire, remaining
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import (
-    CameraLostError,
-    CameraNotFoundError,
-    CameraSettingError,
-    IncompleteFrameError,
-    Trigger,
-)
+from labcdp.drivers.camera import CameraLostError, CameraNotFoundError, CameraSettingError, IncompleteFrameError
+from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.meter import MeterError, MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter

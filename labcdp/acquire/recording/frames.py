@@ -13,7 +13,8 @@ from ...core.clock import Clock
 from ...core.errors import SessionError
 from ...core.frame import Frame
 from ...core.roi import Roi
-from ...drivers.camera import Camera, CameraLostError, CameraSettings
+from ...drivers.camera import Camera, CameraLostError
+from ...drivers.camera_settings import CameraSettings
 from ...session import Role, Session
 from ..control import Control, Progress, Report, Schedule, noted, take_frames
 from ..live import Live, LiveNumbers, PatchNumbers, measured_black_dn

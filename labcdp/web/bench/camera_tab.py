@@ -10,7 +10,7 @@ from typing import Any
 import panel as pn
 
 from ...core.pixel_format import PIXEL_FORMATS
-from ...drivers.camera import CameraSettings, FeatureDescription, FeatureValue, Region
+from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ...report.digits import printable
 from ..look import column, row
 from .live_camera import Live, LiveCamera

@@ -11,16 +11,8 @@ from typing import cast
 
 from ...core.errors import LabcdpError
 from ...core.frame import Frame
-from ...drivers.camera import (
-    Camera,
-    CameraSettingError,
-    CameraSettings,
-    CameraSetup,
-    FeatureDescription,
-    FeatureValue,
-    IncompleteFrameError,
-    Region,
-)
+from ...drivers.camera import Camera, CameraSettingError, IncompleteFrameError
+from ...drivers.camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue, Region
 from .watched import WatchedCamera
 
 #: Pause before a lost, busy or absent camera is looked for again.

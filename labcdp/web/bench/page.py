@@ -10,7 +10,7 @@ from typing import Any
 import panel as pn
 from bokeh.models import CustomJS
 
-from ...drivers.camera import CameraSettings
+from ...drivers.camera_settings import CameraSettings
 from ..look import TINTED, beside, column, row
 from ..maps.tab import MapTab
 from ..regions.display import DisplayScale

@@ -11,14 +11,8 @@ from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.connection import Connection
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
-from labcdp.drivers.camera import (
-    FRAME_ALLOWANCE_S,
-    FREE_RUN,
-    CameraError,
-    CameraNotFoundError,
-    CameraSettings,
-    IncompleteFrameError,
-)
+from labcdp.drivers.camera import CameraError, CameraNotFoundError, IncompleteFrameError
+from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, FREE_RUN, CameraSettings
 from labcdp.drivers.host.kernel import overload
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
 from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from labcdp.core.pixel_format import pixel_format
 from labcdp.drivers.aravis.frames import FrameCheck, FrameIds
-from labcdp.drivers.camera import CameraSettingError, CameraSettings
+from labcdp.drivers.camera import CameraSettingError
+from labcdp.drivers.camera_settings import CameraSettings
 
 
 def _told(ids, reserves_zero=True):

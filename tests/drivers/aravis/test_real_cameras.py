@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import CameraSettingError, CameraSetup
+from labcdp.drivers.camera import CameraSettingError
+from labcdp.drivers.camera_settings import CameraSetup
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features

@@ -5,7 +5,8 @@ import pytest
 
 from labcdp.core.frame import Readout
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import FREE_RUN, SOFTWARE_TRIGGER, CameraSettingError, FrameTimeoutError, Region, Trigger
+from labcdp.drivers.camera import CameraSettingError, FrameTimeoutError
+from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER, Region, Trigger
 from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
 from labcdp.drivers.simulated.gige.genicam import standard_features
 

@@ -9,7 +9,8 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.features import readable_features
 from labcdp.drivers.aravis.library import discover
 from labcdp.drivers.aravis.link import connect
-from labcdp.drivers.camera import CameraSettings, StreamStatistics
+from labcdp.drivers.camera import StreamStatistics
+from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.doctor.camera import CameraFacts, camera_findings, check_camera
 from labcdp.drivers.host.network import Interface, interfaces
 

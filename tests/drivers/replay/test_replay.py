@@ -8,7 +8,8 @@ import pytest
 from labcdp.core.errors import SessionError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
-from labcdp.drivers.camera import CameraError, CameraSettingError, CameraSettings, StreamStatistics
+from labcdp.drivers.camera import CameraError, CameraSettingError, StreamStatistics
+from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.meter import MeterError
 from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
 from labcdp.session import Session, SessionConfiguration

@@ -13,7 +13,7 @@ from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import ConfigurationError
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import SOFTWARE_TRIGGER
+from labcdp.drivers.camera_settings import SOFTWARE_TRIGGER
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import SessionConfiguration, example_configuration

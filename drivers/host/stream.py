@@ -35,25 +35,6 @@ class StreamFacts:
     counted: StreamStatistics = field(default_factory=StreamStatistics)
 
 
-@dataclass(frozen=True)
-class Receiver:
-    """State of the receiving computer.
-
-    Parameters
-    ----------
-    interface : Interface or None
-        Interface that leads to the camera; None if unknown.
-    receive_limit_bytes : int or None
-        net.core.rmem_max; None if unknown.
-    firewall : str or None
-        Name of an active firewall; empty if none is known.
-    """
-
-    interface: Interface | None = None
-    receive_limit_bytes: int | None = None
-    firewall: str | None = None
-
-
 def stream_causes(facts: StreamFacts) -> list[Finding]:
     """List possible causes of missing frames, the most likely first; only reads the host's settings.
 
@@ -68,25 +49,27 @@ def stream_causes(facts: StreamFacts) -> list[Finding]:
         Faults certainly prevent frames, notices may; empty if no problem is known.
     """
     if not facts.address:
-        return causes_at(facts, Receiver())
-    return causes_at(facts, Receiver(interface_to(facts.address, interfaces()), receive_limit_bytes(), firewall()))
+        return causes_at(facts)
+    return causes_at(facts, interface_to(facts.address, interfaces()), receive_limit_bytes(), firewall())
 
 
-def causes_at(facts: StreamFacts, receiver: Receiver) -> list[Finding]:
-    """List possible causes as `stream_causes`, for a given state of the receiver."""
+def causes_at(
+    facts: StreamFacts, interface: Interface | None = None, limit_bytes: int | None = None, wall: str | None = None
+) -> list[Finding]:
+    """List possible causes as `stream_causes`, for an interface to the camera, net.core.rmem_max and a firewall."""
     something_came = facts.counted.completed + facts.counted.failed + facts.counted.missing > 0
-    buffer, packets = _receive_buffer(facts, receiver), packet_size_finding(facts.packet_size_bytes, receiver.interface)
-    away = None if receiver.interface is None else network_finding(facts.address, receiver.interface)
+    buffer, packets = _receive_buffer(facts, limit_bytes), packet_size_finding(facts.packet_size_bytes, interface)
+    away = None if interface is None else network_finding(facts.address, interface)
     if not something_came:
         # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
-        found = [packets, away, buffer, _firewall(facts, receiver)]
+        found = [packets, away, buffer, _firewall(facts, interface, wall)]
     else:
         found = [buffer, packets, _missing(facts), away]
     return [finding for finding in [*found, _underruns(facts)] if finding is not None]
 
 
-def _receive_buffer(facts: StreamFacts, receiver: Receiver) -> Finding | None:
-    granted, limit = facts.socket_buffer_bytes, receiver.receive_limit_bytes
+def _receive_buffer(facts: StreamFacts, limit: int | None) -> Finding | None:
+    granted = facts.socket_buffer_bytes
     if granted is None or granted >= facts.payload_bytes:
         return None
     cause = f"the receive buffer of {size(granted)} does not hold a frame of {size(facts.payload_bytes)}"
@@ -140,11 +123,10 @@ def _underruns(facts: StreamFacts) -> Finding | None:
     )
 
 
-def _firewall(facts: StreamFacts, receiver: Receiver) -> Finding | None:
-    if not facts.address or (receiver.interface is not None and receiver.interface.is_loopback):
+def _firewall(facts: StreamFacts, interface: Interface | None, wall: str | None) -> Finding | None:
+    if not facts.address or (interface is not None and interface.is_loopback):
         return None
-    if receiver.firewall is None:
-        cause = "a firewall may keep the camera's packets out"
-        return Finding("firewall", "unknown", cause, open_firewall(None, facts.address))
-    cause = f"the firewall {receiver.firewall} is on and may keep the camera's packets out"
-    return Finding("firewall", "notice", cause, open_firewall(receiver.firewall, facts.address))
+    remedy = open_firewall(wall, facts.address)
+    if wall is None:
+        return Finding("firewall", "unknown", "a firewall may keep the camera's packets out", remedy)
+    return Finding("firewall", "notice", f"the firewall {wall} is on and may keep the camera's packets out", remedy)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
@@ -119,18 +118,6 @@ class CsvMeter(Meter):
         return self._readings
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Where the cells stand in a row."""
-
-    patch: int
-    luminance: int
-    luminance_unit: WrittenUnit | None
-    unit: int | None
-    time: int | None
-    comma_is_decimal: bool
-
-
 def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[str, list[Reading]]:
     try:
         changed = datetime.fromtimestamp(path.stat().st_mtime, UTC)
@@ -141,17 +128,23 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[
     marks: set[str] = set()
     line = 1
     try:
-        columns = _columns(table.header, table.separator)
+        luminance = _luminance_column(table.header)
         for row in table.rows:
-            line, number = row.line, row.cells[columns.luminance]
+            line, cells = row.line, dict(zip(map(str.lower, table.header), row.cells, strict=True))
+            number = cells[luminance]
             marks |= {",", "."} & set(number)
             if len(marks) > 1:
                 raise InputError(
                     f"{quoted(number)} has another decimal mark than the numbers above: write all with a point or all "
                     "with a comma, and no mark of thousands"
                 )
-            reading = _reading(row.cells, columns, identity, accuracy, changed, row.raw)
-            readings.setdefault(row.cells[columns.patch], []).append(reading)
+            if not cells["patch"]:
+                raise InputError(f"the patch has no name: {quoted(row.raw)}")
+            written = parse_written(number, comma_is_decimal=table.separator != ",")
+            unit = _unit(number, _LUMINANCE[luminance], written.unit, cells.get("unit"))
+            timestamp = _time(cells["time"]) if "time" in cells else changed
+            reading = reading_of(written, unit, accuracy, identity, timestamp, row.raw)
+            readings.setdefault(cells["patch"], []).append(reading)
     except InputError as error:
         raise InputError(f"{path}, line {line}: {error}") from error
     if not readings:
@@ -159,7 +152,8 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[
     return readings
 
 
-def _columns(header: Sequence[str], separator: str) -> _Columns:
+def _luminance_column(header: Sequence[str]) -> str:
+    """Return the name of the column of luminances, of a header that is understood."""
     names = [name.lower() for name in header]
     twice = {name for name in names if names.count(name) > 1 and name in {"patch", "unit", "time", *_LUMINANCE}}
     luminance = [name for name in _LUMINANCE if name in names]
@@ -174,38 +168,16 @@ def _columns(header: Sequence[str], separator: str) -> _Columns:
             f"the columns are {shortened(', '.join(header))}: give one of luminance_cd_m2, luminance_fL or luminance "
             "with a unit"
         )
-    return _Columns(
-        patch=names.index("patch"),
-        luminance=names.index(luminance[0]),
-        luminance_unit=_LUMINANCE[luminance[0]],
-        unit=names.index("unit") if "unit" in names else None,
-        time=names.index("time") if "time" in names else None,
-        comma_is_decimal=separator != ",",
-    )
+    return luminance[0]
 
 
-def _reading(
-    row: Sequence[str],
-    columns: _Columns,
-    identity: MeterIdentity,
-    accuracy: MeterAccuracy,
-    changed: datetime,
-    raw: str,
-) -> Reading:
-    if not row[columns.patch]:
-        raise InputError(f"the patch has no name: {quoted(raw)}")
-    number = row[columns.luminance]
-    written = parse_written(number, comma_is_decimal=columns.comma_is_decimal)
-    units = {columns.luminance_unit, written.unit}
-    if columns.unit is not None and row[columns.unit]:
-        units.add(parse_unit(row[columns.unit]))
-    known = [unit for unit in units if unit is not None]
+def _unit(number: str, of_column: WrittenUnit | None, of_number: WrittenUnit | None, cell: str | None) -> WrittenUnit:
+    known = {unit for unit in (of_column, of_number, parse_unit(cell) if cell else None) if unit is not None}
     if not known:
         raise InputError(f"the luminance {quoted(number)} has no unit: name the column luminance_cd_m2 or luminance_fL")
     if len(known) > 1:
         raise InputError(f"the luminance {quoted(number)} is in {' and in '.join(sorted(known))}: give one unit")
-    timestamp = changed if columns.time is None else _time(row[columns.time])
-    return reading_of(written, known[0], accuracy, identity, timestamp, raw)
+    return known.pop()
 
 
 def _time(text: str) -> datetime:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.host.finding import Finding
 from labcdp.drivers.host.network import Interface
-from labcdp.drivers.host.stream import Receiver, StreamFacts, causes_at, stream_causes
+from labcdp.drivers.host.stream import StreamFacts, causes_at, stream_causes
 
 #: A 16-bit frame of a Manta G-505.
 FRAME = 2452 * 2056 * 2
@@ -17,20 +17,20 @@ CAMERA = "192.168.7.20"
 ETH1 = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=1500)
 
 
-def topics(facts, receiver):
-    return [finding.topic for finding in causes_at(facts, receiver)]
+def topics(facts, interface):
+    return [finding.topic for finding in causes_at(facts, interface)]
 
 
 def test_packets_larger_than_the_interface_takes():
     facts = StreamFacts(CAMERA, FRAME, 9000)
-    first = causes_at(facts, Receiver(ETH1))[0]
+    first = causes_at(facts, ETH1)[0]
     assert first == Finding(
         "packet size",
         "fault",
         "the camera sends packets of 9000 bytes, but eth1 takes 1500",
         "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
     )
-    assert topics(StreamFacts(CAMERA, FRAME, 1500), Receiver(ETH1)) == ["firewall"]
+    assert topics(StreamFacts(CAMERA, FRAME, 1500), ETH1) == ["firewall"]
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_packets_larger_than_the_interface_takes():
     ],
 )
 def test_a_firewall_is_suspected_when_nothing_came(firewall, state, command):
-    (finding,) = causes_at(StreamFacts(CAMERA, FRAME), Receiver(ETH1, firewall=firewall))
+    (finding,) = causes_at(StreamFacts(CAMERA, FRAME), ETH1, wall=firewall)
     assert (finding.topic, finding.state, finding.remedy) == ("firewall", state, command)
 
 

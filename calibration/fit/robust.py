@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
 
@@ -100,30 +100,37 @@ def screen(
 
 def _bad_patch(design: Design, candidates: Sequence[CandidateModel]) -> tuple[int, float] | None:
     """Find the number of a bad patch, and its luminance by the others; None if there is none."""
+    best = _best_without_one(design, candidates, range(len(design.patches)))
+    if best is None:
+        return None
+    solution, patch = best
+    value, uncertainty, _ = shift_with_scatter(solution, _pattern(design, patch))
+    # Even where the other patches seem not to scatter, they are few.
+    dof = len(design.patches) - solution.parameters.size - 1
+    if uncertainty == inf or abs(value) <= critical_value(len(design.patches), dof) * uncertainty:
+        return None
+    alternative = strongest_alternative(solution)
+    if alternative is not None and alternative[1] >= ratio(solution.shift(_pattern(design, patch))):
+        return None
+    expected = float(design.reading_cd_m2[patch] + value)
+    return (patch, expected) if expected > 0 else None
+
+
+def _best_without_one(
+    design: Design, candidates: Sequence[CandidateModel], patches: Iterable[int]
+) -> tuple[Solution, int] | None:
+    """Find the model that fits best without the reading of one of these patches, and which; None if no model fits."""
     best: tuple[float, Solution, int] | None = None
     for candidate in candidates:
         try:
             solution = solve(design, candidate)
         except CalibrationError:
             continue
-        drops = [ratio(solution.shift(pattern)) ** 2 for pattern in _patterns(design)]
-        worst = int(np.argmax(drops))
-        left = solution.chi_squared - drops[worst] + WORTH * (candidate.n_parameters - 1)
+        drop, worst = max((ratio(solution.shift(_pattern(design, patch))) ** 2, -patch) for patch in patches)
+        left = solution.chi_squared - drop + WORTH * (candidate.n_parameters - 1)
         if best is None or left < best[0]:
-            best = left, solution, worst
-    if best is None:
-        return None
-    _, solution, patch = best
-    value, uncertainty, _ = shift_with_scatter(solution, _patterns(design)[patch])
-    # Even where the other patches seem not to scatter, they are few.
-    dof = len(design.patches) - solution.parameters.size - 1
-    if uncertainty == inf or abs(value) <= critical_value(len(design.patches), dof) * uncertainty:
-        return None
-    alternative = strongest_alternative(solution)
-    if alternative is not None and alternative[1] >= ratio(solution.shift(_patterns(design)[patch])):
-        return None
-    expected = float(design.reading_cd_m2[patch] + value)
-    return (patch, expected) if expected > 0 else None
+            best = left, solution, -worst
+    return None if best is None else best[1:]
 
 
 def _choose_of_two(
@@ -140,8 +147,10 @@ def _choose_of_two(
         pair = [readings[name][k - 1] for k in distinct]
         if len(pair) != 2 or not contradict(pair) or len(design.patches) < _MIN_PATCHES:
             continue
-        solution = solve(design, candidates[0])
-        value, uncertainty = solution.shift(_patterns(design)[patch])
+        best = _best_without_one(design, candidates, [patch])
+        if best is None:
+            continue
+        value, uncertainty = best[0].shift(_pattern(design, patch))
         if uncertainty == inf:
             continue
         expected = float(design.reading_cd_m2[patch] + value)
@@ -161,6 +170,6 @@ def _choose_of_two(
     return design, joined, left_out, findings
 
 
-def _patterns(design: Design) -> list[Array]:
-    """Effect, for each patch, of a reading too low by 1 cd/m^2 on luminances less readings."""
-    return [np.where(design.patch == patch, 1.0, 0.0) for patch in range(len(design.patches))]
+def _pattern(design: Design, patch: int) -> Array:
+    """Effect of a patch's reading that is too low by 1 cd/m^2 on luminances less readings."""
+    return np.where(design.patch == patch, 1.0, 0.0)

@@ -91,10 +91,13 @@ def test_a_wrong_unit_is_called_so(camera, new_reading, setup):
     assert named.values["ratio"] == pytest.approx(1 / CD_M2_PER_FL, rel=0.01)
 
 
-def test_of_two_readings_the_camera_says_which_is_wrong(camera, new_reading, setup):
-    observations, darks, readings = bench(camera, new_reading)
+@pytest.mark.parametrize("bend", [1e-9, 0.5])
+@pytest.mark.parametrize("factor", [10, 0.8])
+def test_of_two_readings_the_camera_says_which_is_wrong(bent_camera, new_reading, setup, bend, factor):
+    """Of a camera with a curved response too: no straight line fits the other patches."""
+    observations, darks, readings = bench(replace(bent_camera, bend=bend), new_reading)
     later = new_reading(LUMINANCES[5]).timestamp + timedelta(seconds=5)
-    readings["P5"] = [new_reading(LUMINANCES[5] * 10), new_reading(LUMINANCES[5], timestamp=later)]
+    readings["P5"] = [new_reading(LUMINANCES[5] * factor), new_reading(LUMINANCES[5], timestamp=later)]
     calibration = fit(observations, darks, readings, setup)
     (row,) = [row for row in calibration.left_out if row.exposure_s is None]
     assert (row.patch, row.reading) == ("P5", 1)

@@ -38,6 +38,8 @@ from .setup import Provenance, Setup
 
 _log = logging.getLogger(__name__)
 
+#: Width of the prior of a glare that was found, over its size: it is as good as free.
+_FREE = 10.0
 #: Ratio of the slopes of a response from which it is a tone curve, with the sensor's noise before it.
 _TONE_CURVE = 1.5
 
@@ -176,8 +178,8 @@ def _final(
     of_place = fit_tests.vignetting_left(first, vignetting)
     plain = solve(first.design.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
-    glare_cd_m2 = of_glare.value if of_glare.significant and of_glare.value > 0 else 0.0
-    design = first.design.with_glare(glare_cd_m2)
+    glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
+    design = first.design.with_glare(glare_cd_m2 * (_FREE if of_glare.significant else 1.0))
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=of_place.significant)
     gains = _gains(final, settings)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
+from ..errors.uncertainty import expanded_half_width
 from ..findings import FitTest
 from ..gains import GainSetting
 from .design import Design
@@ -26,6 +27,8 @@ REFUSED_SPAN = 1.2
 _INVERSION = 1.1
 #: Standard uncertainties by which reading and signal must both differ.
 _INVERSION_LIMIT = 4.0
+#: Glare over the darkest patch that causes a warning if it cannot be excluded: as the 2 % of a meter.
+_GLARE_TOLERANCE_REL = 0.02
 #: Unexplained relative scatter that causes a warning: small compared with the 2 % of a meter.
 _SCATTER_TOLERANCE_REL = 0.002
 
@@ -106,6 +109,7 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
         if test.significant
         and test.name in ("glare", "exposure reciprocity", "drift", "vignetting", "dark signal", "gain")
     ]
+    findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     before = len(findings)
     if design.scatter_rel > _SCATTER_TOLERANCE_REL:
         ratios = [
@@ -128,3 +132,12 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     if len(findings) == before:  # significant but small scatter
         findings += [test.finding for test in tests if test.significant and test.name == "scatter"]
     return findings
+
+
+def _glare_not_excluded(design: Design, test: FitTest) -> list[Finding]:
+    """Warn of glare that the patches do not show, but that would matter beside the darkest one."""
+    darkest = float(design.reading_cd_m2.min())
+    most = max(test.value, 0.0) + expanded_half_width(0.0, test.standard_uncertainty)
+    if test.significant or most <= _GLARE_TOLERANCE_REL * darkest:
+        return []
+    return [warning("intercept-not-excluded", glare_cd_m2=most, share_rel=most / darkest, darkest_cd_m2=darkest)]

@@ -22,8 +22,6 @@ Array = NDArray[np.floating[Any]]
 
 #: Sources of shared errors.
 DARK, DRIFT = "dark and temperature", "drift"
-#: Width of the prior of a glare that was found, over its size: it is as good as free.
-_FREE = 10.0
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
@@ -153,11 +151,11 @@ class Design:
         return np.array(rows).reshape(-1, level.size)
 
     def with_glare(self, glare_cd_m2: float) -> Design:
-        """Return the same with an unknown glare of about this size; with 0, the same."""
+        """Return the same with an unknown glare of this standard uncertainty; with 0, the same."""
         if not glare_cd_m2:
             return self
         zero = np.zeros(self.net_dn.size)
-        return replace(self, shared=(*self.shared, SharedError(GLARE, zero, zero, cd_m2=_FREE * glare_cd_m2)))
+        return replace(self, shared=(*self.shared, SharedError(GLARE, zero, zero, cd_m2=glare_cd_m2)))
 
     def without_shared(self, source: str) -> Design:
         """Return the same without the shared errors of a source."""

@@ -49,6 +49,13 @@ def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
     return _test("glare", veil, uncertainty, "cd/m²", significant, "intercept", "no-intercept", values)
 
 
+def possible_glare_cd_m2(test: FitTest) -> float:
+    """Glare to count with: what was found, or as much as the intercept exceeds its standard uncertainty."""
+    if test.value <= 0:
+        return 0.0
+    return test.value if test.significant else sqrt(max(test.value**2 - test.standard_uncertainty**2, 0.0))
+
+
 def _rather_a_wrong_dark(solution: Solution) -> bool:
     """Whether the exposures support an offset of the DN rather than of the luminance."""
     of_dark, of_veil = solution.shift(solution.slope), solution.shift(np.ones_like(solution.luminance))

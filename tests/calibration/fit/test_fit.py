@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 import pytest
@@ -95,6 +96,20 @@ def test_glare_makes_the_intercept_significant(camera, new_reading, setup):
     assert glare.value == pytest.approx(0.2, rel=1e-6)
     assert calibration.responsivity.intercept_dn_s == pytest.approx(0.2 * 1200, rel=0.1)
     assert calibration.left_out == tuple(row for row in calibration.left_out if row.exposure_s is not None)
+
+
+def test_glare_that_the_patches_do_not_show_is_bounded(camera, new_reading, setup):
+    """Half of the intercept's standard uncertainty is not counted; twice is, but is not significant."""
+    darks, readings = bench(camera, new_reading, reading={"repeatability_rel": 0.01, "digits_half_width": 0.05})[1:]
+    stated = next(t for t in fit(*bench(camera, new_reading)[:2], readings, setup).tests if t.name == "glare")
+    for share, counted in ((0.5, 0.0), (2.0, sqrt(3))):
+        u = stated.standard_uncertainty
+        observations = bench(camera, new_reading, luminances=[v + share * u for v in LUMINANCES])[0]
+        calibration = fit(observations, darks, readings, setup)
+        assert calibration.responsivity.glare_cd_m2 == pytest.approx(counted * u, rel=0.05)
+        (found,) = [one for one in calibration.findings if one.code.startswith("intercept")]
+        assert found.code == "intercept-not-excluded"
+        assert found.values["glare_cd_m2"] == pytest.approx((share + 1.96) * u, rel=0.05)
 
 
 def test_a_wrong_dark_is_distinguished_from_glare(camera, new_reading, setup):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import astuple
-from html import escape
 from typing import Any
 
 import panel as pn
 
 from ...core.pixel_format import PIXEL_FORMATS
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
-from ...report.digits import printable
-from ..look import column, row
+from .. import look
+from ..html import row, table, text
+from ..regions.page import Page
 from .live_camera import Live, LiveCamera
 
 #: Rows of the table of features.
@@ -26,52 +25,35 @@ class CameraTab:
     ----------
     camera : LiveCamera
         The camera.
-    html : function of a name
-        Make a pane of HTML.
-    guarded : function
-        Make an action one that only the controlling page may do.
-    say : function
-        Show a sentence.
+    page : Page
+        The tab of the browser.
     """
 
-    def __init__(
-        self,
-        camera: LiveCamera,
-        html: Any,
-        guarded: Callable[[Callable[[Any], object]], Callable[[Any], None]],
-        say: Callable[[str], None],
-    ) -> None:
-        self._camera, self._say = camera, say
-        self._settings, self._table = html("camera settings"), html("features")
+    def __init__(self, camera: LiveCamera, page: Page) -> None:
+        self._camera, self._page = camera, page
+        self._settings, self._table = page.text("camera settings"), page.text("features")
         self._format = pn.widgets.Select(name="Pixel format", width=150)
         self._rate = pn.widgets.FloatInput(name="Frames per second", start=0.0, width=130)
         self._black = pn.widgets.FloatInput(name="Black level (register)", width=140)
         self._region = pn.widgets.TextInput(name="Region: x, y, width, height", width=210)
         self._find = pn.widgets.TextInput(name="Find features", placeholder="part of a name", width=140)
         self._feature = pn.widgets.TextInput(name="Set a feature", placeholder="for example Gamma = 1", width=180)
-        self._refresh = pn.widgets.Button(name="Read again", margin=(19, 4))
+        self._refresh = page.button("Read again", camera.read_features, margin=(19, 4))
         self._shown: tuple[CameraSettings | None, tuple[FeatureDescription, ...], str] = (None, (), "")
-        self._filling = False
-
-        def change(widget: Any, action: Callable[[Any], object]) -> None:
-            acting = guarded(action)
-            widget.param.watch(lambda event: None if self._filling else acting(event.new), "value")
-
-        change(self._format, lambda value: camera.request(pixel_format=value))
-        change(self._rate, lambda value: camera.request(frame_rate_hz=float(value)))
-        change(self._black, lambda value: camera.request(black_level=float(value)))
-        change(self._region, self._set_region)
-        change(self._feature, self._set_feature)
+        page.watch(self._format, lambda value: camera.request(pixel_format=value))
+        page.watch(self._rate, lambda value: camera.request(frame_rate_hz=float(value)))
+        page.watch(self._black, lambda value: camera.request(black_level=float(value)))
+        page.watch(self._region, self._set_region)
+        page.watch(self._feature, self._set_feature)
         self._find.param.watch(lambda _event: self._list(), "value")
-        self._refresh.on_click(lambda _event: camera.read_features())
 
     def layout(self) -> Any:
         """Return the tab."""
-        return column(
-            row(self._format, self._rate, self._black),
-            row(self._region),
+        return look.column(
+            look.row(self._format, self._rate, self._black),
+            look.row(self._region),
             self._settings,
-            row(self._feature, self._find, self._refresh),
+            look.row(self._feature, self._find, self._refresh),
             self._table,
         )
 
@@ -81,23 +63,21 @@ class CameraTab:
         settings, features = live.settings, live.features
         if settings is None or (settings, features, live.error) == self._shown:
             return
-        self._shown, self._filling = (settings, features, live.error), True
+        self._shown = (settings, features, live.error)
         choices = next((one.choices for one in features if one.name == "PixelFormat"), ())
-        formats = [one for one in choices if one in PIXEL_FORMATS]
-        self._format.param.update(
-            options=list(dict.fromkeys([*formats, settings.pixel_format])), value=settings.pixel_format
-        )
+        formats = dict.fromkeys([*(one for one in choices if one in PIXEL_FORMATS), settings.pixel_format])
         rate_hz = settings.frame_rate_hz
-        self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
-        self._black.value = settings.black_level
-        self._region.value = ", ".join(f"{n}" for n in astuple(settings.region))
-        self._filling = False
+        with self._page.quietly():
+            self._format.param.update(options=list(formats), value=settings.pixel_format)
+            self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
+            self._black.value = settings.black_level
+            self._region.value = ", ".join(f"{n}" for n in astuple(settings.region))
         self._list()
 
     def _set_region(self, text: str) -> None:
         parts = text.replace(",", " ").split()
         if len(parts) != 4 or not all(part.isdigit() for part in parts):
-            self._say("The region is four whole numbers: x, y, width, height")
+            self._page.workspace.say("The region is four whole numbers: x, y, width, height")
             return
         self._camera.request(region=Region(*map(int, parts)))
 
@@ -108,7 +88,7 @@ class CameraTab:
         known = {one.name.lower(): one for one in self._camera.live.features}.get(name.lower())
         value = None if known is None else _value(known, given)
         if known is None or value is None:
-            self._say(f"{text!r} is not understood: give NAME = VALUE as the table below has them")
+            self._page.workspace.say(f"{text!r} is not understood: give NAME = VALUE as the table below has them")
             return
         self._camera.request(**{known.name: value})
         self._feature.value = ""
@@ -116,15 +96,10 @@ class CameraTab:
     def _list(self) -> None:
         wanted = self._find.value.lower()
         found = [one for one in self._camera.live.features if wanted in one.name.lower()]
-        rows = "".join(
-            f"<tr><th scope='row'>{_text(one.name)}</th><td>{_text(_number(one.value))} {_text(one.unit)}</td>"
-            f"<td>{_text(_range(one))}</td></tr>"
-            for one in found[:_MOST_ROWS]
-        )
+        shown = found[:_MOST_ROWS]
+        rows = (row(text(one.name), (f"{_number(one.value)} {one.unit}", _range(one))) for one in shown)
         more = f"<p class='quiet'>{len(found) - _MOST_ROWS} more</p>" if len(found) > _MOST_ROWS else ""
-        head = "".join(f"<th scope='col'>{text}</th>" for text in ("Feature", "value", "possible"))
-        table = f"<table class='dense features'><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-        self._table.object = f"{table}{more}"
+        self._table.object = table(("Feature", "value", "possible"), rows, "dense features") + more
 
 
 def _value(feature: FeatureDescription, text: str) -> FeatureValue | None:
@@ -148,7 +123,3 @@ def _range(feature: FeatureDescription) -> str:
 
 def _number(value: FeatureValue) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)

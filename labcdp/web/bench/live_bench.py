@@ -75,8 +75,8 @@ class LiveBench:
         #: Contrasts, and the CDP of the pair at each.
         self.curve: tuple[NDArray[Any], NDArray[Any]] = (np.empty(0), np.empty(0))
         self._curve_s = 0.0
-        #: Work in progress, and what to tell the person.
-        self.busy, self.notice = "", ""
+        #: Work in progress.
+        self.busy = ""
         #: The one page that may change anything, and its name, which a tab of a browser keeps while it reloads.
         self.controller: tuple[object, str] = (None, "")
         self._devices, self._server = devices, server
@@ -152,21 +152,15 @@ class LiveBench:
                 raise InputError("the session needs a plain name of a folder")
             plan = with_regions(self.plan, self.workspace.drawing.shapes)
         except LabcdpError as error:
-            self.say(str(error))
+            self.workspace.warn(error)
             return
         if plan.meter.entry == "by hand":
             meter = ManualMeter(operator.typed, plan.meter.identity, stated_accuracy(plan.meter)).open()
         assert meter is not None, "the page offers no recording without"
-        self.notice = ""
         recording = self.recording = Recording(Path(name), plan, operator, self._devices.begun)
         # What the plan reads is shown like other readings, with what the camera sees in the patch.
         watched = cast("Meter", WatchedMeter(meter, self._note))
         self._work(f"Recording {name}", recording.run(self.camera, watched, self._tell, again))
-
-    def say(self, text: str) -> None:
-        """Show a sentence until the next one."""
-        self.notice = text
-        self.workspace.changed()
 
     @property
     def results(self) -> Path | None:
@@ -211,7 +205,7 @@ class LiveBench:
             self.workspace.changed()
 
         self.workspace.changed()
-        self._server.elsewhere(steps, self.say, done)
+        self._server.elsewhere(steps, self.workspace.say, done)
 
     def _measure(self, image: PageImage | None) -> None:
         if image is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from html import escape
 from math import isfinite
 from typing import Any
 
@@ -11,6 +10,7 @@ import panel as pn
 from bokeh.models import CustomJS
 
 from ...drivers.camera_settings import CameraSettings
+from ..html import text
 from ..look import TINTED, beside, column, row
 from ..maps.tab import MapTab
 from ..regions.display import DisplayScale
@@ -37,17 +37,16 @@ class BenchPage:
 
     def __init__(self, bench: LiveBench, document: Any) -> None:
         self.bench = bench
-        self._regions = Page(bench.workspace, document, self._may_change)
-        self._picture, html = self._regions.picture, self._regions.text
-        highest = bench.images.highest_dn
-        self._picture.show_scale(DisplayScale.of_range(highest))
+        self._page = page = Page(bench.workspace, document, self._may_change)
+        self._picture, self._highest = page.picture, bench.images.highest_dn
+        self._picture.show_scale(DisplayScale.of_range(self._highest))
         self._picture.go_live()
-        self._map = MapTab(self._regions, False)
+        self._map = MapTab(page, False)
         names = ("strip", "table", "notice", "findings")
-        self._strip, self._table, self._notice, self._findings = map(html, names)
+        self._strip, self._table, self._notice, self._findings = map(page.text, names)
         self._strip.styles = TINTED
-        self._record = RecordTab(bench, html, self._guarded)
-        self._camera = CameraTab(bench.camera, html, self._guarded, self._say)
+        self._record, self._camera = RecordTab(bench, page), CameraTab(bench.camera, page)
+        self._plots = Plots(bench)
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
         self._control.on_click(lambda _event: self._take_control())
         self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
@@ -55,28 +54,19 @@ class BenchPage:
         self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
         self._n_readings = pn.widgets.IntInput(name="Readings", value=1, start=1, end=100, width=80)
         self._typed = pn.widgets.TextInput(name="Reading of another meter (cd/m²), with Enter", width=260)
-        self._contrast = pn.widgets.TextInput(name="Contrast to detect (%)", placeholder="measured", width=170)
+        contrast = "" if bench.target.contrast is None else f"{100 * bench.target.contrast:g}"
+        self._contrast = pn.widgets.TextInput(
+            name="Contrast to detect (%)", placeholder="measured", value=contrast, width=170
+        )
         self._epsilon = pn.widgets.FloatInput(
             name="Tolerance ε (%)", value=100 * bench.target.epsilon, start=0.1, width=130
         )
-        if bench.target.contrast is not None:
-            self._contrast.value = f"{100 * bench.target.contrast:g}"
-        self._plots = Plots(bench)
-        self._highest = highest
         self._shown: tuple[CameraSettings | None, str] = (None, "")
-        self._filling = False
-        self._connect()
-        for end in (bench.camera.look(), bench.images.listen(self._image_came), self._leave):
-            document.on_session_destroyed(_ending(end))
         self._document, self._image_waits = document, False
         #: What only the controlling page may use.
         self._controls: list[Any] = []
         self._controlled = True
-        link = self._picture.link
-        link.on_change("tab", lambda _attr, _old, _new: self._arrive())
-        link.on_change("drawn", lambda _attr, _old, _new: self._show_newest())
-        link.on_change("pointer", lambda _attr, _old, new: self._point(new))
-        self._regions.after_update.append(self.update)
+        self._connect()
 
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
@@ -86,7 +76,12 @@ class BenchPage:
             plots[0],
             plots[1],
             row(self._exposure, self._gain),
-            row(*self._buttons(), self._pause, margin=(0, 3)),
+            row(
+                self._page.button("Fit exposure", self.bench.fit_exposure),
+                self._page.button("Read meter", self._take_readings),
+                self._pause,
+                margin=(0, 3),
+            ),
             self._findings,
             plots[2],
             row(self._n_readings, self._typed),
@@ -95,23 +90,22 @@ class BenchPage:
         tabs = pn.Tabs(
             ("Live", live),
             ("Camera", self._camera.layout()),
-            ("Regions", self._regions.side()),
+            ("Regions", self._page.side()),
             ("Luminance", self._map.layout()),
             ("Record", self._record.layout()),
             sizing_mode="stretch_both",
         )
         self._controls = [one for place in (0, 1, 4) for one in tabs[place].select(pn.widgets.Widget)]
         self.update()
-        side = (*self._regions.head(), self._notice, self._control, tabs)
+        side = (*self._page.head(), self._notice, self._control, tabs)
         return beside(self._picture.figure, side, self._strip), self._picture.script()
 
     def update(self) -> None:
         """Refresh the tab."""
         bench = self.bench
         cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
-        if self._pause.value != bench.images.paused:
-            self._filling, self._pause.value = True, bench.images.paused
-            self._filling = False
+        with self._page.quietly():
+            self._pause.value = bench.images.paused
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
         self._show_settings(bench.camera.live)
         workspace = bench.workspace
@@ -119,8 +113,8 @@ class BenchPage:
         self._table.object = reading_table(bench)
         self._show_control()
         self._follow_bits()
-        said = (bench.question or bench.busy, bench.notice or bench.images.mismatch, bench.camera.live.error)
-        words = escape(" ".join(dict.fromkeys(one for one in said if one)))
+        said = (bench.question or bench.busy, bench.images.mismatch, bench.camera.live.error)
+        words = text(" ".join(dict.fromkeys(one for one in said if one)))
         self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
@@ -149,19 +143,18 @@ class BenchPage:
             self._epsilon: self._aim_epsilon,
         }
         for widget, action in actions.items():
-            acting = self._guarded(action)
-            widget.param.watch(lambda event, acting=acting: None if self._filling else acting(event.new), "value")
+            self._page.watch(widget, action)
+        for end in (self.bench.camera.look(), self.bench.images.listen(self._image_came), self._leave):
+            self._document.on_session_destroyed(_ending(end))
+        link = self._picture.link
+        link.on_change("tab", lambda _attr, _old, _new: self._arrive())
+        link.on_change("drawn", lambda _attr, _old, _new: self._show_newest())
+        link.on_change("pointer", lambda _attr, _old, new: self._point(new))
+        self._page.after_update.append(self.update)
 
     def _may_change(self) -> bool:
         """Whether this page controls the bench."""
         return self.bench.controller[0] is self
-
-    def _guarded(self, action: Callable[[Any], object]) -> Callable[[Any], None]:
-        def acting(value: Any) -> None:
-            if self._may_change():
-                action(value)
-
-        return acting
 
     def _arrive(self) -> None:
         """Control the bench if nobody does."""
@@ -206,7 +199,7 @@ class BenchPage:
         except ValueError:
             luminance_cd_m2 = -1.0
         if not 0 <= luminance_cd_m2 < 1e9:
-            self._say("A reading is a number of cd/m², 0 or more")
+            self.bench.workspace.say("A reading is a number of cd/m², 0 or more")
             return
         self.bench.enter_reading(luminance_cd_m2)
         self._typed.value = ""
@@ -218,36 +211,24 @@ class BenchPage:
         except ValueError:
             contrast = float("nan")
         if contrast is not None and not 0 < contrast < 1e7:
-            self._say("The contrast is a percentage above 0; empty for the measured contrast")
+            self.bench.workspace.say("The contrast is a percentage above 0; empty for the measured contrast")
             return
         self.bench.aim(contrast=contrast)
 
     def _aim_epsilon(self, percent: float | None) -> None:
         if percent is None or not 0 < percent < 1e4:
-            self._say("The tolerance is a percentage above 0")
+            self.bench.workspace.say("The tolerance is a percentage above 0")
             return
         self.bench.aim(epsilon=percent / 100)
-
-    def _say(self, text: str) -> None:
-        self.bench.say(text)
 
     def _show_settings(self, live: Live) -> None:
         """Show what was read back when it has changed, also by another program, or when a request was rejected."""
         settings, shown = live.settings, (live.settings, live.error)
         if settings is None or shown == self._shown:
             return
-        self._shown, self._filling = shown, True
-        self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
-        self._filling = False
-
-    def _buttons(self) -> list[Any]:
-        actions = {"Fit exposure": self.bench.fit_exposure, "Read meter": self._take_readings}
-        buttons = []
-        for name, action in actions.items():
-            button = pn.widgets.Button(name=name, margin=(3, 4))
-            button.on_click(self._guarded(_ending(action)))
-            buttons.append(button)
-        return buttons
+        self._shown = shown
+        with self._page.quietly():
+            self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
 
     def _take_readings(self) -> None:
         self.bench.take_readings(self._n_readings.value or 1)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import datetime
-from html import escape
 from math import ceil
 from typing import Any
 
 import panel as pn
 
-from ...report.digits import printable
+from ..html import items, text
 from ..look import column, row
+from ..regions.page import Page
 from .live_bench import LiveBench
 from .recording import Question
 
@@ -34,44 +33,28 @@ class RecordTab:
     ----------
     bench : LiveBench
         State common to all tabs.
-    html : function of a name
-        Make a pane of HTML.
-    guarded : function
-        Make an action one that only the controlling page may do.
+    page : Page
+        The tab of the browser.
     """
 
-    def __init__(
-        self, bench: LiveBench, html: Any, guarded: Callable[[Callable[[Any], object]], Callable[[Any], None]]
-    ) -> None:
+    def __init__(self, bench: LiveBench, page: Page) -> None:
         self._bench = bench
         self._name = pn.widgets.TextInput(
             name="Folder of the session", value=f"session-{datetime.now():%Y%m%d-%H%M}", width=250
         )
-        self._start, self._pause, self._stop = (
-            pn.widgets.Button(name=name, button_type=kind, margin=(3, 4))
-            for name, kind in (
-                ("Record the plan", "primary"),
-                ("Pause recording", "default"),
-                ("Stop recording", "default"),
-            )
-        )
-        self._first, self._second = (
-            pn.widgets.Button(name="Done", button_type="primary", visible=False) for _ in range(2)
-        )
+        self._start = page.button("Record the plan", self._record, button_type="primary")
+        self._pause = page.button("Pause recording", self._hold)
+        self._stop = page.button("Stop recording", self._end)
+        self._first = page.button("Done", lambda: self._press(0), button_type="primary", visible=False)
+        self._second = page.button("Keep", lambda: self._press(1), button_type="primary", visible=False)
         self._typed = pn.widgets.TextInput(name="Reading, with Enter", width=250, visible=False)
         self._again = pn.widgets.Select(name="Record again", options=[_NOTHING], width=180)
-        self._dismiss = pn.widgets.Button(name="Dismiss findings", margin=(3, 4), visible=False)
-        self._state = html("record")
+        self._dismiss = page.button("Dismiss findings", self._forget_findings, visible=False)
+        self._state = page.text("record")
         self._asked: Question | None = None
-        self._start.on_click(guarded(lambda _event: self._record()))
-        self._pause.on_click(guarded(lambda _event: self._hold()))
-        self._stop.on_click(guarded(lambda _event: self._end()))
-        self._typed.param.watch(guarded(lambda event: self._answer(event.new) if event.new else None), "value")
-        self._dismiss.on_click(guarded(lambda _event: self._forget_findings()))
+        self._typed.param.watch(page.guarded(lambda event: self._answer(event.new) if event.new else None), "value")
         for widget in (self._first, self._typed):
             widget.jscallback(visible=_FOCUS)
-        for button in (self._first, self._second):
-            button.on_click(guarded(lambda event: self._answer(event.obj.name)))
 
     def layout(self) -> Any:
         """Return the tab."""
@@ -110,28 +93,26 @@ class RecordTab:
         bench, recording = self._bench, self._bench.recording
         if recording is None:
             if bench.unrecordable or bench.plan is None:
-                return f"<p class='quiet'>{_text(bench.unrecordable)}</p>"
+                return f"<p class='quiet'>{text(bench.unrecordable)}</p>"
             return (
-                f"<p class='quiet'>Records the plan “{_text(bench.plan.name)}” with the regions of this page as "
+                f"<p class='quiet'>Records the plan “{text(bench.plan.name)}” with the regions of this page as "
                 "patches, then calibrates the camera and writes the report. An interrupted session is resumed under "
                 "its name.</p>"
             )
         parts = []
         question = recording.operator.question if bench.busy else None
         if question is not None:
-            found = "".join(f"<li>{_text(one)}</li>" for one in question.findings)
-            causes = f"<ul>{found}</ul>" if found else ""
-            parts.append(f"<div class='notice warning' role='alert'><b>{_text(question.text)}</b>{causes}</div>")
+            asked = f"<b>{text(question.text)}</b>{items(question.findings)}"
+            parts.append(f"<div class='notice warning' role='alert'>{asked}</div>")
         progress = recording.progress
         if progress is not None:
             left = _left(recording.remaining_s) if bench.busy else ""
-            parts.append(f"<p>{_text(progress.step)}: {progress.done} of {progress.total}{left}</p>")
+            parts.append(f"<p>{text(progress.step)}: {progress.done} of {progress.total}{left}</p>")
             parts.append(f"<progress max='{max(progress.total, 1)}' value='{progress.done}'></progress>")
         if recording.operator.findings:
-            items = "".join(f"<li>{_text(one)}</li>" for one in recording.operator.findings)
-            parts.append(f"<h2>Findings</h2><ul>{items}</ul>")
+            parts.append(f"<h2>Findings</h2>{items(recording.operator.findings)}")
         if recording.outcome:
-            parts.append(f"<p role='status'>{_text(recording.outcome)}</p>")
+            parts.append(f"<p role='status'>{text(recording.outcome)}</p>")
         if recording.report is not None:
             parts.append("<p><a href='/report/report.html' target='_blank'>Open the report</a></p>")
         return "".join(parts)
@@ -156,16 +137,16 @@ class RecordTab:
             (recording.control.resume if recording.control.paused else recording.control.pause)()
             self._bench.workspace.changed()
 
-    def _answer(self, text: str) -> None:
+    def _press(self, number: int) -> None:
+        if self._asked is not None:
+            self._answer(self._asked.answers[number])
+
+    def _answer(self, words: str) -> None:
         if self._bench.recording is not None:
-            self._bench.recording.operator.answer(self._asked, text)
+            self._bench.recording.operator.answer(self._asked, words)
 
 
 def _left(time_s: float | None) -> str:
     if time_s is None:
         return ""
     return f", about {ceil(time_s / 60)} min left" if time_s > 90 else f", about {ceil(time_s)} s left"
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from html import escape
-
-from ...report.digits import exposure, printable, significant
+from ...report.digits import exposure, significant
+from ..html import row, table, text
 from ..regions.wording import percent_with_interval
 from .desk import MeterReading
 from .live_bench import LiveBench
@@ -65,8 +64,8 @@ def contrast_card(bench: LiveBench) -> str:
     if bench.pair is None:
         return _card("Measured contrast", "-", "open")
     contrast, frame = bench.pair.contrast, "this" if _seen_now(bench) else "the last"
-    text = percent_with_interval(contrast.value, contrast.standard_error)
-    return _card("Measured contrast", text, "open", f"U (95 %) of {frame} frame")
+    value = percent_with_interval(contrast.value, contrast.standard_error)
+    return _card("Measured contrast", value, "open", f"U (95 %) of {frame} frame")
 
 
 def meter_card(bench: LiveBench) -> str:
@@ -91,17 +90,11 @@ def reading_table(bench: LiveBench) -> str:
     for one in bench.desk.readings:
         camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
-        state = " class='fail'" if one.disagrees else ""
         series = f"{one.n_readings}, ± {100 * one.scatter_rel:.2g} %" if one.n_readings > 1 else "1"
-        rows.append(
-            f"<tr><th scope='row'>{_text(one.region) or '-'}</th><td>{significant(one.luminance_cd_m2)}</td>"
-            f"<td>{series}</td><td>{camera}</td><td{state}>{deviation}</td></tr>"
-        )
-    heads = "".join(
-        f"<th scope='col'>{head}</th>"
-        for head in ("region", "meter (cd/m²)", "readings, scatter", "camera (cd/m²)", "deviation (%)")
-    )
-    return f"<table class='readings'><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        cells = significant(one.luminance_cd_m2), series, camera, (deviation, "fail" if one.disagrees else "")
+        rows.append(row(text(one.region) or "-", cells))
+    heads = ("region", "meter (cd/m²)", "readings, scatter", "camera (cd/m²)", "deviation (%)")
+    return table(heads, rows, "readings")
 
 
 def settings_text(live: Live) -> str:
@@ -113,7 +106,7 @@ def settings_text(live: Live) -> str:
     rate = "" if settings.frame_rate_hz is None else f", {settings.frame_rate_hz:.4g} frames/s set"
     return (
         f"<p class='quiet'>In effect: {exposure(settings.exposure_s)} ({exposure(low)} to {exposure(high)} possible), "
-        f"{settings.gain_db:g} dB, {_text(settings.pixel_format)}, {settings.width} x {settings.height} pixels{rate}; "
+        f"{settings.gain_db:g} dB, {text(settings.pixel_format)}, {settings.width} x {settings.height} pixels{rate}; "
         f"{live.n_frames} frames received, {live.n_incomplete} incomplete.</p>"
     )
 
@@ -136,9 +129,5 @@ def _why(bench: LiveBench) -> str:
 
 
 def _card(title: str, value: str, state: str, *lines: str, raw: bool = False) -> str:
-    body = "".join(f"<p title='{_text(line)}'>{_text(line)}</p>" for line in lines)
-    return f"<div class='card {state}'><h3>{_text(title)}</h3><b>{value if raw else _text(value)}</b>{body}</div>"
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)
+    body = "".join(f"<p title='{text(line)}'>{text(line)}</p>" for line in lines)
+    return f"<div class='card {state}'><h3>{text(title)}</h3><b>{value if raw else text(value)}</b>{body}</div>"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from math import nan
 
 from ...core.roi import Roi
 from ...metrics.regions.limits import limit_verdict
 from ...regions import Shape
-from ...report.digits import Z_95, printable, share_percent, shortened, significant
+from ...report.digits import Z_95, share_percent, shortened, significant
+from ..html import Cell, region_row, table, text
 from ..regions.measurements import Evaluated, Means
 from ..regions.page_image import PageImage
 
@@ -23,11 +23,9 @@ def statistics_table(
     rows = []
     for shape in shapes:
         for roi in shape.rois():
-            found = means.get(roi)
-            if found is None or found.light is None:
-                cells = [(found.error if found else "") or "…", *[""] * 5]
-                verdict = ""
-            else:
+            head, found = text(shortened(roi.name, 20)), means.get(roi)
+            cells: list[Cell] = [(found.error if found else "") or "…", *[""] * 5]
+            if found is not None and found.light is not None:
                 evaluation = evaluated.regions.get(roi)
                 result = None if evaluation is None else evaluation.result
                 expanded = nan if result is None else Z_95 * result.standard_uncertainty
@@ -40,24 +38,10 @@ def statistics_table(
                     significant(found.highest or 0.0),
                     f"{light / found.light_std:.3g}" if found.light_std else "",
                     share_percent(found.saturated),
-                    "" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}",
+                    ("" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}", verdict),
                 ]
-            chosen = " class='chosen'" if shape.name == selected else ""
-            name = shortened(roi.name, 20)
-            rows.append(
-                f"<tr{chosen} data-region='{_text(roi.name)}'><th scope='row'>{_text(name)}</th>"
-                + "".join(f"<td>{_text(cell)}</td>" for cell in cells[:-1])
-                + f"<td class='{verdict}'>{_text(cells[-1])}</td>"
-                + "</tr>"
-            )
+            rows.append(region_row(roi.name, head, cells, shape.name == selected))
     if not rows:
         return "<p class='quiet'>Draw regions to see their luminance, and give them limits to pass or fail.</p>"
-    head = "".join(f"<th scope='col'>{_text(text)}</th>" for text in _HEADS)
-    unit = (
-        f"<p class='quiet'>{_text(image.unit_text)}; a verdict needs all of ± U (95 %) on one side of the limits.</p>"
-    )
-    return f"<table class='dense'><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{unit}"
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)
+    unit = f"{image.unit_text}; a verdict needs all of ± U (95 %) on one side of the limits."
+    return f"{table(_HEADS, rows, 'dense')}<p class='quiet'>{text(unit)}</p>"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +11,19 @@ from bokeh.model import DataModel
 
 from ...core.disk import parse_json
 from ...core.errors import InputError
+from ...regions import Shape
 from .drawing import Drawing
-from .shape_edit import Corner, box_shape, handles, moved, polygon_shape, with_corner, with_handle, without_corner
+from .shape_edit import (
+    Corner,
+    ImageSize,
+    box_shape,
+    handles,
+    moved,
+    polygon_shape,
+    with_corner,
+    with_handle,
+    without_corner,
+)
 from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
 
 #: Most corners of a drawn polygon.
@@ -109,90 +120,50 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
     InputError
         If the message is invalid, or the drawing cannot be changed accordingly.
     """
-    known = _CHANGES.get(message["do"])
-    if known is None:
-        raise InputError(f"the page asked for {message['do']!r}, which is unknown: reload it")
-    return known(drawing, message)
+    what, size = message["do"], drawing.size
+    if what in ("polygon", "box"):
+        name = drawing.new_name()
+        return drawing.added(_drawn(what, name, message, size)), name
+    name = _text(message, "name")
+    if what == "delete":
+        return drawing.deleted(name), None
+    if what == "rename":
+        to = _text(message, "to").strip()
+        return drawing.renamed(name, to), to
+    if what == "accept":
+        return drawing.accepted([name]), name
+    return drawing.changed(name, lambda shape: _edited(what, shape, message, size)), name
 
 
-_Changed = tuple[Drawing, str | None]
-
-
-def _polygon(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
+def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
+    if what == "box":
+        return box_shape(_text(message, "kind"), name, _place(message, "start"), _place(message, "end"), size)
     corners = message.get("corners")
     if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
         raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
-    name = drawing.new_name()
-    return drawing.added(polygon_shape(name, tuple(_place(one) for one in corners), drawing.size)), name
+    return polygon_shape(name, tuple(_place({"corner": one}, "corner") for one in corners), size)
 
 
-def _box(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name = drawing.new_name()
-    start, end = _place(message.get("start")), _place(message.get("end"))
-    return drawing.added(box_shape(_text(message, "kind"), name, start, end, drawing.size)), name
+def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize) -> Shape:
+    match what:
+        case "corner":
+            return with_handle(shape, _number(message, "at"), _place(message, "to"), size)
+        case "insert":
+            return with_corner(shape, _number(message, "after"), _place(message, "at"), size)
+        case "remove corner":
+            return without_corner(shape, _number(message, "at"))
+        case "move":
+            return moved(shape, _place(message, "by"), size)
+        case "limits":
+            return replace(shape, limits_cd_m2=message.get("of"))
+    raise InputError(f"the page asked for {what!r}, which is unknown: reload it")
 
 
-def _corner(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name, at, to = _text(message, "name"), _number(message, "at"), _place(message.get("to"))
-    return drawing.changed(name, lambda shape: with_handle(shape, at, to, drawing.size)), name
-
-
-def _insert(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name, after, at = _text(message, "name"), _number(message, "after"), _place(message.get("at"))
-    return drawing.changed(name, lambda shape: with_corner(shape, after, at, drawing.size)), name
-
-
-def _remove_corner(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name, at = _text(message, "name"), _number(message, "at")
-    return drawing.changed(name, lambda shape: without_corner(shape, at)), name
-
-
-def _move(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name, by = _text(message, "name"), _place(message.get("by"))
-    return drawing.changed(name, lambda shape: moved(shape, by, drawing.size)), name
-
-
-def _limits(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name = _text(message, "name")
-    return drawing.changed(name, lambda shape: replace(shape, limits_cd_m2=message.get("of"))), name
-
-
-def _delete(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    return drawing.deleted(_text(message, "name")), None
-
-
-def _rename(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    to = _text(message, "to").strip()
-    return drawing.renamed(_text(message, "name"), to), to
-
-
-def _accept(drawing: Drawing, message: Mapping[str, Any]) -> _Changed:
-    name = _text(message, "name")
-    return drawing.accepted([name]), name
-
-
-_CHANGES: dict[str, Callable[[Drawing, Mapping[str, Any]], _Changed]] = {
-    "polygon": _polygon,
-    "box": _box,
-    "corner": _corner,
-    "insert": _insert,
-    "remove corner": _remove_corner,
-    "move": _move,
-    "delete": _delete,
-    "rename": _rename,
-    "accept": _accept,
-    "limits": _limits,
-}
-
-
-def _place(value: object) -> Corner:
-    if (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(one, int | float) and not isinstance(one, bool) for one in value)
-    ):
+def _place(message: Mapping[str, Any], key: str) -> Corner:
+    value = message.get(key)
+    if isinstance(value, list) and [type(one) in (int, float) for one in value] == [True, True]:
         return float(value[0]), float(value[1])
-    raise InputError("the page sent a place that is not two numbers: reload it")
+    raise InputError(f"the page sent a {key} that is not two numbers: reload it")
 
 
 def _text(message: Mapping[str, Any], key: str) -> str:
@@ -204,6 +175,6 @@ def _text(message: Mapping[str, Any], key: str) -> str:
 
 def _number(message: Mapping[str, Any], key: str) -> int:
     value = message.get(key)
-    if not isinstance(value, int) or isinstance(value, bool):
+    if type(value) is not int:
         raise InputError(f"the page sent no number for {key}: reload it")
     return value

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from html import escape
+from functools import partial
 from itertools import count
 from typing import Any
 
 import panel as pn
 
 from ...core.errors import LabcdpError
-from ...report.digits import printable
+from .. import html
 from ..look import column, row, style
 from .figure import Picture
 from .messages import parse_message
@@ -50,9 +50,9 @@ class Page:
         self._asked = count(1)
         css, scrolled = style(), {"overflow-x": "auto", "min-width": "0"}
 
-        def text(name: str, html: str = "") -> Any:
+        def text(name: str, content: str = "") -> Any:
             return pn.pane.HTML(
-                html, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8), styles=scrolled
+                content, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8), styles=scrolled
             )
 
         self._head, self._readout, self._notice = text("head"), text("readout"), text("notice")
@@ -138,7 +138,7 @@ class Page:
     def _update(self) -> None:
         workspace = self.workspace
         image, drawing, means, evaluated = workspace.image, workspace.drawing, workspace.means, workspace.evaluated
-        with self._quietly():
+        with self.quietly():
             self.picture.show(drawing, workspace.selected)
             self._head.object = self._heading()
             self._regions.object = region_table(image, drawing, means, evaluated, workspace.selected)
@@ -146,7 +146,7 @@ class Page:
             self._warnings.object = warning_list(image, drawing, means, evaluated)
             notice = workspace.notice
             self._notice.object = (
-                f"<div class='notice {notice.kind}' role='status'>{_text(notice.text)}</div>" if notice.text else ""
+                f"<div class='notice {notice.kind}' role='status'>{html.text(notice.text)}</div>" if notice.text else ""
             )
             names = [roi.name for roi in drawing.rois]
             for widget, chosen in zip((self._first, self._second), drawing.pair, strict=True):
@@ -169,37 +169,39 @@ class Page:
         if not workspace.unsaved and workspace.written:
             state = "<span class='state'>saved</span>"
         return (
-            f"<p class='kind'>labcdp: regions of an image</p><h1>{_text(image.name)}</h1>"
+            f"<p class='kind'>labcdp: regions of an image</p><h1>{html.text(image.name)}</h1>"
             f"<p class='quiet'>{width} x {height} pixels {'· ' + state if state else ''}</p>"
         )
 
     def _new_buttons(self) -> dict[str, Any]:
-        do = self.do
-
-        def selected(what: str) -> Callable[[Any], object]:
-            return lambda _: do({"do": what, "name": self.workspace.selected})
-
-        actions: dict[str, tuple[Callable[[Any], object], str]] = {
-            "Undo": (lambda _: do({"do": "undo"}), "Ctrl + Z"),
-            "Redo": (lambda _: do({"do": "redo"}), "Ctrl + Y"),
-            "Delete": (selected("delete"), "Delete the selected region (Del)"),
-            "Fit": (lambda _: self._ask("fit"), "Show the whole picture (F)"),
-            "+": (lambda _: self._ask("in"), "Zoom in (+, or the wheel)"),
-            "-": (lambda _: self._ask("out"), "Zoom out (-, or the wheel)"),
-            "Save": (lambda _: do({"do": "save", "name": self._file.value_input or self._file.value}), "Ctrl + S"),
-            "Replace": (lambda _: do({"do": "replace"}), "Replace the file that another program changed"),
-            "Propose": (lambda _: self._propose(), "Find regions; they count once you accept them"),
-            "Accept": (selected("accept"), "Accept the selected proposal (Enter)"),
-            "Accept all": (lambda _: do({"do": "accept all"}), "Accept all proposals"),
-            "Discard": (lambda _: do({"do": "discard"}), "Discard all proposals"),
+        tips = {
+            "Undo": "Ctrl + Z",
+            "Redo": "Ctrl + Y",
+            "Delete": "Delete the selected region (Del)",
+            "Save": "Ctrl + S",
+            "Replace": "Replace the file that another program changed",
+            "Accept": "Accept the selected proposal (Enter)",
+            "Accept all": "Accept all proposals",
+            "Discard": "Discard all proposals",
         }
-        buttons = {}
-        for name, (action, tip) in actions.items():
-            kind = "primary" if name == "Save" else "default"
-            button = pn.widgets.Button(name=name, button_type=kind, description=tip, margin=(3, 4))
-            button.on_click(action)
-            buttons[name] = button
+        buttons = {name: self.button(name, partial(self._press, name), description=tip) for name, tip in tips.items()}
+        buttons["Save"].button_type = "primary"
+        tip = "Find regions; they count once you accept them"
+        buttons["Propose"] = self.button("Propose", self._propose, description=tip)
+        views = {
+            "Fit": "Show the whole picture (F)",
+            "+": "Zoom in (+, or the wheel)",
+            "-": "Zoom out (-, or the wheel)",
+        }
+        for (name, tip), what in zip(views.items(), ("fit", "in", "out"), strict=True):
+            button = buttons[name] = pn.widgets.Button(name=name, description=tip, margin=(3, 4))
+            button.on_click(lambda _event, what=what: self._ask(what))
         return buttons
+
+    def _press(self, name: str) -> None:
+        """Do what a button says: to the selected region, if it is about one, or with the name of the file."""
+        file = self._file.value_input or self._file.value
+        self.do({"do": name.lower(), "name": file if name == "Save" else self.workspace.selected})
 
     def _connect(self) -> None:
         link, workspace = self.picture.link, self.workspace
@@ -207,9 +209,9 @@ class Page:
         link.on_change("heard", lambda _attr, _old, _new: self._heard())
         link.on_change("view", lambda _attr, _old, new: self._look(new))
         link.on_change("pointer", lambda _attr, _old, new: self._point(new))
-        self._name.param.watch(self._unless_updating(self._rename), "value")
+        self.watch(self._name, self._rename)
         for widget in (self._first, self._second):
-            widget.param.watch(self._unless_updating(self._pair_chosen), "value")
+            self.watch(widget, self._pair_chosen)
         self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
         self._point([])
         self.document.on_session_destroyed(_ending(workspace.listen(self.changed)))
@@ -234,40 +236,55 @@ class Page:
 
     def _point(self, pointer: list[int]) -> None:
         text = self.workspace.image.readout(*pointer) if len(pointer) == 2 else ""
-        self._readout.object = f"<div class='readout'>{_text(text)}</div>"
+        self._readout.object = f"<div class='readout'>{html.text(text)}</div>"
 
     def _ask(self, what: str) -> None:
         self.picture.link.ask = f"{what} {next(self._asked)}"
 
     def _propose(self) -> None:
         method = self._method.value
-        if not self.may_change():
-            return
         try:
             found = propose(self.workspace.image, method, self._size.value if method == "superpixels" else None)
             self.workspace.propose(found, METHOD_NAMES[method])
         except LabcdpError as error:
             self.workspace.warn(error)
 
-    def _rename(self, event: Any) -> None:
+    def _rename(self, name: str) -> None:
         if self.workspace.selected is not None:
-            self.do({"do": "rename", "name": self.workspace.selected, "to": event.new})
+            self.do({"do": "rename", "name": self.workspace.selected, "to": name})
 
-    def _pair_chosen(self, _event: Any) -> None:
+    def _pair_chosen(self, _name: str | None) -> None:
         self.do({"do": "pair", "first": self._first.value, "second": self._second.value})
 
-    def _unless_updating(self, action: Callable[[Any], None]) -> Callable[[Any], None]:
+    def watch(self, widget: Any, action: Callable[[Any], object]) -> None:
+        """Call `action` with a new value of a widget that a person has changed, if the tab may change anything."""
+
         def watcher(event: Any) -> None:
             if not self._updating:
-                action(event)
+                self.guarded(action)(event.new)
                 # A refused change is reverted.
                 self.changed()
 
-        return watcher
+        widget.param.watch(watcher, "value")
+
+    def button(self, name: str, action: Callable[[], object], **options: Any) -> Any:
+        """Return a button whose action only a tab does that may change anything."""
+        button = pn.widgets.Button(name=name, **{"margin": (3, 4)} | options)
+        button.on_click(self.guarded(lambda _event: action()))
+        return button
+
+    def guarded(self, action: Callable[[Any], object]) -> Callable[[Any], None]:
+        """Return an action that does nothing in a tab that may only look on."""
+
+        def acting(value: Any) -> None:
+            if self.may_change():
+                action(value)
+
+        return acting
 
     @contextmanager
-    def _quietly(self) -> Iterator[None]:
-        """Set widgets without triggering their callbacks."""
+    def quietly(self) -> Iterator[None]:
+        """Set widgets that are watched without calling their actions."""
         before, self._updating = self._updating, True
         try:
             yield
@@ -277,7 +294,3 @@ class Page:
 
 def _ending(end: Callable[[], None]) -> Callable[[Any], None]:
     return lambda _session: end()
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)

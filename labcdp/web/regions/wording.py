@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from html import escape
 from math import isfinite
 
 from ...core.finding import Finding, unique
@@ -14,12 +13,12 @@ from ...report.digits import (
     cdp_decimals,
     cdp_interval,
     fixed,
-    printable,
     shortened,
     significant,
     with_half_width,
 )
 from ...report.findings import finding_text
+from ..html import items, region_row, row, table, text
 from .drawing import Drawing
 from .measurements import MOST_MEASURED, Evaluated, Evaluation, Means
 from .page_image import PageImage
@@ -50,20 +49,18 @@ def region_table(
     rows = []
     for shape in drawing.shapes:
         for roi in shape.rois():
-            chosen = " class='chosen'" if shape.name == selected else ""
-            rows.append(
-                f"<tr{chosen} data-region='{_text(roi.name)}'><th scope='row'>"
+            head = (
                 f"<span class='swatch' style='background:{colour(drawing, roi.name)}'></span>"
-                f"<span title='{_text(roi.name)}'>{_text(shortened(roi.name, _LONGEST_NAME))}</span></th>"
-                f"{_cells(means.get(roi), evaluated.regions.get(roi))}</tr>"
+                f"<span title='{text(roi.name)}'>{text(shortened(roi.name, _LONGEST_NAME))}</span>"
             )
+            cells = _cells(means.get(roi), evaluated.regions.get(roi))
+            rows.append(region_row(roi.name, head, cells, shape.name == selected))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
-    head = "".join(f"<th scope='col'>{_text(text)}</th>" for text in heads)
     note = ""
     if len(rows) > MOST_MEASURED:
         note = f"<p class='quiet'>Of more than {MOST_MEASURED} regions only A and B are measured.</p>"
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
+    return table(heads, rows) + note
 
 
 def pair_table(drawing: Drawing, evaluated: Evaluated) -> str:
@@ -76,27 +73,21 @@ def pair_table(drawing: Drawing, evaluated: Evaluated) -> str:
         return "<p class='quiet'>Measuring …</p>"
     pair = found.result
     if pair is None:
-        return f"<p class='warning'>{_text(found.error)}</p>"
+        return f"<p class='warning'>{text(found.error)}</p>"
     measured, rows = pair.of_measured_contrast, []
     for one in pair.results:
         result = replace(one.result, confidence_interval=one.confidence_interval)
         asked = significant(100 * result.contrast) if measured else f"{100 * result.contrast:.6g}"
-        rows.append(
-            f"<tr><th scope='row'>{asked} %</th>"
-            f"<td class='cdp'>{fixed(result.cdp, cdp_decimals(result))}</td><td>{cdp_interval(result)}</td></tr>"
-        )
+        rows.append(row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
     ratio, csnr = pair.contrast, pair.csnr
     facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error)}"]
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
-    bright = _text(pair.bright_region.roi.name)
+    bright = text(pair.bright_region.roi.name)
     head = "Contrast asked (measured)" if measured else "Contrast asked"
     if not rows:
         return f"<p>{'; '.join(facts)}. Give --contrast for a CDP.</p>"
-    return (
-        f"<table><thead><tr><th scope='col'>{head}</th><th scope='col'>CDP</th><th scope='col'>95 % interval</th></tr>"
-        f"</thead><tbody>{''.join(rows)}</tbody></table><p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
-    )
+    return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
 
 
 def warning_list(image: PageImage, drawing: Drawing, means: Mapping[Roi, Means], evaluated: Evaluated) -> str:
@@ -115,17 +106,13 @@ def warning_list(image: PageImage, drawing: Drawing, means: Mapping[Roi, Means],
         # Those of a region are already shown above.
         known = {(one.code, one.subject) for one in findings}
         findings += [one for one in pair.result.findings if (one.code, one.subject) not in known]
-    return _list([*errors, *map(finding_text, unique((*findings, *image.findings)))])
+    lines = [*errors, *map(finding_text, unique((*findings, *image.findings)))]
+    return items(line[:1].upper() + line[1:] for line in lines)
 
 
-def _list(lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{_text(line[:1].upper() + line[1:])}</li>" for line in lines)
-    return f"<ul>{items}</ul>" if items else ""
-
-
-def _cells(means: Means | None, evaluation: Evaluation | None) -> str:
+def _cells(means: Means | None, evaluation: Evaluation | None) -> tuple[str, ...]:
     if means is None:
-        return "<td>…</td>" * 4
+        return ("…",) * 4
     value = "" if means.value is None else f"{means.value:.5g}"
     std = "" if means.value_std is None else f"{means.value_std:.3g}"
     light = "" if means.light is None else significant(means.light)
@@ -133,7 +120,7 @@ def _cells(means: Means | None, evaluation: Evaluation | None) -> str:
         light += " …"
     elif evaluation is not None and evaluation.result is not None:
         light = _with_interval(evaluation.result.mean, evaluation.result.standard_uncertainty)
-    return "".join(f"<td>{text}</td>" for text in (means.n_pixels or "", value, std, light))
+    return str(means.n_pixels or ""), value, std, light
 
 
 def _with_interval(value: float, standard_uncertainty: float) -> str:
@@ -148,7 +135,3 @@ def percent_with_interval(value: float, standard_error: float) -> str:
     if not isfinite(value):
         return "unbounded"
     return f"{_with_interval(100 * value, 100 * standard_error)} %"
-
-
-def _text(text: str) -> str:
-    return escape(printable(text), quote=True)

@@ -154,6 +154,11 @@ class CameraSettings:
         """Part of the sensor that is read out."""
         return Region(int(self.readout.x), int(self.readout.y), self.width, self.height)
 
+    @property
+    def binning(self) -> tuple[int, int]:
+        """Columns and rows that are binned."""
+        return self.readout.binning
+
     def longest_wait_s(self, timeout_s: float | None = None, overload: float = 1.0) -> float:
         """Return how long to wait for a frame: the exposure time and `timeout_s`, None for a default.
 

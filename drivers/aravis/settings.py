@@ -134,7 +134,7 @@ def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
         # After the binning, which also changes the region.
         backwards.append("region")
     for name in backwards:
-        old = before.readout.binning if name == "binning" else getattr(before, name)
+        old = getattr(before, name)
         if old is not None:
             with contextlib.suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
                 change_setting(camera, name, old)

@@ -116,23 +116,11 @@ def require_kept(
     CameraSettingError
         Naming the first that differs.
     """
-    now = _as_set(settings)
-    pairs = {name: (value, now[name]) for name, value in wanted.settings.items()}
+    pairs = {name: (value, getattr(settings, name)) for name, value in wanted.settings.items()}
     pairs |= {name: (value, feature(name)) for name, value in wanted.features.items()}
     for name, (value, kept) in pairs.items():
         if not _same(value, kept, _ROUNDED_REL):
             raise CameraSettingError(f"{who} keeps {name} at {kept}, not {value}: give a value that it keeps")
-
-
-def _as_set(settings: CameraSettings) -> dict[str, Any]:
-    region = settings.region
-    return {
-        "binning": settings.readout.binning,
-        "region": region,
-        "frame_rate_hz": settings.frame_rate_hz,
-        "black_level": settings.black_level,
-        "trigger": settings.trigger,
-    }
 
 
 def _different(wanted: Snapshot, now: Snapshot) -> list[str]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 from os import PathLike
 from typing import ClassVar, Final, Self
 
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
@@ -22,20 +23,6 @@ from .line import MeterLine
 from .port import SETTINGS, NamedPort, Port, TranscriptWriter
 from .protocol import LS100, LS110, MODE_GROUPS, LSDataSheet, MeterMode, parse_reading
 from .recovery import MeterLink
-
-__all__ = [
-    "DRIVERS",
-    "LS100",
-    "LS110",
-    "LSDataSheet",
-    "MeterMode",
-    "MinoltaLS",
-    "MinoltaLS100",
-    "MinoltaLS110",
-    "SerialPort",
-    "find_meter_ports",
-    "parse_reading",
-]
 
 _log = logging.getLogger(__name__)
 
@@ -246,25 +233,9 @@ class MinoltaLS110(MinoltaLS):
 DRIVERS: Final[dict[str, type[MinoltaLS]]] = {"LS-100": MinoltaLS100, "LS-110": MinoltaLS110}
 
 
-@dataclass(frozen=True, order=True)
-class SerialPort:
-    """A serial port of this computer.
-
-    Parameters
-    ----------
-    device : str
-        Device name.
-    description : str
-        Description by the operating system.
-    """
-
-    device: str
-    description: str
-
-
-def find_meter_ports() -> list[SerialPort]:
+def find_meter_ports() -> list[ListPortInfo]:
     """Return the serial ports by name; only opening one shows whether a meter is connected."""
-    return sorted(SerialPort(port.device, port.description) for port in list_ports.comports())
+    return sorted(list_ports.comports(), key=lambda port: port.device)
 
 
 def _replaced(modes: tuple[MeterMode, ...], mode: MeterMode) -> tuple[MeterMode, ...]:

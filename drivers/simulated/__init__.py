@@ -4,7 +4,8 @@ from .bench import SimulatedBench
 from .devices import BenchDevices, SimulatedBenchFile
 from .gige.camera import SimulatedDevice, SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter.meter import PtyMeter, SimulatedLS
+from .meter.meter import SimulatedLS
+from .meter.pty import PtyMeter
 
 __all__ = [
     "BenchDevices",

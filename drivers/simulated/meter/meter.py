@@ -24,10 +24,7 @@ from ...minolta_ls.protocol import (
     MeterMode,
     four_digits,
 )
-from .port import CRLF, Fault
-from .pty import PtyMeter
-
-__all__ = ["EXACT", "Fault", "MeterErrorModel", "PtyMeter", "SimulatedLS", "format_number"]
+from .port import CRLF
 
 _POWER_ON: Final = frozenset({MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT})
 _CORRECTION_FLAGS: Final = {

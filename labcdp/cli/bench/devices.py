@@ -134,7 +134,8 @@ def meter(
 ) -> None:
     """Take readings of a luminance meter, with their mean and scatter."""
     from ...drivers.meter import measure_series
-    from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
+    from ...drivers.minolta_ls.meter import DRIVERS
+    from ...drivers.minolta_ls.protocol import MeterMode
 
     modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
     with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
@@ -151,7 +152,7 @@ def _only_port() -> str:
         raise InputError("no serial port was found: connect the adapter, or give --meter")
     if len(ports) > 1:
         raise InputError(f"there are several serial ports ({', '.join(p.device for p in ports)}): give --meter")
-    return ports[0].device
+    return str(ports[0].device)
 
 
 def _result(series: ReadingSeries) -> Result:

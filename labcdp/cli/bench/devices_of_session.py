@@ -244,8 +244,9 @@ def _try(camera: Camera) -> None:
 
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
-    from ...drivers.minolta_ls.meter import DRIVERS, MeterMode
+    from ...drivers.minolta_ls.meter import DRIVERS
     from ...drivers.minolta_ls.port import NamedPort
+    from ...drivers.minolta_ls.protocol import MeterMode
 
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]

@@ -5,7 +5,7 @@ import serial
 
 from labcdp.drivers.doctor.meter import check_meter
 from labcdp.drivers.host.finding import Finding
-from labcdp.drivers.simulated.meter.meter import PtyMeter
+from labcdp.drivers.simulated.meter.pty import PtyMeter
 
 #: Seconds to wait for an answer; a pseudo-terminal answers at once.
 SOON_S = 5.0

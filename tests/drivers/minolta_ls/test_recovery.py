@@ -12,8 +12,9 @@ from labcdp.drivers.meter import (
     MeterTimeoutError,
     measure_series,
 )
-from labcdp.drivers.minolta_ls.meter import MeterMode
-from labcdp.drivers.simulated.meter.meter import Fault, SimulatedLS
+from labcdp.drivers.minolta_ls.protocol import MeterMode
+from labcdp.drivers.simulated.meter.meter import SimulatedLS
+from labcdp.drivers.simulated.meter.port import Fault
 
 from .conftest import TIMEOUT_S
 

@@ -87,6 +87,16 @@ def test_frames_differ_by_noise_and_repeat_by_seed(bench, small_configuration):
         np.testing.assert_array_equal(camera.snap().dn, first.dn)
 
 
+def test_each_simulated_bench_has_a_camera_of_its_own(small_configuration):
+    devices = BenchDevices.standard(seed=3)
+    one, other = (SimulatedBench(small_configuration, devices.specimen(number), SHAPE) for number in (0, 1))
+    with one.in_process_camera() as first, other.in_process_camera() as second:
+        assert first.identity.serial != second.identity.serial
+        # In the dark of one seed they differ by their patterns alone.
+        one.cover_lens(), other.cover_lens()
+        assert (first.snap().dn != second.snap().dn).any()
+
+
 def test_the_camera_in_this_process_gives_the_pixels_of_the_one_on_the_wire(aravis, bench, small_configuration):
     with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.004)

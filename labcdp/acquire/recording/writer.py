@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self
 
@@ -52,13 +53,8 @@ class Throughput:
         return self.frames / self.duration_s if self.duration_s > 0 else 0.0
 
 
-@dataclass(frozen=True)
-class _Event:
-    kind: str
-    content: Mapping[str, Any]
-
-
 _FrameItem = tuple[Frame, Role, str | None]
+_Event = tuple[str, Mapping[str, Any]]
 
 
 class FrameWriter:
@@ -81,16 +77,13 @@ class FrameWriter:
     ) -> None:
         self._session = session
         self._clock = clock
-        self._max_frames = max_frames
-        self._max_bytes = max_bytes
-        self._changed = threading.Condition()
-        self._waiting: list[_FrameItem | _Event] = []
-        self._held_frames = self._held_bytes = self._written = 0
-        self._waited_s = 0.0
-        self._started_s: float | None = None
-        self._ended_s = 0.0
-        self._closing = False
-        self._error: BaseException | None = None
+        self._limits = max_frames, max_bytes
+        # Frames that are queued or being written take room; events take none.
+        self._room: threading.Semaphore | None = None
+        self._items: SimpleQueue[_FrameItem | _Event | None] = SimpleQueue()
+        self._written = 0
+        self._waited_s = self._started_s = self._ended_s = 0.0
+        self._error: Exception | None = None
         self._thread = InterruptSafeThread(self._write, "labcdp frame writer")
 
     def __enter__(self) -> Self:
@@ -110,7 +103,7 @@ class FrameWriter:
         """
         try:
             # Ctrl-C is raised only afterwards, so that no queued frame is lost.
-            self._thread.finish(self._close)
+            self._thread.finish(lambda: self._items.put(None))
         finally:
             if self._error is not None and error is not self._error:
                 raise self._error
@@ -123,81 +116,61 @@ class FrameWriter:
         SessionError
             If an earlier frame or event could not be written.
         """
-        size = frame.dn.nbytes
-        with self._changed:
-            asked_s = self._clock.monotonic_s()
-            if self._started_s is None:
-                self._started_s = asked_s
-            self._changed.wait_for(lambda: self._error is not None or self._has_room(size))
-            self._waited_s += self._clock.monotonic_s() - asked_s
-            self._raise_error()
-            self._held_frames += 1
-            self._held_bytes += size
-            self._waiting.append((frame, role, patch))
-            self._changed.notify_all()
+        self._raise_error()
+        asked_s = self._clock.monotonic_s()
+        if self._room is None:
+            # All frames of a recording have one size.
+            max_frames, max_bytes = self._limits
+            self._started_s = asked_s
+            self._room = threading.Semaphore(max(1, min(max_frames, max_bytes // frame.dn.nbytes)))
+        self._room.acquire()
+        self._waited_s += self._clock.monotonic_s() - asked_s
+        self._raise_error()
+        self._items.put((frame, role, patch))
 
     def put_event(self, kind: str, content: Mapping[str, Any]) -> None:
         """Queue an event, recorded after all frames queued before; raises SessionError as `put`."""
-        with self._changed:
-            self._raise_error()
-            self._waiting.append(_Event(kind, content))
-            self._changed.notify_all()
+        self._raise_error()
+        self._items.put((kind, content))
 
     @property
     def throughput(self) -> Throughput:
         """Writing speed so far."""
-        with self._changed:
-            duration_s = 0.0 if self._started_s is None else max(self._ended_s - self._started_s, 0.0)
-            return Throughput(self._written, duration_s, self._waited_s)
-
-    def _has_room(self, size: int) -> bool:
-        if self._held_frames == 0:
-            return True
-        return self._held_frames < self._max_frames and self._held_bytes + size <= self._max_bytes
+        return Throughput(self._written, max(self._ended_s - self._started_s, 0.0), self._waited_s)
 
     def _raise_error(self) -> None:
         if self._error is not None:
             raise self._error
 
-    def _close(self) -> None:
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-
     def _write(self) -> None:
+        try:
+            self._write_all()
+        except BaseException as error:
+            self._error = error if isinstance(error, Exception) else SessionError(f"writing ended: {error!r}")
+            if self._room is not None:
+                self._room.release()
+
+    def _write_all(self) -> None:
+        """Write what is queued, in order, up to the end mark; frames that wait together are written together."""
+        group: list[_FrameItem] = []
+        item: _FrameItem | _Event | None = None
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closing)
-                if not self._waiting:
-                    return
-                group = self._next_group()
-            try:
+            item = self._items.get()
+            if item is not None and len(item) == 3:
+                group.append(item)
+                if len(group) < _GROUP and not self._items.empty():
+                    continue
+            if group:
                 self._record(group)
-            except BaseException as error:
-                with self._changed:
-                    self._error = error if isinstance(error, Exception) else SessionError(f"writing ended: {error!r}")
-                    self._waiting.clear()
-                    self._changed.notify_all()
+                group = []
+            if item is None:
                 return
-            with self._changed:
-                self._ended_s = self._clock.monotonic_s()
-                frames = [item[0] for item in group if not isinstance(item, _Event)]
-                self._held_frames -= len(frames)
-                self._held_bytes -= sum(frame.dn.nbytes for frame in frames)
-                self._written += len(frames)
-                self._changed.notify_all()
+            if len(item) == 2:
+                self._session.add_event(*item)
 
-    def _next_group(self) -> list[_FrameItem | _Event]:
-        """Return the next event, or the frames up to it."""
-        n = 0
-        while n < min(len(self._waiting), _GROUP) and not isinstance(self._waiting[n], _Event):
-            n += 1
-        group = self._waiting[: max(n, 1)]
-        del self._waiting[: len(group)]
-        return group
-
-    def _record(self, group: list[_FrameItem | _Event]) -> None:
-        if isinstance(group[0], _Event):
-            self._session.add_event(group[0].kind, group[0].content)
-        else:
-            self._session.add_frames([item for item in group if not isinstance(item, _Event)])
+    def _record(self, group: list[_FrameItem]) -> None:
+        assert self._room is not None
+        self._session.add_frames(group)
+        self._ended_s = self._clock.monotonic_s()
+        self._written += len(group)
+        self._room.release(len(group))

@@ -195,14 +195,17 @@ _STATE: tuple[tuple[str, FeatureValue], ...] = (
     ("GainAuto", "Off"),
     ("BlackLevelAuto", "Off"),
     ("BalanceWhiteAuto", "Off"),
-    ("Gamma", 1.0),
     ("GammaEnable", False),
+    ("GammaEnabled", False),
+    ("Gamma", 1.0),
     ("LUTEnable", False),
     ("ColorTransformationEnable", False),
     ("DecimationHorizontal", 1),
     ("DecimationVertical", 1),
     ("ReverseX", False),
     ("ReverseY", False),
+    ("TestPattern", "Off"),
+    ("TestImageSelector", "Off"),
 )
 
 
@@ -241,7 +244,10 @@ def bring_to_known_state(camera: Any) -> None:
     if available(camera, "TriggerMode") is not None:
         camera.clear_triggers()
     for name, value in _STATE:
-        _require(camera, name, value)
+        # A gamma that is switched off may keep its value: many cameras lock it then.
+        is_off = name == "Gamma" and available(camera, "GammaEnable", "GammaEnabled") is not None
+        if not (is_off and not writable(camera, name)):
+            _require(camera, name, value)
     if camera.is_binning_available():
         camera.set_binning(1, 1)
     show_whole_sensor(camera)

@@ -200,7 +200,8 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         assert gap.lost_at < gap.back_at
         assert taken[1].timestamp <= gap.lost_at
         assert all(not gap.lost_at < frame.timestamp < gap.back_at for frame in taken)
-        assert 0.1 < gap.duration_s < 100
+        # However late a busy computer noticed it.
+        assert 0 < gap.duration_s == pytest.approx((gap.back_at - gap.lost_at).total_seconds(), abs=0.5)
         assert "answer" in gap.reason
 
 

@@ -11,7 +11,7 @@ from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.connection import Connection
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
-from labcdp.drivers.camera import CameraError, CameraNotFoundError, IncompleteFrameError
+from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, FREE_RUN, CameraSettings
 from labcdp.drivers.host.kernel import overload
 from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
@@ -218,6 +218,18 @@ def test_a_busy_computer_gets_more_time(monkeypatch):
     monkeypatch.setattr("os.getloadavg", lambda: (5.0 * os.cpu_count(), 0.0, 0.0))
     assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
     assert settings.longest_wait_s(0.5, overload()) == 2.5
+
+
+def test_a_gamma_that_is_switched_off_may_be_locked_and_a_test_pattern_is_switched_off(aravis):
+    gamma = {"register": 0x150, "unit": "", "steps": 100, "range": [0.25, 4], "value": 45, "access": "RO"}
+    switch = {"register": 0x178, "switch": True, "value": 1}
+    pattern = {"register": 0x17C, "choices": {"Off": 0, "GreyHorizontalRamp": 1}, "value": 1}
+    switched = replace(SMALL, features=features(Gamma=gamma, GammaEnable=switch, TestPattern=pattern))
+    with SimulatedGigECamera(switched, Ramp()), AravisCamera("127.0.0.1") as camera:
+        assert [camera.feature(name) for name in ("Gamma", "GammaEnable", "TestPattern")] == [0.45, False, "Off"]
+    in_force = SimulatedGigECamera(replace(SMALL, features=features(Gamma=gamma)), Ramp())
+    with in_force, pytest.raises(CameraSettingError, match=r"Gamma is 0\.45"):
+        AravisCamera("127.0.0.1").open()
 
 
 def test_features_that_are_not_understood_are_listed(aravis):

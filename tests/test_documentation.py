@@ -12,10 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import typer
 
 from labcdp import Session
-from labcdp.cli.app import app
+from labcdp.cli.commands import all_commands
 from labcdp.regions import RectangleShape, save_regions
 from labcdp.session import example_session
 
@@ -48,7 +47,7 @@ def commands(page):
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=str)
 def test_every_command_and_option_is_known(page):
-    known = typer.main.get_command(app).commands
+    known = all_commands()
     for line in commands(page):
         _, name, *arguments = shlex.split(line, comments=True)
         # Raises a usage error for an unknown option or a missing argument; nothing runs.

@@ -7,10 +7,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import typer
 from sphinx.application import Sphinx
 
-from labcdp.cli.app import app
+from labcdp.cli.commands import all_commands
 
 #: Modules of the API reference, and the title of each.
 MODULES = {
@@ -34,7 +33,7 @@ def _escaped(text: str) -> str:
 
 def commands_page() -> str:
     """Return every command with its arguments and options."""
-    commands: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    commands: dict[str, Any] = all_commands()
     introduction = "What `--help` prints. [Exit status](../exit-status.md) and [results](../results.md) are common."
     lines = ["# Commands", "", introduction]
     group = None

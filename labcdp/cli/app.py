@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import errno
-import inspect
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from io import TextIOWrapper
 from itertools import pairwise
@@ -15,13 +13,8 @@ import typer
 
 from ..core.disk.quoting import reason, shortened
 from ..core.errors import InputError, LabcdpError
-from . import simulation
-from .bench import acquire, demo, devices, doctor, import_files, live, simulate_bench
+from .commands import Commands
 from .ending import EndedBySignal, unwinding, what_is_left
-from .evaluate import characterise, compare, history, luminance, session, twin, verify
-from .groups import grouped
-from .pictures import image, image_map, rois, video
-from .start import info, init
 from .terminal import log_to_terminal, say
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
@@ -29,60 +22,13 @@ _INTERRUPTED = 130
 #: Longest error message; inputs are quoted in part, but paths may be long.
 _MOST_CHARACTERS = 2000
 
-#: Commands by group, as the help shows them.
-_COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
-    "Start": {"demo": demo.demo, "init": init.init, "info": info.info},
-    "Bench": {
-        "doctor": doctor.doctor,
-        "devices": devices.devices,
-        "snap": devices.snap,
-        "meter": devices.meter,
-        "bench": live.bench,
-        "acquire": acquire.acquire,
-        "import": import_files.import_files,
-        "simulate-bench": simulate_bench.simulate_bench,
-    },
-    "Evaluate": {
-        "calibrate": session.calibrate,
-        "evaluate": session.evaluate,
-        "luminance": luminance.luminance,
-        "verify": verify.verify,
-        "history": history.history,
-        "characterise": characterise.characterise,
-        "twin": twin.twin,
-        "compare": compare.compare,
-    },
-    "Pictures and videos": {
-        "view": rois.view,
-        "rois": rois.rois,
-        "image": image.image,
-        "image-map": image_map.image_map,
-        "video": video.video,
-    },
-    "Simulation": {
-        "presets": simulation.presets,
-        "simulate": simulation.simulate,
-        "sweep": simulation.sweep,
-        "reproduce": simulation.reproduce,
-    },
-}
-
 app = typer.Typer(
+    cls=Commands,
     help="Measure the contrast detection probability (CDP) of cameras.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-def _paragraphs(text: str | None) -> str:
-    """Put each paragraph of a docstring on one line, which the help breaks where the terminal ends."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text or "").split("\n\n"))
-
-
-for _group, _members in _COMMANDS.items():
-    for _name, _command in _members.items():
-        app.command(_name, help=_paragraphs(_command.__doc__), rich_help_panel=_group)(grouped(_command))
 
 #: Errors without a file name that come of writing the output.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

@@ -5,18 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
+from ..chain import Chain, ImageScene, preset_names, preset_text
+from ..chain.predict.chain import known_transitions
 from ..core.errors import InputError
+from ..core.result import InputFile, Result
+from ..core.table import Column, Table
+from ..evaluate.sweep.axis import parse_axis
+from ..evaluate.sweep.maps.map import analyse_map
+from ..evaluate.sweep.plan import Sweep
+from ..evaluate.sweep.report.page import write_map
+from ..evaluate.sweep.report.result import result as sweep_result
+from ..evaluate.sweep.run import run_sweep
+from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
+from ..evaluate.sweep.simulation.report import write_simulation
+from ..evaluate.sweep.simulation.result import result as simulation_result
+from ..evaluate.sweep.simulation.run import evaluate_run
+from ..evaluate.sweep.thesis.page import write_thesis
+from ..evaluate.sweep.thesis.reproduce import reproduce_thesis
+from ..evaluate.sweep.thesis.result import result as thesis_result
 from .options import parse_changes
 from .output import Results
 from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
-
-if TYPE_CHECKING:
-    from ..chain import Chain
-    from ..core.result import InputFile, Result
 
 CHAIN_ARGUMENT = typer.Argument(help="Name of a preset (see labcdp presets), or chain file.")
 
@@ -40,8 +52,6 @@ class ChainOptions:
 
     def chain(self, name: str) -> Chain:
         """Load a chain with the parameters that are set; raises InputError."""
-        from ..chain import Chain
-
         return Chain.load(name).with_(**parse_changes(self.changes))
 
     def asked(self) -> tuple[float | None, float]:
@@ -54,8 +64,6 @@ def presets(
     name: str | None = typer.Argument(None, help="Preset to print; default: list all."), as_json: bool = JSON_OPTION
 ) -> None:
     """List the imaging chains that ship with labcdp, or print one."""
-    from ..chain import preset_text
-
     if name is not None and not as_json:
         typer.echo(preset_text(name), nl=False)
         return
@@ -66,11 +74,6 @@ def presets(
 
 def simulate(context: typer.Context, options: ChainOptions, results: Results, chain: str = CHAIN_ARGUMENT) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
-    from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
-    from ..evaluate.sweep.simulation.report import write_simulation
-    from ..evaluate.sweep.simulation.result import result
-    from ..evaluate.sweep.simulation.run import evaluate_run
-
     loaded, asked = options.chain(chain), options.asked()
     with results.folder(context, chain) as folder:
         if options.exact:
@@ -79,7 +82,7 @@ def simulate(context: typer.Context, options: ChainOptions, results: Results, ch
         else:
             run = loaded.run(options.seed)
             evaluation = evaluate_run(run, *asked)
-            found = result(evaluation, _inputs(chain, loaded))
+            found = simulation_result(evaluation, _inputs(chain, loaded))
             write_simulation(found, evaluation, run, folder)
     results.show(found, folder)
 
@@ -100,14 +103,6 @@ def sweep(
 
     Writes NetCDF, a picture, an interactive page and a spreadsheet.
     """
-    from ..chain.predict.chain import known_transitions
-    from ..evaluate.sweep.axis import parse_axis
-    from ..evaluate.sweep.maps.map import analyse_map
-    from ..evaluate.sweep.plan import Sweep
-    from ..evaluate.sweep.report.page import write_map
-    from ..evaluate.sweep.report.result import result
-    from ..evaluate.sweep.run import run_sweep
-
     loaded = options.chain(chain)
     axes = tuple(parse_axis(text) for text in over)
     wanted = Sweep(loaded, axes, options.exact, stage, *options.asked(), options.seed)
@@ -115,7 +110,7 @@ def sweep(
         with progress_bars() as bars:
             dataset = run_sweep(wanted, folder, lambda done, total: bars.update("Cells", done, total))
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
-        found = result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
+        found = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
         write_map(found, dataset, analysis, folder)
     results.show(found, folder)
 
@@ -127,25 +122,17 @@ def reproduce(
     seeds: int = typer.Option(30, help="Number of random seeds.", min=5),
 ) -> None:
     """Reproduce the published values of the 2018 thesis, with its physics and with corrected physics."""
-    from ..evaluate.sweep.thesis.page import write_thesis
-    from ..evaluate.sweep.thesis.reproduce import reproduce_thesis
-    from ..evaluate.sweep.thesis.result import result
-
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
     with results.folder(context, what) as folder:
         with progress_bars() as bars:
-            found = result(reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total)))
+            found = thesis_result(reproduce_thesis(seeds, lambda done, total: bars.update("Settings", done, total)))
         write_thesis(found, folder)
     results.show(found, folder)
 
 
 def _presets(name: str | None) -> Result:
     """Return the list of all presets, or the parameters of one."""
-    from ..chain import Chain, preset_names
-    from ..core.result import Result
-    from ..core.table import Column, Table
-
     names = preset_names() if name is None else (name,)
     chains = {one: Chain.load(one) for one in names}
     columns = (Column("name", "name"), Column("description", "what it is"))
@@ -158,9 +145,6 @@ def _presets(name: str | None) -> Result:
 
 def _inputs(name: str, chain: Chain) -> list[InputFile]:
     """Return the chain file, or the preset, and the picture that its scene reads."""
-    from ..chain import ImageScene, preset_names, preset_text
-    from ..core.result import InputFile
-
     if name in preset_names() and not Path(name).is_file():
         inputs = [InputFile("preset", name, sha256(preset_text(name).encode()).hexdigest())]
     else:

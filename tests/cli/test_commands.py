@@ -12,11 +12,11 @@ from importlib.metadata import version
 import cv2
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from labcdp.cli.app import app
 from labcdp.cli.bench.demo import demonstrate
+from labcdp.cli.commands import all_commands
 from labcdp.cli.ending import unwinding
 from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.spectral.photometry import spectral_weights
@@ -49,7 +49,7 @@ COMMANDS = (
 
 def test_help_names_every_command_and_each_has_json(labcdp):
     text = labcdp("--help").stdout
-    commands = typer.main.get_command(app).commands
+    commands = all_commands()
     assert set(commands) == set(COMMANDS)
     for name, command in commands.items():
         assert name in text
@@ -60,7 +60,7 @@ def test_help_names_every_command_and_each_has_json(labcdp):
 def test_help_shows_all_that_is_declared(monkeypatch):
     """Rich takes a word in brackets for markup and leaves it out."""
     monkeypatch.setenv("COLUMNS", "2000")
-    for name, command in typer.main.get_command(app).commands.items():
+    for name, command in all_commands().items():
         shown = "".join(CliRunner().invoke(app, [name, "--help"]).output.split())
         for text in (command.help, *(getattr(parameter, "help", None) for parameter in command.params)):
             assert "".join((text or "").split()) in shown, name

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...acquire import AcquisitionStoppedError, Control, Left, Unattended, forget, is_complete
+from ...acquire import acquire as run
+from ...acquire.before import holds_something, no_bare_session
+from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.errors import InputError, SessionError
+from ...core.quantity import Quantity, quantity_table
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table
+from ...regions import load_regions
+from ...session import FrameRecord, ReadingRecord, Session, SessionConfiguration
+from ...web.bench.plan import with_regions
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .device_options import DeviceChoice, DeviceOptions
 from .devices_of_session import connected
-from .operators import Keys
-
-if TYPE_CHECKING:
-    from ...acquire import Left, Unattended
-    from ...core.clock import Clock
-    from ...core.result import Result
-    from ...session import Session, SessionConfiguration
+from .operators import Console, Keys
 
 #: Exit status of a program ended by Ctrl-C; also used for the key q.
 _INTERRUPTED = 130
@@ -62,8 +66,6 @@ class Person:
 
     def operator(self) -> Unattended | None:
         """Return the operator of an unattended run; raises InputError if options contradict each other."""
-        from ...acquire import Unattended
-
         if self.lens not in (None, "uncovered", "covered"):
             raise InputError(f"--lens is {self.lens!r}: give 'uncovered' or 'covered'")
         if self.rehearse and self.unattended:
@@ -88,8 +90,6 @@ def acquire(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session."""
-    from ...session import SessionConfiguration
-
     choice = devices.choice(recorded.replay, recorded.speed, person.rehearse)
     operator = person.operator()
     wanted = SessionConfiguration.load(configuration)
@@ -110,17 +110,10 @@ def acquire(
 
 
 def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
-    from ...regions import load_regions
-    from ...web.bench.plan import with_regions
-
     return with_regions(configuration, load_regions(roi))
 
 
 def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
-    from ...core.quantity import Quantity, quantity_table
-    from ...core.result import InputFile, Result
-    from ...core.table import Column, Table
-
     recorded = quantity_table("recorded", "Recorded", [Quantity("frames", frames), Quantity("readings", readings)])
     columns = (Column("hand", "step"), Column("what", "what", "", "What remains to be recorded in this step."))
     rows = [{"hand": thing.hand, "what": thing.what} for thing in left]
@@ -160,12 +153,6 @@ def record(
     tuple of Left, int, int
         Remaining manual steps, and the numbers of frames and readings.
     """
-    from ...acquire import AcquisitionStoppedError, Control, forget, is_complete
-    from ...acquire import acquire as run
-    from ...acquire.before import no_bare_session
-    from ...core.clock import SimulatedClock
-    from .operators import Console
-
     clock = _clock(path, choice.virtual_clock)
     # A replay does not wait for the pace of the plan.
     pace = clock if choice.replay is None else SimulatedClock()
@@ -202,12 +189,6 @@ def _give_up_damaged(session: Session) -> None:
 
 def _clock(path: Path, simulated: bool) -> Clock:
     """Return the computer's clock, or a simulated one that continues after the records of the session."""
-    from datetime import UTC, datetime
-
-    from ...acquire.before import holds_something
-    from ...core.clock import SimulatedClock, SystemClock
-    from ...session import Session
-
     if not simulated:
         return SystemClock()
     now = datetime.now(UTC)
@@ -216,9 +197,6 @@ def _clock(path: Path, simulated: bool) -> Clock:
 
 
 def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, clock: Clock) -> Session:
-    from ...acquire.before import holds_something
-    from ...session import Session
-
     if not holds_something(path):
         return Session.create(path, wanted, clock=clock)
     session = Session.open(path, writable=True, clock=clock)
@@ -238,6 +216,4 @@ def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, cloc
 
 def _is_bare(session: Session) -> bool:
     """Whether a session has neither frames nor readings."""
-    from ...session import FrameRecord, ReadingRecord
-
     return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)

@@ -5,21 +5,29 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...acquire import acquire
+from ...calibration import save
+from ...core.finding import Finding, info
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.devices import SimulatedBenchFile
+from ...evaluate.bench.calibrate import calibrate_session
+from ...evaluate.bench.calibration.page import write_calibration_report
+from ...evaluate.bench.calibration.result import calibration_result
+from ...evaluate.bench.observe import observe_session
+from ...evaluate.bench.report.figures import draw_figures
+from ...evaluate.bench.report.page import write_results
+from ...evaluate.bench.report.result import session_input, session_result
+from ...evaluate.bench.session import evaluate_session
+from ...output import ResultsFolder
+from ...session import Session, SessionConfiguration, example_configuration
 from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
-
-if TYPE_CHECKING:
-    from ...core.finding import Finding
-    from ...core.result import Result
-    from ...core.table import Table
-    from ...drivers.simulated.bench import SimulatedBench
-    from ...drivers.simulated.devices import SimulatedBenchFile
-    from ...output import ResultsFolder
-    from ...session import SessionConfiguration
+from .devices_of_session import simulated_bench_file, simulated_devices
 
 
 def demo(
@@ -31,9 +39,6 @@ def demo(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Record, calibrate and evaluate the target of the 2018 thesis on the simulated bench."""
-    from ...session import SessionConfiguration, example_configuration
-    from .devices_of_session import simulated_bench_file
-
     started = time.monotonic()
     configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     with results_folder(context, "labcdp", output, force) as results:
@@ -48,20 +53,6 @@ def demonstrate(
     configuration: SessionConfiguration, described: SimulatedBenchFile, results: ResultsFolder
 ) -> tuple[Result, list[Path]]:
     """Record a session on a simulated bench and write all that is made of it; returns its result and the files."""
-    from ...acquire import acquire
-    from ...calibration import save
-    from ...drivers.simulated.bench import SimulatedBench
-    from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.calibration.page import write_calibration_report
-    from ...evaluate.bench.calibration.result import calibration_result
-    from ...evaluate.bench.observe import observe_session
-    from ...evaluate.bench.report.figures import draw_figures
-    from ...evaluate.bench.report.page import write_results
-    from ...evaluate.bench.report.result import session_input, session_result
-    from ...evaluate.bench.session import evaluate_session
-    from ...session import Session
-    from .devices_of_session import simulated_devices
-
     specimens = described.devices()
     bench = SimulatedBench(configuration, specimens)
     with Session.create(results.path("session"), configuration) as session:
@@ -94,8 +85,6 @@ def demonstrate(
 
 def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
     """Compare the calibrated luminance with the simulated one."""
-    from ...core.table import Column, Table
-
     columns = (
         Column("patch", "patch"),
         Column("simulated_cd_m2", "simulated", "cd/m²", "Luminance of the simulated target."),
@@ -120,7 +109,5 @@ def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
 
 
 def _compared(truth: Table, meter_scale_rel: float) -> Finding:
-    from ...core.finding import info
-
     largest = max(map(abs, truth["error_rel"]))
     return info("simulated-luminance", largest_rel=largest, meter_scale_rel=meter_scale_rel)

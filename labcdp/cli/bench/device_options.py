@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.errors import InputError
+from ...session import MeterConfiguration
 from ..options import METER_OPTION, SIMULATED_BENCH_OPTION
-
-if TYPE_CHECKING:
-    from ...session import MeterConfiguration
 
 
 @dataclass(frozen=True)

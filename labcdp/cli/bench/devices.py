@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+import cv2
+import numpy as np
 import typer
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
+from ...core.frame import Frame
 from ...core.quantity import Quantity, quantity_table
+from ...core.reading import ReadingSeries
 from ...core.result import Result
 from ...core.table import Column, Table, uncertain, uncertain_values
+from ...drivers.aravis.addresses import set_address as change_address
+from ...drivers.aravis.camera import AravisCamera
+from ...drivers.aravis.library import discover
+from ...drivers.camera import CameraError
+from ...drivers.meter import measure_series
+from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
+from ...drivers.minolta_ls.protocol import MeterMode
+from ...output import check_file, write_file
+from ...session.frame_file import frame_to_tiff
 from ..options import METER_MODEL_OPTION, METER_OPTION, parse_seconds
 from ..output import FORCE_OPTION
 from ..terminal import JSON_OPTION, print_result, say
-
-if TYPE_CHECKING:
-    from ...core.frame import Frame
-    from ...core.reading import ReadingSeries
 
 
 def devices(
@@ -31,11 +40,6 @@ def devices(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """List cameras and serial ports."""
-    from ...drivers.aravis.addresses import set_address as change_address
-    from ...drivers.aravis.library import discover
-    from ...drivers.camera import CameraError
-    from ...drivers.minolta_ls.meter import find_meter_ports
-
     if set_address is not None:
         serial, found, address = set_address.partition("=")
         if not (serial and found):
@@ -74,10 +78,6 @@ def snap(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Take one frame, for drawing the regions of the patches in it."""
-    from ...drivers.aravis.camera import AravisCamera
-    from ...output import check_file, write_file
-    from ...session.frame_file import frame_to_tiff
-
     picture = file.with_suffix(".png")
     if picture == file:
         raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
@@ -107,9 +107,6 @@ def snap(
 
 def _picture(frame: Frame) -> bytes:
     """Return an 8-bit PNG that looks like the scene: sRGB of the DN, white at saturation, colours of a Bayer filter."""
-    import cv2
-    import numpy as np
-
     share = np.minimum(np.arange(2**frame.bit_depth) / frame.saturation_dn, 1.0)
     srgb = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
     grey = np.rint(255 * srgb).astype(np.uint8)[frame.dn]
@@ -133,10 +130,6 @@ def meter(
     as_json: bool = JSON_OPTION,
 ) -> None:
     """Take readings of a luminance meter, with their mean and scatter."""
-    from ...drivers.meter import measure_series
-    from ...drivers.minolta_ls.meter import DRIVERS
-    from ...drivers.minolta_ls.protocol import MeterMode
-
     modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
     with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
         opened.ask_if_simulated()
@@ -145,8 +138,6 @@ def meter(
 
 
 def _only_port() -> str:
-    from ...drivers.minolta_ls.meter import find_meter_ports
-
     ports = find_meter_ports()
     if not ports:
         raise InputError("no serial port was found: connect the adapter, or give --meter")

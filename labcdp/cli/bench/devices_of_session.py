@@ -6,22 +6,27 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from ...acquire import Operator, Unattended
+from ...core.clock import Clock
+from ...core.disk import read_text
 from ...core.errors import InputError
+from ...drivers.aravis.camera import AravisCamera
+from ...drivers.camera import Camera, CameraError, IncompleteFrameError
+from ...drivers.manual.csv import CsvMeter
+from ...drivers.manual.text import ManualMeter, stated_accuracy
+from ...drivers.meter import Meter
+from ...drivers.minolta_ls.meter import DRIVERS
+from ...drivers.minolta_ls.port import NamedPort, Port
+from ...drivers.minolta_ls.protocol import MeterMode
+from ...drivers.replay.camera import ReplayCamera, ReplayMeter
+from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.devices import SimulatedBenchFile
+from ...session import EventRecord, MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
+from ...session.records import SIMULATED_BENCH
 from ..terminal import say
 from .device_options import DeviceChoice
-
-if TYPE_CHECKING:
-    from ...acquire import Operator, Unattended
-    from ...core.clock import Clock
-    from ...drivers.camera import Camera
-    from ...drivers.meter import Meter
-    from ...drivers.minolta_ls.port import Port
-    from ...drivers.simulated.bench import SimulatedBench
-    from ...drivers.simulated.devices import SimulatedBenchFile
-    from ...session import MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
-    from .operators import Console
+from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
@@ -77,9 +82,6 @@ def connected(
     InputError
         If a file given as an option cannot be read or is not valid.
     """
-    from ...drivers.manual.csv import CsvMeter
-    from .operators import CsvOperator
-
     if choice.replay is not None:
         opened = _replayed(session, choice.replay, choice.speed, clock)
     elif choice.simulated:
@@ -96,11 +98,6 @@ def connected(
 
 @contextmanager
 def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[Devices]:
-    from ...drivers.aravis.camera import AravisCamera
-    from ...drivers.manual.csv import CsvMeter
-    from ...drivers.manual.text import ManualMeter, stated_accuracy
-    from .operators import ConsoleOperator
-
     configuration = session.configuration
     wanted = configuration.camera
     selector = choice.camera or wanted.serial or wanted.address or wanted.model
@@ -122,10 +119,6 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
 
 @contextmanager
 def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -> Iterator[Devices]:
-    from ...drivers.replay.camera import ReplayCamera, ReplayMeter
-    from ...session import Session
-    from .operators import RecordingOperator
-
     recorded = Session.open(path)
     _refuse_other_replay(session, recorded)
     if session.exposures_s is None and recorded.exposures_s is not None:
@@ -158,10 +151,6 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 
 @contextmanager
 def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Console) -> Iterator[Devices]:
-    from ...core.disk import read_text
-    from ...drivers.simulated.bench import SimulatedBench
-    from .operators import ConsoleOperator
-
     faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
     described = simulated_bench_file(choice.simulated_bench)
     devices = described.devices(choice.simulated_bench)
@@ -184,17 +173,12 @@ def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Co
 
 def simulated_bench_file(path: Path | None, seed: int | None = None) -> SimulatedBenchFile:
     """Read the file of a simulated bench, None for the standard one, with another seed if there is one."""
-    from ...drivers.simulated.devices import SimulatedBenchFile
-
     described = SimulatedBenchFile() if path is None else SimulatedBenchFile.load(path)
     return described if seed is None else described.model_copy(update={"seed": seed})
 
 
 def note_bench(session: Session, described: SimulatedBenchFile) -> None:
     """Record which simulated bench it is; refuse to resume a session with another one."""
-    from ...session import EventRecord
-    from ...session.records import SIMULATED_BENCH
-
     content = described.model_dump(mode="json")
     begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
     if not begun:
@@ -217,9 +201,6 @@ def simulated_devices(
 
 
 def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> tuple[Camera, str]:
-    from ...drivers.aravis.camera import AravisCamera
-    from ...drivers.camera import CameraError
-
     try:
         with ExitStack() as trial:
             server = trial.enter_context(bench.gige_camera())
@@ -234,8 +215,6 @@ def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float
 
 def _try(camera: Camera) -> None:
     """Take a frame; fail only if two in a row are incomplete."""
-    from ...drivers.camera import IncompleteFrameError
-
     try:
         camera.snap()
     except IncompleteFrameError:
@@ -244,10 +223,6 @@ def _try(camera: Camera) -> None:
 
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
-    from ...drivers.minolta_ls.meter import DRIVERS
-    from ...drivers.minolta_ls.port import NamedPort
-    from ...drivers.minolta_ls.protocol import MeterMode
-
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
     meter = DRIVERS[described.model](

@@ -10,20 +10,29 @@ from contextlib import suppress
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
+from ...drivers.aravis.library import CameraInfo, choose, discover
+from ...drivers.camera import CameraError
+from ...drivers.doctor.camera import check_camera
+from ...drivers.doctor.collect import camera_files, meter_files
+from ...drivers.doctor.host import host_facts, host_findings, no_camera_finding
+from ...drivers.doctor.meter import check_meter
+from ...drivers.host.finding import Finding
+from ...drivers.host.kernel import firewall
+from ...drivers.host.network import interfaces
 from ...output import check_file, write_file
+from ...report.envelope import envelope_json
 from ..options import METER_MODEL_OPTION
 from ..terminal import JSON_OPTION, print_result, say
-
-if TYPE_CHECKING:
-    from ...drivers.host.finding import Finding
 
 #: Marks and colours of the states; the second marks are for terminals without the first.
 _MARKS = {"good": ("✓", "ok", "green"), "notice": ("!", "!", "yellow"), "fault": ("✗", "XX", "red")}
@@ -92,11 +101,6 @@ def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Re
 
 def _report(result: Result, selector: str | None, meter: str | None, model: Literal["LS-110", "LS-100"]) -> bytes:
     """Make the archive of a problem report; what cannot be read is left out, as the findings say why."""
-    from ...drivers.aravis.library import choose, discover
-    from ...drivers.camera import CameraError
-    from ...drivers.doctor.collect import camera_files, meter_files
-    from ...report.envelope import envelope_json
-
     files = {"doctor.json": envelope_json(result).encode()}
     with suppress(CameraError):
         found = discover()
@@ -114,8 +118,6 @@ def _report(result: Result, selector: str | None, meter: str | None, model: Lite
 
 def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
     """Turn the failure of a check into a finding, so that the other checks still run."""
-    from ...drivers.host.finding import Finding
-
     try:
         return check()
     except LabcdpError as error:
@@ -126,27 +128,15 @@ def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
 
 
 def _host() -> list[Finding]:
-    from ...drivers.doctor.host import host_facts, host_findings
-
     return host_findings(host_facts())
 
 
 def _meter(port: str, model: Literal["LS-110", "LS-100"]) -> list[Finding]:
-    from ...drivers.doctor.meter import check_meter
-
     return check_meter(port, model)
 
 
 def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding]]]:
     """Check the selected camera, or all cameras found."""
-    from ...drivers.aravis.library import CameraInfo, choose, discover
-    from ...drivers.camera import CameraError
-    from ...drivers.doctor.camera import check_camera
-    from ...drivers.doctor.host import no_camera_finding
-    from ...drivers.host.finding import Finding
-    from ...drivers.host.kernel import firewall
-    from ...drivers.host.network import interfaces
-
     known = interfaces()
     try:
         found = discover()
@@ -166,9 +156,6 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding
 
 
 def _print(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> None:
-    from rich.console import Console
-    from rich.text import Text
-
     console = Console(highlight=False, soft_wrap=True)
     plain = not _can_print("".join(mark for mark, _, _ in _MARKS.values()))
     for name, findings in groups:

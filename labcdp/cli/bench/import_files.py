@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...acquire.imports.check import ImportFile
+from ...acquire.imports.files import import_session
 from ...core.errors import InputError
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
+from ...session import Role, SessionConfiguration
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
-
-if TYPE_CHECKING:
-    from ...acquire.imports.check import ImportFile
-    from ...session import Role
 
 #: What marks a pattern of file names.
 _WILD = "*?["
@@ -51,9 +49,6 @@ def import_files(
     before anything is written. Repeating the command adds what is missing. Values of TIFF and PNG files are read as
     plan.pixel_format of the configuration; RAW files contain their format.
     """
-    from ...acquire.imports.files import import_session
-    from ...session import SessionConfiguration
-
     wanted = SessionConfiguration.load(configuration)
     exposures = _exposures(exposure)
     files = [one for text in light for one in _light(text, exposures)]
@@ -87,8 +82,6 @@ def _light(text: str, exposures: dict[str, float]) -> list[ImportFile]:
 
 def _pictures(text: str, role: Role, patch: str | None, exposures: dict[str, float]) -> list[ImportFile]:
     """Return the files of a name, a folder or a pattern, by name."""
-    from ...acquire.imports.check import ImportFile
-
     path = Path(text)
     if path.is_dir():
         paths = sorted(one for one in path.iterdir() if one.is_file() and not one.name.startswith("."))

@@ -6,11 +6,32 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
+from ...acquire.before import prepare_camera
 from ...core.errors import InputError
+from ...core.quantity import Quantity, quantity_table
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...drivers.aravis.camera import AravisCamera
+from ...drivers.camera import Camera
+from ...drivers.simulated.bench import SimulatedBench
+from ...evaluate.picture.light.picture import PictureConversion, picture_conversion
+from ...regions import PolygonShape, RectangleShape, load_regions
+from ...session import SessionConfiguration, example_configuration
+from ...session.meter_tables import MeterConfiguration
+from ...web.bench.desk import BenchOfPage
+from ...web.bench.live_bench import LiveBench
+from ...web.bench.live_camera import LiveCamera
+from ...web.bench.page import BenchPage
+from ...web.bench.pair import Target
+from ...web.lock import locked
+from ...web.regions.drawing import Drawing, History
+from ...web.regions.files import DrawingFiles, Start
+from ...web.regions.workspace import Workspace
+from ...web.server import Address, Server, Site
 from ..options import (
     ADDRESS_OPTION,
     METER_MODEL_OPTION,
@@ -23,17 +44,6 @@ from ..output import output_file
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say, say_where
 from .device_options import DeviceChoice
 from .devices_of_session import note_bench, serial_meter, simulated_bench_file, simulated_devices
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from ...drivers.camera import Camera
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...session import SessionConfiguration
-    from ...web.bench.desk import BenchOfPage
-    from ...web.bench.live_bench import LiveBench
-    from ...web.bench.pair import Target
-    from ...web.regions.files import DrawingFiles, Start
-    from ...web.server import Address, Server
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
 _LIFETIME_S = 5.0
@@ -54,8 +64,6 @@ class LiveDevices:
     @contextmanager
     def opened(self, plan: Path | None) -> Iterator[tuple[Camera, BenchOfPage]]:
         """Open the devices; raises InputError if options contradict each other."""
-        from ...session import SessionConfiguration, example_configuration
-
         simulated = self.simulated or self.simulated_bench is not None
         choice = DeviceChoice(self.camera, self.meter, simulated=simulated, simulated_bench=self.simulated_bench)
         configuration = None if plan is None else SessionConfiguration.load(plan)
@@ -71,10 +79,6 @@ class LiveDevices:
 
     @contextmanager
     def _real(self, plan: SessionConfiguration | None, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
-        from ...drivers.aravis.camera import AravisCamera
-        from ...session.meter_tables import MeterConfiguration
-        from ...web.bench.desk import BenchOfPage
-
         wanted = None if plan is None else plan.camera
         selector = self.camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
         unplanned = {"model": self.meter_model, "serial": "unknown"}
@@ -97,8 +101,6 @@ class Detection:
 
     def target(self) -> Target:
         """Return what is to be detected; raises InputError."""
-        from ...web.bench.pair import Target
-
         contrasts = (None,) if self.contrast is None else parse_contrasts([self.contrast])
         if len(contrasts) != 1:
             raise InputError("--contrast of the live bench is one contrast: give for example 100%")
@@ -137,10 +139,6 @@ def bench(
 
     Example: labcdp bench --simulated
     """
-    from ...evaluate.picture.light.picture import picture_conversion
-    from ...web.lock import locked
-    from ...web.server import Server
-
     target, conversion = detection.target(), picture_conversion(calibration, None, None)
     if not roi.exists():
         output_file(context, roi, False, "--roi")
@@ -164,9 +162,6 @@ def bench(
 
 @contextmanager
 def _simulated(plan: SessionConfiguration, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
-    from ...drivers.simulated.bench import SimulatedBench
-    from ...web.bench.desk import BenchOfPage
-
     described = simulated_bench_file(choice.simulated_bench)
     with (
         SimulatedBench(plan, described.devices(choice.simulated_bench)) as bench,
@@ -186,14 +181,6 @@ def _serve(
     ready: Callable[[Address], None],
 ) -> tuple[LiveBench, list[str]]:
     """Serve the page until it is stopped; return the bench and what to say then."""
-    from ...acquire.before import prepare_camera
-    from ...web.bench.live_bench import LiveBench
-    from ...web.bench.live_camera import LiveCamera
-    from ...web.bench.page import BenchPage
-    from ...web.regions.files import DrawingFiles
-    from ...web.regions.workspace import Workspace
-    from ...web.server import Site
-
     settings, plan = _settings(devices.plan), devices.plan
 
     def prepare(camera: Camera) -> None:
@@ -229,10 +216,6 @@ def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
 
 def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> Start:
     """Return the regions to begin with: drawn and not saved, or the file's, or the plan's patches."""
-    from ...regions import PolygonShape, RectangleShape, load_regions
-    from ...web.regions.drawing import Drawing, History
-    from ...web.regions.files import Start
-
     stored = files.fingerprint(files.output)
     saved = load_regions(files.output, files.size) if stored else ()
     patches = () if configuration is None else configuration.target.patches
@@ -252,10 +235,6 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
 
 
 def _result(live: LiveBench, roi: Path) -> Result:
-    from ...core.quantity import Quantity, quantity_table
-    from ...core.result import Result
-    from ...core.table import Column, Table
-
     state = live.camera.live
     received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
     columns = (

@@ -5,19 +5,19 @@ from __future__ import annotations
 import os
 import select
 import sys
+import termios
 import threading
+import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+from ...acquire import CheckFinding, Control, Operator
 from ...acquire.operator import AskedOperator
 from ...core.errors import DeviceError
+from ...drivers.manual.csv import CsvMeter
+from ...session import ReadingRecord, Session
 from ..terminal import Bars, say
-
-if TYPE_CHECKING:
-    from ...acquire import CheckFinding, Control, Operator
-    from ...drivers.manual.csv import CsvMeter
-    from ...session import Session
 
 #: Interval at which the listener checks whether to end.
 _LOOK_S = 0.1
@@ -61,9 +61,6 @@ class Keys:
                 self._start()
 
     def _start(self) -> None:
-        import termios  # neither is on all systems
-        import tty
-
         descriptor = sys.stdin.fileno()
         self._saved = termios.tcgetattr(descriptor)
         self._ending.clear()
@@ -75,8 +72,6 @@ class Keys:
     def _stop(self) -> None:
         if self._thread is None:
             return
-        import termios
-
         try:
             self._ending.set()
             self._thread.join()
@@ -194,8 +189,6 @@ class CsvOperator(AskedOperator):
     """
 
     def __init__(self, operator: Operator, meter: CsvMeter, session: Session) -> None:
-        from ...session import ReadingRecord
-
         super().__init__(operator)
         self._operator = operator
         self._meter = meter

@@ -10,18 +10,20 @@ from collections.abc import Iterator
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
+from ...core.disk import read_text
 from ...core.errors import InputError, LabcdpError
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.commands import EXAMPLES, parse_schedule
+from ...session import SessionConfiguration, example_configuration
 from ..options import SIMULATED_BENCH_OPTION
 from ..terminal import JSON_OPTION, print_result, say
 from .devices_of_session import simulated_bench_file
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from ...drivers.simulated.bench import SimulatedBench
 
 _HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: "
 
@@ -41,11 +43,6 @@ def simulate_bench(
 
     Type commands to cover the lens, point the meter or cause faults; --faults schedules faults.
     """
-    from ...core.disk import read_text
-    from ...drivers.simulated.bench import SimulatedBench
-    from ...drivers.simulated.commands import parse_schedule
-    from ...session import SessionConfiguration, example_configuration
-
     if configuration is None:
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     else:
@@ -73,9 +70,6 @@ def _specimen(address: str) -> int:
 
 def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Result:
     """Return the addresses of the devices and the patches of the target."""
-    from ...core.result import Result
-    from ...core.table import Column, Table
-
     device = bench.device
     devices = (
         Column("device", "device"),
@@ -136,15 +130,11 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 def _help() -> str:
-    from ...drivers.simulated.commands import EXAMPLES
-
     return _HELP + " | ".join(EXAMPLES)
 
 
 def _run_command(bench: SimulatedBench, line: str) -> bool:
     """Run one command; return whether to continue."""
-    from ...drivers.simulated.commands import EXAMPLES
-
     word, _, rest = line.partition(" ")
     if word == "quit":
         return False

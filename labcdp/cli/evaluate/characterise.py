@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...calibration.emva import INDEX_NAME, Characterisation, index_path
 from ...core.errors import InputError
+from ...core.result import InputFile
+from ...evaluate.bench.report.result import session_input
+from ...evaluate.camera.characterise import characterise_index, characterise_session
+from ...evaluate.camera.page import write_characterisation
+from ...evaluate.camera.result import result
+from ...session import Session
 from ..output import Results
 from ..terminal import progress_bars
-
-if TYPE_CHECKING:
-    from ...calibration.emva import Characterisation
-    from ...core.result import InputFile
 
 
 def characterise(
@@ -27,9 +29,6 @@ def characterise(
     bits and size (n 12 640 480), exposure in ns and photons per pixel (b 40000 120), exposure of dark images (d 40000)
     and image files (i a.png).
     """
-    from ...evaluate.camera.page import write_characterisation
-    from ...evaluate.camera.result import result
-
     if not path.exists():
         raise InputError(f"{path} does not exist: give a session, or the index of a data set")
     source = path if path.is_dir() else path.resolve().parent
@@ -42,12 +41,6 @@ def characterise(
 
 def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
     """Return what was found, what it was made from, and its title."""
-    from ...calibration.emva import INDEX_NAME, index_path
-    from ...core.result import InputFile
-    from ...evaluate.bench.report.result import session_input
-    from ...evaluate.camera.characterise import characterise_index, characterise_session
-    from ...session import Session
-
     index = index_path(path)
     with progress_bars() as bars:
         if index is not None:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.errors import InputError
+from ...evaluate.compare.compare import LUMINANCES, Question, compare_subjects
+from ...evaluate.compare.page import write_comparison
+from ...evaluate.compare.pictures import PictureQuestion
+from ...evaluate.compare.result import compare_result
+from ...evaluate.sweep.axis import parse_axis
 from ..options import parse_changes
 from ..output import Results
 from ..pictures.picture_options import PictureLightOptions
 from ..terminal import fraction_of_percent, progress_bars
-
-if TYPE_CHECKING:
-    from ...evaluate.compare.compare import Question
-    from ...evaluate.compare.pictures import PictureQuestion
 
 _CHAINS = "For chains: "
 
@@ -47,9 +47,6 @@ class QuestionOptions:
 
     def asked(self) -> Question | None:
         """Return what chains are asked; None if no option for them is given."""
-        from ...evaluate.compare.compare import LUMINANCES, Question
-        from ...evaluate.sweep.axis import parse_axis
-
         if self.roi is not None or not (self.over or self.contrast or self.epsilon or self.changes):
             return None
         return Question(
@@ -67,8 +64,6 @@ class QuestionOptions:
         InputError
             If there are options for chains beside regions, or options for pictures without.
         """
-        from ...evaluate.compare.pictures import PictureQuestion
-
         if self.roi is None:
             given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value is not None]
             if given:
@@ -104,10 +99,6 @@ def compare(
 
     Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
     """
-    from ...evaluate.compare.compare import compare_subjects
-    from ...evaluate.compare.page import write_comparison
-    from ...evaluate.compare.result import compare_result
-
     asked, pictures = question.asked(), question.of_pictures(light)
     with results.folder(context, subjects[0]) as folder:
         with progress_bars() as bars:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
-from ...core.disk import real_path
+from ...calibration import AnyCalibration, load_any
+from ...calibration.record.store import FORMAT as CALIBRATION
+from ...calibration.record.store import MOST_BYTES
+from ...calibration.verify.file import FORMAT, load_verification
+from ...calibration.verify.file import FORMAT as VERIFICATION
+from ...calibration.verify.history import histories
+from ...calibration.verify.result import Verification
+from ...core.disk import read_json, real_path
 from ...core.errors import InputError
+from ...core.result import InputFile
+from ...evaluate.bench.history.page import write_history
+from ...evaluate.bench.history.result import history_result
 from ..output import FORCE_OPTION, OPEN_OPTION, output_file, show_page
 from ..terminal import JSON_OPTION, print_result, say
-
-if TYPE_CHECKING:
-    from ...calibration import AnyCalibration
-    from ...calibration.verify.result import Verification
 
 #: Prefixes of labcdp's own file names, to recognise damaged files.
 _OUR_NAMES = ("calibration", "verification")
@@ -38,11 +43,6 @@ def history(
 
     Each camera, lens, f-number and gain has its own table and plot.
     """
-    from ...calibration.verify.history import histories
-    from ...core.result import InputFile
-    from ...evaluate.bench.history.page import write_history
-    from ...evaluate.bench.history.result import history_result
-
     if output is not None and output.suffix not in (".html", ".png", ".xlsx"):
         raise InputError(f"--output is {output}: give a file that ends in .html, .png or .xlsx")
     if open_page and (output is None or output.suffix != ".html"):
@@ -62,9 +62,6 @@ def history(
 
 
 def _read(paths: list[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verification]]:
-    from ...calibration import load_any
-    from ...calibration.verify.file import FORMAT, load_verification
-
     calibrations: dict[str, AnyCalibration] = {}
     verifications: dict[str, Verification] = {}
     named = {real_path(path) for path in paths}
@@ -85,9 +82,6 @@ def _read(paths: list[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verif
 
 def _files(paths: list[Path]) -> Iterable[Path]:
     """Files that were named, and those found in folders, each once."""
-    from ...calibration.record.store import FORMAT as CALIBRATION
-    from ...calibration.verify.file import FORMAT as VERIFICATION
-
     files: dict[Path, Path] = {}
     for path in paths:
         if path.is_dir():
@@ -102,9 +96,6 @@ def _files(paths: list[Path]) -> Iterable[Path]:
 
 def _format(path: Path) -> object:
     """Return the format of a JSON file; None if labcdp did not write it."""
-    from ...calibration.record.store import MOST_BYTES
-    from ...core.disk import read_json
-
     try:
         document = read_json(path, "a calibration", MOST_BYTES)
     except InputError:

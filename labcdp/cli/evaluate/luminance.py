@@ -6,24 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import typer
 
+from ...calibration.record.store import AnyCalibration, file_sha256, load_any
+from ...calibration.response.bracket import Bracket, bracket_luminance
 from ...core.errors import InputError
 from ...core.finding import Finding, unique
+from ...core.frame import Frame
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
+from ...evaluate.bench.report.result import session_input
+from ...evaluate.bench.session import mismatch
+from ...evaluate.picture.light.picture import PictureConversion, calibrated_conversion
+from ...files import read_picture
+from ...files.luminance_file import SUFFIXES, metadata, save_luminance
+from ...output import write_file
+from ...report.digits import exposures
+from ...report.figures.maps import luminance_picture
+from ...session import FrameRecord, Session
 from ..options import parse_seconds
 from ..output import FORCE_OPTION, output_file
 from ..terminal import JSON_OPTION, print_result, say
-
-if TYPE_CHECKING:
-    from ...calibration.record.store import AnyCalibration
-    from ...calibration.response.bracket import Bracket
-    from ...core.frame import Frame
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...session import FrameRecord, Session
 
 #: Names of the reasons.
 _REASONS = {
@@ -74,8 +80,6 @@ class WrittenFiles:
 
     def require_writable(self, context: typer.Context) -> None:
         """Check the files before any work; raises InputError."""
-        from ...files.luminance_file import SUFFIXES
-
         for path, name, suffixes in ((self.output, "--output", SUFFIXES), (self.preview, "--preview", (".png",))):
             if path is not None:
                 if path.suffix.lower() not in suffixes:
@@ -100,11 +104,6 @@ def luminance(
     All frames must show the same still scene. Several exposures are merged into one map (HDR), with the weights of
     least noise and without saturated pixels. Pixels that differ between the exposures are flagged.
     """
-    from ...calibration.record.store import file_sha256, load_any
-    from ...calibration.response.bracket import bracket_luminance
-    from ...files.luminance_file import metadata, save_luminance
-    from ...output import write_file
-
     written.require_writable(context)
     loaded = load_any(calibration)
     selected = _selected(files, chosen, calibration, loaded)
@@ -143,8 +142,6 @@ def _result(
     path: Path,
     output: Path,
 ) -> Result:
-    from ...report.digits import exposures
-
     n = len(selected.frames)
     title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
     return Result(
@@ -172,8 +169,6 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
         return _of_session(folders[0], chosen, loaded)
     if chosen.frame or chosen.patch is not None:
         raise InputError("--frame and --patch choose among the frames of a session: give its folder, or leave them out")
-    from ...evaluate.picture.light.picture import calibrated_conversion
-
     conversion = calibrated_conversion(loaded, calibration.name)
     read = [(str(path), *_of_file(path, conversion)) for path in files]
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
@@ -187,10 +182,6 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
 
 
 def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Selected:
-    from ...evaluate.bench.report.result import session_input
-    from ...evaluate.bench.session import mismatch
-    from ...session import Session
-
     session = Session.open(path)
     records = session.frames("light")
     if chosen.frame:
@@ -225,8 +216,6 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
 
 def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[Finding, ...]]:
     """Read a frame from a file, and what a user should know about it."""
-    from ...files import read_picture
-
     picture = read_picture(path, conversion.options)
     frame = conversion.frame_of(picture)
     if not picture.exposure_known:
@@ -247,8 +236,6 @@ def _numbers(session: Session) -> str:
 
 
 def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
-    import numpy as np
-
     seen = result.map
     lit = seen.luminance_cd_m2[seen.valid]
     n_used, counts = np.unique(result.n_used, return_counts=True)
@@ -270,7 +257,5 @@ def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
 
 
 def _preview(result: Bracket, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
-    from ...report.figures.maps import luminance_picture
-
     title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
     return luminance_picture(result.map, title, simulated, range_cd_m2)

@@ -8,24 +8,33 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
+from ...calibration import load_any, save
+from ...core.disk import read_json
 from ...core.errors import InputError, SessionError
+from ...core.result import InputFile, Result
+from ...evaluate.bench.calibrate import calibrate_session
+from ...evaluate.bench.calibration.page import write_calibration_report
+from ...evaluate.bench.calibration.result import calibration_result
+from ...evaluate.bench.certificate import calibration_certificate
+from ...evaluate.bench.corrections import PlaneCorrections, calibration_for, corrections_of
+from ...evaluate.bench.flat import UniformLight, require_same_optics
+from ...evaluate.bench.observe import ObservedSession, observe_session
+from ...evaluate.bench.recorded import certificate_of
+from ...evaluate.bench.recorded_calibration import calibrate_recorded
+from ...evaluate.bench.report.page import write_results
+from ...evaluate.bench.report.result import session_input, session_result
+from ...evaluate.bench.session import SessionEvaluation, evaluate_session
+from ...output import ResultsFolder
+from ...report.envelope import SCHEMA, envelope_json
+from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
 from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
 from ..output import Results, default_folder, show_page
 from ..terminal import fraction_of_percent, print_result, progress_bars, say
 from .verify import EXIT_STATUS
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from ...evaluate.bench.corrections import PlaneCorrections
-    from ...evaluate.bench.flat import UniformLight
-    from ...evaluate.bench.observe import ObservedSession
-    from ...evaluate.bench.session import SessionEvaluation
-    from ...output import ResultsFolder
-    from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration
 
 WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be repeated.")
 
@@ -53,9 +62,6 @@ class FitOptions:
 
     def uniform_light(self, session: Session, report: Callable[[int, int], None]) -> UniformLight | None:
         """Read the session recorded with uniform light, None if there is none; raises InputError."""
-        from ...evaluate.bench.flat import UniformLight, require_same_optics
-        from ...session import Session
-
         if self.flat_field is None:
             return None
         flat = Session.open(self.flat_field)
@@ -78,8 +84,6 @@ class ContrastOptions:
 
     def contrasts(self, configuration: SessionConfiguration) -> list[ContrastConfiguration]:
         """Return pairs and contrasts as given, or else as configured; raises InputError."""
-        from ...session import ContrastConfiguration
-
         chosen: list[dict[str, Any]] = [one.model_dump() for one in configuration.contrasts]
         if self.pair:
             if not self.contrast:
@@ -138,15 +142,6 @@ def calibrate(
     Hot pixels and the dark pattern are measured in the session's dark frames. The pattern is subtracted, also from
     frames converted later, if it is larger than its own noise.
     """
-    from ...calibration import save
-    from ...evaluate.bench.calibration.page import write_calibration_report
-    from ...evaluate.bench.calibration.result import calibration_result
-    from ...evaluate.bench.certificate import calibration_certificate
-    from ...evaluate.bench.recorded_calibration import calibrate_recorded
-    from ...evaluate.bench.report.result import session_input
-    from ...report.envelope import envelope_json
-    from ...session import MeterCertificate, Session
-
     opened = Session.open(session)
     of_meter = None if fit.certificate is None else MeterCertificate.load(fit.certificate)
     with results.folder(context, session) as folder:
@@ -196,9 +191,6 @@ def evaluate(
 
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
     """
-    from ...evaluate.bench.report.page import write_results
-    from ...session import Session, example_session
-
     if session is None and not by.recalibrate:
         raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
@@ -229,15 +221,6 @@ def _evaluated(
     source: Path, calibration: Path | None, without: list[str], contrasts: list[ContrastConfiguration]
 ) -> tuple[SessionEvaluation, Result]:
     """Evaluate a session with a calibration file, or with the calibration made from the session."""
-    from ...calibration import load_any
-    from ...core.result import InputFile
-    from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.corrections import calibration_for, corrections_of
-    from ...evaluate.bench.recorded import certificate_of
-    from ...evaluate.bench.report.result import session_input, session_result
-    from ...evaluate.bench.session import evaluate_session
-    from ...session import Session
-
     if calibration is None:
         opened, observed = _observe(source, without)
         evaluation = evaluate_session(opened, observed, calibrate_session(observed), contrasts)
@@ -250,8 +233,6 @@ def _evaluated(
 
 
 def _save_calibration(evaluation: SessionEvaluation, results: ResultsFolder) -> None:
-    from ...calibration import save
-
     save(evaluation.calibration, results.path("calibration.json"))
 
 
@@ -261,9 +242,6 @@ def _observe(
     corrections: PlaneCorrections | None = None,
     certificate: MeterCertificate | None = None,
 ) -> tuple[Session, ObservedSession]:
-    from ...evaluate.bench.observe import observe_session
-    from ...session import Session
-
     session = Session.open(path)
     with progress_bars() as bars:
         report = partial(bars.update, "reading")
@@ -271,8 +249,6 @@ def _observe(
 
 
 def _recorded_results(against: Path) -> dict[str, Any]:
-    from ...core.disk import read_json
-
     recorded = read_json(against, "a results.json")
     if not isinstance(recorded, dict):
         raise InputError(f"{against} holds no results: give a results.json")
@@ -281,8 +257,6 @@ def _recorded_results(against: Path) -> dict[str, Any]:
 
 def _require_same(result: Result, recorded: dict[str, Any], against: str) -> None:
     """Check that numbers and findings agree; versions and paths may differ, and the demo has more tables."""
-    from ...report.envelope import SCHEMA, envelope_json
-
     if recorded.get("schema") != SCHEMA:
         raise InputError(f"{against} is no result of this version of labcdp: give a results.json")
     now = json.loads(envelope_json(result))

@@ -5,16 +5,24 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...calibration import load
+from ...core.result import InputFile
+from ...evaluate.bench.calibrate import calibrate_session
+from ...evaluate.bench.corrections import calibration_for, corrections_of
+from ...evaluate.bench.observe import observe_session
+from ...evaluate.bench.recorded import certificate_of
+from ...evaluate.bench.report.result import session_input
+from ...evaluate.camera.characterise import characterise_session
+from ...evaluate.twin.evaluate import TwinEvaluation, twin_session
+from ...evaluate.twin.parameters import require_monochrome
+from ...evaluate.twin.report.page import write_twin
+from ...evaluate.twin.report.result import twin_result
+from ...session import Session
 from ..output import Results
 from ..terminal import fraction_of_percent, progress_bars, say
-
-if TYPE_CHECKING:
-    from ...evaluate.twin.evaluate import TwinEvaluation
-    from ...session import Session
 
 
 def twin(
@@ -36,13 +44,6 @@ def twin(
     lists for each pair whether prediction and measurement agree and which parameter matters. Writes chain.toml (for
     labcdp simulate), report.html, results.xlsx and results.json.
     """
-    from ...core.result import InputFile
-    from ...evaluate.bench.report.result import session_input
-    from ...evaluate.twin.parameters import require_monochrome
-    from ...evaluate.twin.report.page import write_twin
-    from ...evaluate.twin.report.result import twin_result
-    from ...session import Session
-
     target = None if contrast is None else fraction_of_percent(contrast, "--contrast")
     tolerance = fraction_of_percent(epsilon, "--epsilon")
     inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
@@ -60,14 +61,6 @@ def twin(
 def _evaluated(
     session: Session, calibration: Path | None, without: list[str], contrast: float | None, epsilon: float
 ) -> TwinEvaluation:
-    from ...calibration import load
-    from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.corrections import calibration_for, corrections_of
-    from ...evaluate.bench.observe import observe_session
-    from ...evaluate.bench.recorded import certificate_of
-    from ...evaluate.camera.characterise import characterise_session
-    from ...evaluate.twin.evaluate import twin_session
-
     loaded = None if calibration is None else calibration_for(session, load(calibration))
     corrections = None if loaded is None else corrections_of(loaded)
     with progress_bars() as bars:

@@ -6,22 +6,29 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...acquire.verify_plan import verification_configuration
+from ...calibration import AnyCalibration, Calibration, load_any
+from ...calibration.verify.decision import require_tolerance
+from ...calibration.verify.file import save_verification
+from ...calibration.verify.result import Verification
 from ...core.errors import InputError
+from ...core.result import InputFile
+from ...evaluate.bench.certificate import verification_certificate
+from ...evaluate.bench.observe import ObservedSession
+from ...evaluate.bench.report.result import session_input
+from ...evaluate.bench.report.verification import verification_result
+from ...evaluate.bench.session import mismatch
+from ...evaluate.bench.verify import verify_session
+from ...report.envelope import envelope_json
+from ...session import MeterCertificate, Session, SessionConfiguration
 from ..bench.acquire import record
 from ..bench.device_options import DeviceChoice, DeviceOptions
 from ..options import CERTIFICATE_OPTION
 from ..output import FORCE_OPTION, output_option, results_folder
 from ..terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say
-
-if TYPE_CHECKING:
-    from ...calibration import AnyCalibration
-    from ...calibration.verify.result import Verification
-    from ...evaluate.bench.observe import ObservedSession
-    from ...session import MeterCertificate
 
 #: Exit status by verdict.
 EXIT_STATUS = {"conform": 0, "not conform": 3, "undecided": 4}
@@ -64,16 +71,6 @@ def verify(
     the deviation exceeds the tolerance by more than U; in between it is undecided. Exit status: 0 conform, 3 not
     conform, 4 undecided, 1 for an error. Writes verification.json, which labcdp history reads.
     """
-    from ...calibration import load_any
-    from ...calibration.verify.decision import require_tolerance
-    from ...calibration.verify.file import save_verification
-    from ...core.result import InputFile
-    from ...evaluate.bench.certificate import verification_certificate
-    from ...evaluate.bench.report.result import session_input
-    from ...evaluate.bench.report.verification import verification_result
-    from ...report.envelope import envelope_json
-    from ...session import MeterCertificate, Session
-
     configuration, session = _paths(paths)
     tolerance, certificate, patches = judgement.tolerance, judgement.certificate, judgement.patch
     tolerance_rel = None if tolerance is None else require_tolerance(fraction_of_percent(tolerance, "--tolerance"))
@@ -120,11 +117,6 @@ def _paths(paths: list[Path]) -> tuple[Path | None, Path]:
 def _acquire(
     configuration: Path, session: Path, calibration: AnyCalibration, patch: list[str], choice: DeviceChoice
 ) -> None:
-    from ...acquire.verify_plan import verification_configuration
-    from ...calibration import Calibration
-    from ...evaluate.bench.session import mismatch
-    from ...session import SessionConfiguration
-
     bench = SessionConfiguration.load(configuration)
     choice.check(bench.meter)
     if choice.simulated and not isinstance(calibration, Calibration):
@@ -146,9 +138,6 @@ def _verified(
     tolerance_rel: float | None,
     certificate: MeterCertificate | None,
 ) -> tuple[Verification, ObservedSession]:
-    from ...evaluate.bench.verify import verify_session
-    from ...session import Session
-
     session = Session.open(path)
     with progress_bars() as bars:
         report = partial(bars.update, "reading")

@@ -6,22 +6,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.errors import InputError
+from ...evaluate.picture.image import ImageRequest
+from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
+from ...evaluate.picture.tables import ReportedPicture
+from ...files.picture.read import picture_paths
+from ...output import ResultsFolder
+from ...regions import load_regions, rois_of
 from ..options import contrasts_or_measured, parse_pair, parse_tolerance
 from ..output import Results
 from ..terminal import print_result, progress_bars
 from .batch import Failure, each_once, end_batch, worked_through
 from .picture_options import PairOptions, PictureLightOptions
-
-if TYPE_CHECKING:
-    from ...evaluate.picture.image import ImageRequest
-    from ...evaluate.picture.result import PictureTask
-    from ...evaluate.picture.tables import ReportedPicture
-    from ...output import ResultsFolder
 
 
 def image(
@@ -53,9 +52,6 @@ def image(
 
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
     """
-    from ...evaluate.picture.result import PictureTask, summary_files
-    from ...files.picture.read import picture_paths
-
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     request, conversion = _request(pairs, rectangle), light.conversion()
@@ -94,9 +90,6 @@ def _evaluated(
     paths: Sequence[Path], task: PictureTask, pages: bool, surface: bool, results: ResultsFolder
 ) -> list[ReportedPicture]:
     """Process the pictures and write their files."""
-    from ...evaluate.picture.result import picture_folder
-    from ...evaluate.picture.tables import ReportedPicture
-
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
         for index, made in worked_through(paths, partial(task.made, pages=pages, surface=surface)):
@@ -113,9 +106,6 @@ def _evaluated(
 
 
 def _request(pairs: PairOptions, rectangle: str | None) -> ImageRequest:
-    from ...evaluate.picture.image import ImageRequest
-    from ...regions import load_regions, rois_of
-
     neighbours = pairs.neighbours or rectangle is not None
     if pairs.roi is None and not neighbours:
         raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")

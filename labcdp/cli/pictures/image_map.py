@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
+from ...core.result import InputFile
+from ...evaluate.picture.edges.files import write_contrast_map
+from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from ...evaluate.picture.edges.result import MapSource, map_result
+from ...evaluate.picture.light.picture import PictureConversion
+from ...files.picture.picture import Picture
+from ...files.picture.read import read_picture
 from ..output import Results
 from ..terminal import fraction_of_percent
 from .picture_options import PictureLightOptions
-
-if TYPE_CHECKING:
-    from ...core.result import InputFile
-    from ...evaluate.picture.edges.map import ContrastMapSettings
-    from ...evaluate.picture.edges.result import MapSource
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...files.picture.picture import Picture
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,6 @@ class EdgeOptions:
 
     def settings(self) -> ContrastMapSettings:
         """Return what is given as numbers; raises InputError."""
-        from ...evaluate.picture.edges.map import ContrastMapSettings
-
         return ContrastMapSettings(
             self.region_size,
             fraction_of_percent(self.epsilon, "--epsilon"),
@@ -73,11 +70,6 @@ def image_map(
 
     Example: labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
     """
-    from ...evaluate.picture.edges.files import write_contrast_map
-    from ...evaluate.picture.edges.map import contrast_map
-    from ...evaluate.picture.edges.result import map_result
-    from ...files.picture.read import read_picture
-
     settings, conversion = edges.settings(), light.conversion()
     inputs = light.inputs({"reference": reference})
     with results.folder(context, file) as folder:
@@ -91,8 +83,6 @@ def image_map(
 
 
 def _source(picture: Picture, conversion: PictureConversion, inputs: Sequence[InputFile]) -> MapSource:
-    from ...evaluate.picture.edges.result import MapSource
-
     return MapSource(
         file=picture.path.name,
         sha256=picture.sha256,

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
+from ...core.computer.cluster import TlsFiles
 from ...core.errors import InputError
+from ...core.result import InputFile
+from ...core.roi import Roi
+from ...evaluate.picture.light.picture import PictureConversion, picture_conversion
+from ...evaluate.video.archive.evaluate import Workers
+from ...evaluate.video.settings import Reference
+from ...files.video.selection import Position, Selection
+from ...regions import load_regions, rois_of
 from ..options import CAMERA_SPEC_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_pair, parse_seconds
 from ..terminal import fraction_of_percent
-
-if TYPE_CHECKING:
-    from ...core.result import InputFile
-    from ...core.roi import Roi
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...evaluate.video.archive.evaluate import Workers
-    from ...evaluate.video.settings import Reference
-    from ...files.video.selection import Selection
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,6 @@ class LightOptions:
 
     def conversion(self) -> PictureConversion:
         """Load calibration or camera specification; raises InputError."""
-        from ...evaluate.picture.light.picture import picture_conversion
-
         return picture_conversion(self.calibration, self.camera_spec, self.encoding).given(**self.stated())
 
     def stated(self) -> dict[str, Any]:
@@ -63,8 +61,6 @@ class LightOptions:
 
     def inputs(self, others: Mapping[str, Path | None]) -> list[InputFile]:
         """Return records of the input files other than pictures, by role; raises InputError if one cannot be read."""
-        from ...core.result import InputFile
-
         files = {**others, "calibration": self.calibration, "camera specification": self.camera_spec}
         return [InputFile.of(role, path) for role, path in files.items() if path is not None]
 
@@ -137,8 +133,6 @@ class FrameOptions:
 
     def selection(self) -> Selection:
         """Return which frames are meant; raises InputError."""
-        from ...files.video.selection import Position, Selection
-
         stop = None if self.stop is None else Position.parse(self.stop, "--stop")
         return Selection(Position.parse(self.start, "--start"), stop, Position.parse(self.every, "--every"))
 
@@ -213,9 +207,6 @@ class ClusterOptions:
 
     def chosen(self) -> Workers:
         """Return the processes or the cluster."""
-        from ...core.computer.cluster import TlsFiles
-        from ...evaluate.video.archive.evaluate import Workers
-
         tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
         return Workers(self.cluster, self.workers, tls)
 
@@ -224,8 +215,6 @@ def rois_and_pairs(
     path: Path | None, pairs: Sequence[str], neighbours: bool
 ) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
     """Regions, and the pairs of them that are evaluated; none for nearest-neighbour CDP. Raises InputError."""
-    from ...regions import load_regions, rois_of
-
     if neighbours:
         if path is not None or pairs:
             raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")

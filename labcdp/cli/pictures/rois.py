@@ -5,25 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...evaluate.picture.light.picture import PictureConversion
+from ...files.picture.read import read_picture
+from ...files.video.selection import Position
+from ...regions import Shape, load_regions, new_shapes
+from ...report.findings import finding_text
+from ...web.lock import locked
+from ...web.maps.dataset import dataset_image
+from ...web.maps.page import map_page
+from ...web.regions.drawing import Drawing, History
+from ...web.regions.files import DrawingFiles, Start
+from ...web.regions.measurements import Measurements
+from ...web.regions.page_image import PageImage
+from ...web.regions.proposals import propose
+from ...web.regions.video_image import is_video, video_image
+from ...web.regions.workspace import Workspace
+from ...web.server import Address, Server, Site
 from ..options import ADDRESS_OPTION, PORT_OPTION, contrasts_or_measured
 from ..terminal import JSON_OPTION, print_result, say, say_where
 from .picture_options import PictureLightOptions
 from .rois_options import PageOptions, RegionFiles
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...regions import Shape
-    from ...web.regions.drawing import Drawing
-    from ...web.regions.files import DrawingFiles
-    from ...web.regions.page_image import PageImage
-    from ...web.server import Address
 
 
 def rois(
@@ -50,9 +59,6 @@ def rois(
     the address of the page, also for a browser on another computer. Ctrl-C ends the command. Regions that are not
     saved are kept next to the output, and the same command resumes with them.
     """
-    from ...web.lock import locked
-    from ...web.regions.files import DrawingFiles
-
     contrasts = contrasts_or_measured(shown.contrast)
     if not shown.page and detect is None:
         raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
@@ -93,8 +99,6 @@ class _Files:
 
 def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:
     """Refuse options of videos for pictures, and of raw dumps for videos."""
-    from ...web.regions.video_image import is_video
-
     if is_video(file):
         if of_dumps is not None:
             raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
@@ -103,12 +107,6 @@ def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> Non
 
 
 def _image(file: Path, frame: str | None, conversion: PictureConversion) -> PageImage:
-    from ...files.picture.read import read_picture
-    from ...files.video.selection import Position
-    from ...web.maps.dataset import dataset_image
-    from ...web.regions.page_image import PageImage
-    from ...web.regions.video_image import is_video, video_image
-
     if file.suffix.lower() == ".nc":
         return dataset_image(file)
     if is_video(file):
@@ -117,14 +115,10 @@ def _image(file: Path, frame: str | None, conversion: PictureConversion) -> Page
 
 
 def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "superpixels"]) -> tuple[Shape, ...]:
-    from ...web.regions.proposals import propose
-
     return propose(image, detect)
 
 
 def _start(files: DrawingFiles, roi: Path | None) -> _Files:
-    from ...regions import load_regions
-
     # Taken before reading, so that later changes are noticed.
     stored = files.fingerprint(files.output)
     saved = load_regions(files.output, files.size) if files.output.exists() else ()
@@ -133,9 +127,6 @@ def _start(files: DrawingFiles, roi: Path | None) -> _Files:
 
 
 def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json: bool) -> None:
-    from ...regions import new_shapes
-    from ...web.regions.drawing import Drawing
-
     before = start.read or start.saved
     drawing = Drawing.of(files.size, before)
     new = new_shapes(found, drawing.shapes)
@@ -171,13 +162,6 @@ def _serve(
     place: _Place,
     as_json: bool,
 ) -> None:
-    from ...web.maps.page import map_page
-    from ...web.regions.drawing import Drawing, History
-    from ...web.regions.files import Start
-    from ...web.regions.measurements import Measurements
-    from ...web.regions.workspace import Workspace
-    from ...web.server import Server, Site
-
     history = History(Drawing.of(files.size, start.read or start.saved))
     if start.kept:
         history = history.changed(Drawing.of(files.size, start.kept))
@@ -218,9 +202,6 @@ def _result(
     findings: Sequence[Finding] = (),
 ) -> Result:
     """Return the regions, whether each was found now, and their files."""
-    from ...core.result import Result
-    from ...core.table import Column, Table
-
     regions = (
         Column("region", "region"),
         Column("area_px", "area", "px", "Area of its outline."),
@@ -241,8 +222,6 @@ def _result(
 
 
 def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) -> None:
-    from ...report.findings import finding_text
-
     width, height = image.size
     say(f"{image.name}: {width} x {height} pixels")
     for finding in image.findings:

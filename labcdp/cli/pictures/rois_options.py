@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from ...core.errors import InputError
+from ...output.file import is_same_file
 from ..options import ADDRESS_OPTION, CONTRAST_HELP, MEASURED, PORT_OPTION
 from ..output import FORCE_OPTION, output_file
 
@@ -43,8 +44,6 @@ class RegionFiles:
 
     def target(self, context: typer.Context, file: Path, page: bool) -> Path:
         """Return the file that is written, checked before any work; raises InputError."""
-        from ...output.file import is_same_file
-
         roi = self.roi if page else None
         target = _output(file, self.output, roi)
         # A region file of labcdp is edited in place; other programs' files are never.

@@ -7,22 +7,30 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from ...core.errors import LabcdpError
+from ...core.result import Result
+from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
+from ...evaluate.video.archive.result import archive_result, write_archive
+from ...evaluate.video.checks import require_same_evaluation, video_configuration
+from ...evaluate.video.dataset import VideoRows
+from ...evaluate.video.evaluate import Part, evaluated_parts
+from ...evaluate.video.report.annotated import AnnotatedVideo, FrameImages
+from ...evaluate.video.report.page import write_video
+from ...evaluate.video.settings import Observer, VideoSettings, make_reference
+from ...files.video.open import left_out, video_paths
+from ...output import ResultsFolder
+from ...regions import image_size_of
+from ...report.envelope import envelope
+from ...tracking import method_among
 from ..options import contrasts_or_measured, parse_tolerance
 from ..output import Results, show_page
 from ..terminal import print_result, progress_bars, say
 from .batch import each_once
 from .picture_options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from ...evaluate.video.dataset import VideoRows
-    from ...evaluate.video.settings import Observer, VideoSettings
-    from ...output import ResultsFolder
 
 
 def video(
@@ -47,8 +55,6 @@ def video(
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
     """
-    from ...tracking import method_among
-
     regions, pairs = rois_and_pairs(chosen.roi, chosen.pair, chosen.neighbours)
     named = {one.name: one for one in regions}
     common = _common(chosen, light, frames)
@@ -83,9 +89,6 @@ def video(
 
 def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions) -> VideoSettings:
     """Return what is asked of all pairs of regions."""
-    from ...evaluate.video.settings import VideoSettings
-    from ...regions import image_size_of
-
     return VideoSettings(
         contrasts=contrasts_or_measured(chosen.contrast),
         image_size=None if chosen.roi is None else image_size_of(chosen.roi),
@@ -115,9 +118,6 @@ def evaluated_into(
     LabcdpError
         If the video cannot be evaluated or the results not be written.
     """
-    from ...evaluate.video.evaluate import Part, evaluated_parts
-    from ...evaluate.video.report.page import write_video
-
     with ExitStack() as stack:
         with ExitStack() as drawing:
             parts = [Part(settings[name], into, _observer(made, path, into, drawing)) for name, into in folders.items()]
@@ -131,8 +131,6 @@ def evaluated_into(
 
 def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
     """Return what draws the frames, None for nothing."""
-    from ...evaluate.video.report.annotated import AnnotatedVideo, FrameImages
-
     observers: list[Observer] = []
     if made.annotated:
         observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
@@ -150,8 +148,6 @@ def evaluate_values(
     settings: Mapping[str, VideoSettings], made: MadeOptions, path: Path, folders: Mapping[str, ResultsFolder]
 ) -> dict[str, dict[str, Any] | LabcdpError]:
     """Evaluate pairs of a video as `evaluated_into`; return each result as JSON values, or why there is none."""
-    from ...report.envelope import envelope
-
     found: dict[str, dict[str, Any] | LabcdpError] = {}
     with evaluated_into(settings, made, path, folders) as writers:
         for name, write in writers.items():
@@ -171,11 +167,6 @@ def _several(
     where: ClusterOptions,
     results: Results,
 ) -> None:
-    from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
-    from ...evaluate.video.archive.result import archive_result, write_archive
-    from ...evaluate.video.checks import require_same_evaluation, video_configuration
-    from ...evaluate.video.settings import make_reference
-
     tasks = archive_tasks(paths, folder.folder, tuple(of_pairs))
     if not results.force:
         for task in tasks:
@@ -215,8 +206,6 @@ def _several(
 
 def _paths(files: Sequence[Path]) -> list[Path]:
     """Videos to evaluate, each once."""
-    from ...files.video.open import left_out, video_paths
-
     for given in files:
         for folder in left_out(given) if video_paths([given]) != [given] else ():
             say(f"Note: {folder} contains images and is left out, as {given} contains videos: give {folder} itself")

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
 from ...core.errors import InputError, LabcdpError
+from ...core.result import Result
+from ...core.table import Column, Table
 from ..terminal import JSON_OPTION, print_result, say
 from . import kinds
-
-if TYPE_CHECKING:
-    from ...core.result import Result
-    from .kinds import Description
+from .kinds import Description
 
 
 def info(
@@ -48,9 +46,6 @@ def describe(path: Path, source: str) -> tuple[Result, list[str]]:
     InputError
         If it cannot be read, is damaged, or is nothing labcdp knows.
     """
-    from ...core.result import Result
-    from ...core.table import Column, Table
-
     if not path.exists():
         raise InputError(f"{path} does not exist: give a file or folder")
     what, properties, tables, commands = _look(path, source)

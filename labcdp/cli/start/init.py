@@ -7,7 +7,13 @@ from pathlib import Path
 
 import typer
 
+from ...chain import preset_text
 from ...core.errors import InputError
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...evaluate.camera.sensor import chain_text
+from ...output import write_file
+from ...session.examples import example_camera, example_configuration, example_simulated_bench
 from ..output import FORCE_OPTION, output_file
 from ..terminal import JSON_OPTION, print_result, say
 
@@ -55,10 +61,6 @@ def init(
 
     Example: labcdp init bench bench.toml
     """
-    from ...core.result import Result
-    from ...core.table import Column, Table
-    from ...output import write_file
-
     path = output_file(context, file, force, option="FILE")
     write_file(path, _text(template, preset, sensor).encode(), force=force)
     command = _NEXT[template].format(file=file)
@@ -72,10 +74,6 @@ def init(
 
 
 def _text(template: Template, preset: str | None, sensor: Path | None) -> str:
-    from ...chain import preset_text
-    from ...evaluate.camera.sensor import chain_text
-    from ...session.examples import example_camera, example_configuration, example_simulated_bench
-
     if template is Template.chain:
         chosen = preset or DEFAULT_PRESET
         return preset_text(chosen) if sensor is None else chain_text(chosen, sensor)

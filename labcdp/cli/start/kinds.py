@@ -4,16 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+from ...calibration import load_any
+from ...calibration.emva.index import load_index
+from ...calibration.verify.file import load_verification
+from ...chain import Chain
 from ...core.disk.documents import read_json, read_toml
 from ...core.errors import InputError, LabcdpError
-
-if TYPE_CHECKING:
-    from ...core.finding import Finding
-    from ...core.frame import Frame
-    from ...core.spectral.table import SpectralTable
-    from ...core.table import Table
+from ...core.finding import Finding
+from ...core.frame import Frame
+from ...core.spectral.mismatch import COMMON_ILLUMINANTS, f1_prime, least_f1_prime, mismatch_factor, weighted_sum
+from ...core.spectral.photometry import source_names, spectral_weights
+from ...core.spectral.table import SpectralTable, read_spectral_file
+from ...core.table import Column, Table
+from ...drivers.simulated.devices import SimulatedBenchFile
+from ...evaluate.picture.light.camera_specification import CameraSpecification
+from ...evaluate.sweep.maps.axes import check_map
+from ...files.formats.raw import PlaneClipping, planes_of
+from ...files.picture.read import read_picture
+from ...files.video.open import VIDEO_SUFFIXES, open_video
+from ...output import LIST_FILE
+from ...regions import load_regions, rois_of
+from ...report.findings import finding_text
+from ...report.netcdf import read_dataset
+from ...session import Session, SessionConfiguration
+from ...session.journal_text import JOURNAL
 
 #: Kind, properties by name, further tables, and commands with {file} for the path.
 Description: TypeAlias = "tuple[str, dict[str, str], list[Table], list[str]]"
@@ -21,10 +37,6 @@ Description: TypeAlias = "tuple[str, dict[str, str], list[Table], list[str]]"
 
 def folder(path: Path) -> Description:
     """Describe a session, a folder of results, or a folder of pictures or videos."""
-    from ...files.video.open import VIDEO_SUFFIXES
-    from ...output import LIST_FILE
-    from ...session.journal_text import JOURNAL
-
     if (path / JOURNAL).is_file():
         return _session(path)
     if (path / LIST_FILE).is_file():
@@ -39,8 +51,6 @@ def folder(path: Path) -> Description:
 
 
 def _session(path: Path) -> Description:
-    from ...session import Session
-
     with Session.open(path) as session:
         configuration = session.configuration
         properties = {
@@ -86,8 +96,6 @@ def _result(content: dict[str, object]) -> Description:
 
 
 def _calibration(path: Path) -> Description:
-    from ...calibration import load_any
-
     loaded = load_any(path)
     low, high = loaded.range_cd_m2
     properties = {
@@ -102,19 +110,12 @@ def _calibration(path: Path) -> Description:
 
 
 def _verification(path: Path) -> Description:
-    from ...calibration.verify.file import load_verification
-
     load_verification(path)
     return "verification of a calibration", {}, [], ["history {file}"]
 
 
 def toml(path: Path) -> Description:
     """Describe a bench plan, a simulated bench, a chain or a camera specification."""
-    from ...chain import Chain
-    from ...drivers.simulated.devices import SimulatedBenchFile
-    from ...evaluate.picture.light.camera_specification import CameraSpecification
-    from ...session import SessionConfiguration
-
     content = read_toml(path, "a bench plan, chain or camera specification")
     if "plan" in content:
         plan = SessionConfiguration.load(path)
@@ -139,8 +140,6 @@ def toml(path: Path) -> Description:
 
 def regions(path: Path) -> Description:
     """Describe a region file."""
-    from ...regions import load_regions, rois_of
-
     names = [roi.name for roi in rois_of(load_regions(path))]
     properties = {"regions": f"{len(names)}: {', '.join(names)}"}
     return "region file", properties, [], ["image PICTURE --roi {file}", "video VIDEO --roi {file}"]
@@ -148,9 +147,6 @@ def regions(path: Path) -> Description:
 
 def map_file(path: Path) -> Description:
     """Describe a map of a sweep."""
-    from ...evaluate.sweep.maps.axes import check_map
-    from ...report.netcdf import read_dataset
-
     dataset = read_dataset(path, "map")
     try:
         check_map(dataset)
@@ -165,8 +161,6 @@ def map_file(path: Path) -> Description:
 
 def data_set(path: Path) -> Description:
     """Describe a data set after EMVA 1288."""
-    from ...calibration.emva.index import load_index
-
     index = load_index(path)
     properties = {
         "release": index.release,
@@ -177,8 +171,6 @@ def data_set(path: Path) -> Description:
 
 def picture(path: Path) -> Description:
     """Describe a picture."""
-    from ...files.picture.read import read_picture
-
     found = read_picture(path)
     height, width = found.shape
     frame = found.frame
@@ -195,9 +187,6 @@ def picture(path: Path) -> Description:
 
 
 def _clipping(frame: Frame) -> Table:
-    from ...core.table import Column, Table
-    from ...files.formats.raw import PlaneClipping, planes_of
-
     names = ["all"]
     if frame.colour_filter is not None:
         names = [f"{column}, {row}" for row in ("upper", "lower") for column in ("left", "right")]
@@ -223,8 +212,6 @@ def _clipping(frame: Frame) -> Table:
 
 def video(path: Path) -> Description:
     """Describe a video or a sequence of images."""
-    from ...files.video.open import open_video
-
     found = open_video(path)
     height, width = found.shape
     properties = {
@@ -237,17 +224,11 @@ def video(path: Path) -> Description:
 
 
 def _notes(findings: Sequence[Finding]) -> dict[str, str]:
-    from ...report.findings import finding_text
-
     return {"notes": "; ".join(finding_text(finding) for finding in findings)} if findings else {}
 
 
 def spectra(path: Path, source: str) -> Description:
     """Describe a camera's spectral sensitivity: f1', and the mismatch factors of common lights (CIE 244)."""
-    from ...core.spectral.mismatch import COMMON_ILLUMINANTS, f1_prime, least_f1_prime, mismatch_factor, weighted_sum
-    from ...core.spectral.table import read_spectral_file
-    from ...core.table import Column, Table
-
     file = read_spectral_file(path)
     weights = least_f1_prime(file.columns) if len(file.columns) > 1 else {}
     whole = weighted_sum(file.columns, weights) if weights else file.only
@@ -270,9 +251,6 @@ def spectra(path: Path, source: str) -> Description:
 
 
 def _light(source: str) -> str | SpectralTable:
-    from ...core.spectral.photometry import source_names, spectral_weights
-    from ...core.spectral.table import read_spectral_file
-
     if Path(source).is_file():
         return read_spectral_file(source).only
     try:

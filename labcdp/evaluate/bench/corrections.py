@@ -12,6 +12,7 @@ from ...calibration.defects import DefectMap
 from ...calibration.frames.observations import CameraState
 from ...calibration.frames.planes import plane_of
 from ...core.finding import Finding
+from ...core.frame import Readout
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration
 from .recorded import planes_of
@@ -50,8 +51,9 @@ class Corrections:
 def natural_vignetting(configuration: SessionConfiguration, state: CameraState) -> Cos4Vignetting:
     """Natural vignetting of the configured lens: what is known without a flat field."""
     # The pixels of one colour are two pitches apart.
-    pitch_m = configuration.camera.pixel_pitch_m * (1 if state.plane is None else 2)
-    axis_px = None if state.readout is None else state.readout.axis_px(state.image_shape)
+    readout = state.readout or Readout()
+    pitch_m = readout.pitch_m(configuration.camera.pixel_pitch_m) * (1 if state.plane is None else 2)
+    axis_px = readout.axis_px(state.image_shape)
     return Cos4Vignetting(configuration.lens.focal_length_m, pitch_m, axis_px)
 
 

@@ -208,7 +208,7 @@ def _sensitivity(
     lowest, highest, mean = patch_linearity(patch_deviations([point for point, _ in usable], transfer.net_dn))
     return Sensitivity(
         responsivity=r,
-        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration),
+        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, measured.state),
         linearity_error_min_rel=lowest,
         linearity_error_max_rel=highest,
         linearity_error_rel=mean,

@@ -15,6 +15,7 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import InputError
+from ...core.frame import Readout
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...session import SessionConfiguration
 from ..bench.corrections import natural_vignetting
@@ -130,7 +131,7 @@ def photometric_responsivity(
 
 
 def quantum_efficiency_estimate(
-    responsivity: Quantity, k: Quantity, configuration: SessionConfiguration
+    responsivity: Quantity, k: Quantity, configuration: SessionConfiguration, state: CameraState
 ) -> Quantity | None:
     """Estimate QE from lens data: electrons over photons per pixel, cd/m^2 and second.
 
@@ -149,7 +150,7 @@ def quantum_efficiency_estimate(
     except InputError:
         return None
     transmittance = 1.0 if lens.transmittance is None else lens.transmittance
-    area_m2 = configuration.camera.pixel_pitch_m**2
+    area_m2 = (state.readout or Readout()).area_m2(configuration.camera.pixel_pitch_m)
     photons = radiance * pi / (4 * lens.f_number**2) * transmittance * area_m2
     value = responsivity.value / k.value / photons
     of_lens = hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3)

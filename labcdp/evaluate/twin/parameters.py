@@ -13,9 +13,9 @@ from ...calibration.rounding import mean_before_rounding
 from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, info
-from ...core.frame import Frame
+from ...core.frame import Frame, Readout
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
-from ...session import Session
+from ...session import Session, SessionConfiguration
 from ..bench.observe import ObservedSession
 from .noise import CameraNoise, known, noise_of_characterisation
 
@@ -205,7 +205,8 @@ def twin_parameters(
     transmittance = configuration.lens.transmittance or 1.0
     responsivity = _responsivity(observed, calibration, setting.factor)
     common_rel = hypot(known(responsivity) / responsivity.value, calibration.meter_scale.common_rel)
-    efficiency = _efficiency(observed, responsivity.value, common_rel, noise.k_dn_per_e)
+    area_m2 = (frame.readout or Readout()).area_m2(configuration.camera.pixel_pitch_m)
+    efficiency = _efficiency(configuration, area_m2, responsivity.value, common_rel, noise.k_dn_per_e)
     if efficiency.value > transmittance:
         transmittance = 1.0
     if configuration.lens.transmittance is None:
@@ -227,7 +228,7 @@ def twin_parameters(
         temperature_c=temperature_c,
         transmittance=transmittance,
         bits=frame.bit_depth,
-        pixel_pitch_m=configuration.camera.pixel_pitch_m,
+        pixel_pitch_m=sqrt(area_m2),
         gain_db=frame.gain_db,
         findings=tuple(findings),
     )
@@ -255,13 +256,14 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
     return Quantity(value, rel * value, "DN/(cd m^-2 s)", "calibration, without the scale error of the meter")
 
 
-def _efficiency(observed: ObservedSession, responsivity: float, common_rel: float, k: Quantity) -> Quantity:
+def _efficiency(
+    configuration: SessionConfiguration, area_m2: float, responsivity: float, common_rel: float, k: Quantity
+) -> Quantity:
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
-    configuration = observed.configuration
-    lens, pitch_m = configuration.lens, configuration.camera.pixel_pitch_m
+    lens = configuration.lens
     optics = Optics(f_number=lens.f_number, transmittance=1.0)
     try:
-        photons_per_lx_s = photon_radiance_per_cd_m2(configuration.source.spectrum) * pitch_m**2
+        photons_per_lx_s = photon_radiance_per_cd_m2(configuration.source.spectrum) * area_m2
     except InputError as error:
         raise CalibrationError(f"the twin needs the spectrum of the light: {error}") from error
     value = responsivity / (k.value * optics.axial_illuminance_per_cd_m2 * photons_per_lx_s)

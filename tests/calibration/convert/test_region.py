@@ -109,3 +109,13 @@ def test_natural_vignetting_has_its_axis_in_the_middle_of_the_sensor():
     part = Cos4Vignetting(0.001, 1e-5, corner.axis_px((20, 20))).relative_illuminance((20, 20))
     np.testing.assert_allclose(part, whole[2:22, 4:24])
     assert Readout(sensor_size=(60, 40)).axis_px((40, 60)) is None
+
+
+def test_pixels_of_binned_frames_are_larger():
+    binned, skipped = Readout(binning=(2, 2)), Readout(decimation=(2, 2))
+    whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
+    of_blocks = whole.reshape(20, 2, 30, 2).mean(axis=(1, 3))
+    for readout, area_m2 in ((binned, 4e-10), (skipped, 1e-10)):
+        seen = Cos4Vignetting(0.001, readout.pitch_m(1e-5)).relative_illuminance((20, 30))
+        np.testing.assert_allclose(seen, of_blocks, rtol=3e-4)
+        assert readout.area_m2(1e-5) == pytest.approx(area_m2)

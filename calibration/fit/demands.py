@@ -8,7 +8,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
+from ...core.finding import Finding, info, warning
 from ..errors.uncertainty import expanded_half_width
 from ..findings import FitTest
 from ..gains import GainSetting
@@ -27,7 +27,7 @@ REFUSED_SPAN = 1.2
 _INVERSION = 1.1
 #: Standard uncertainties by which reading and signal must both differ.
 _INVERSION_LIMIT = 4.0
-#: Glare over the darkest patch that causes a warning if it cannot be excluded: as the 2 % of a meter.
+#: Glare over the darkest patch from which it is named if it cannot be excluded: as the 2 % of a meter.
 _GLARE_TOLERANCE_REL = 0.02
 #: Unexplained relative scatter that causes a warning: small compared with the 2 % of a meter.
 _SCATTER_TOLERANCE_REL = 0.002
@@ -135,9 +135,9 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
 
 
 def _glare_not_excluded(design: Design, test: FitTest) -> list[Finding]:
-    """Warn of glare that the patches do not show, but that would matter beside the darkest one."""
+    """Name glare that the patches do not show, but that would matter beside the darkest one."""
     darkest = float(design.reading_cd_m2.min())
     most = max(test.value, 0.0) + expanded_half_width(0.0, test.standard_uncertainty)
     if test.significant or most <= _GLARE_TOLERANCE_REL * darkest:
         return []
-    return [warning("intercept-not-excluded", glare_cd_m2=most, share_rel=most / darkest, darkest_cd_m2=darkest)]
+    return [info("intercept-not-excluded", glare_cd_m2=most, share_rel=most / darkest, darkest_cd_m2=darkest)]

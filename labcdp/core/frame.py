@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
-from math import prod, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -90,14 +89,6 @@ class Readout:
         """Return the same in pixels so many times larger: 2 from a Bayer frame to its planes, 1/2 back."""
         size = self.sensor_size and (self.sensor_size[0] / factor, self.sensor_size[1] / factor)
         return replace(self, x=self.x / factor, y=self.y / factor, sensor_size=size)
-
-    def pitch_m(self, pixel_pitch_m: float) -> float:
-        """Distance of pixels, of a sensor with this pixel pitch; where columns and rows differ, the geometric mean."""
-        return pixel_pitch_m * sqrt(prod((*self.binning, *self.decimation)))
-
-    def area_m2(self, pixel_pitch_m: float) -> float:
-        """Area of the sensor that a pixel sums or averages, of a sensor with this pixel pitch."""
-        return pixel_pitch_m**2 * prod(self.binning)
 
     def axis_px(self, shape: tuple[int, int]) -> tuple[float, float] | None:
         """Middle of the sensor, (x, y) in pixels of a frame of `shape`; None if it is that of the frame, or unknown."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.region import of_region
@@ -48,12 +49,18 @@ class Corrections:
         return cls(calibration.vignetting, calibration.defects, calibration.dark_library)
 
 
+def pixel_area_m2(pixel_pitch_m: float, readout: Readout | None) -> float:
+    """Area of a sensor with this pitch that a pixel of its frames sums or averages."""
+    return pixel_pitch_m**2 * (1 if readout is None else prod(readout.binning))
+
+
 def natural_vignetting(configuration: SessionConfiguration, state: CameraState) -> Cos4Vignetting:
     """Natural vignetting of the configured lens: what is known without a flat field."""
     # The pixels of one colour are two pitches apart.
     readout = state.readout or Readout()
-    pitch_m = readout.pitch_m(configuration.camera.pixel_pitch_m) * (1 if state.plane is None else 2)
-    axis_px = readout.axis_px(state.image_shape)
+    # Where columns and rows differ, the geometric mean.
+    apart = sqrt(prod((*readout.binning, *readout.decimation))) * (1 if state.plane is None else 2)
+    pitch_m, axis_px = apart * configuration.camera.pixel_pitch_m, readout.axis_px(state.image_shape)
     return Cos4Vignetting(configuration.lens.focal_length_m, pitch_m, axis_px)
 
 

@@ -12,10 +12,10 @@ from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings
 from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError
-from ...core.frame import Readout
 from ...core.roi import Roi
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...metrics.regions.limits import LimitVerdict, limit_verdict
+from .corrections import pixel_area_m2
 from .observe import ObservedSession
 
 
@@ -114,5 +114,5 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     photons_s_m2 = photon_radiance_per_cd_m2(observed.configuration.source.spectrum) * illuminance
     # K is taken to be for 0 dB.
     k_dn_per_e = guess.k_dn_per_e * 10 ** (o.state.gain_db / 20)
-    responsivity = photons_s_m2 * (o.state.readout or Readout()).area_m2(guess.pixel_pitch_m) * guess.quantum_efficiency * k_dn_per_e
+    responsivity = photons_s_m2 * pixel_area_m2(guess.pixel_pitch_m, o.state.readout) * guess.quantum_efficiency * k_dn_per_e
     return o.net_dn(guess.dark_dn) / (responsivity * o.exposure_s)

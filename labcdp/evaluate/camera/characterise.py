@@ -203,12 +203,12 @@ def _sensitivity(
         if record.reading.unit != "%":
             readings.setdefault(record.patch, []).append(record.reading.luminance_cd_m2)
     usable = [pair for pair in pairs if pair[0].light.saturated_share <= MAX_CLIPPED_SHARE]
-    configuration = session.configuration
-    r = photometric_responsivity(usable, readings, configuration, measured.state)
+    configuration, state = session.configuration, measured.state
+    r = photometric_responsivity(usable, readings, configuration, state)
     lowest, highest, mean = patch_linearity(patch_deviations([point for point, _ in usable], transfer.net_dn))
     return Sensitivity(
         responsivity=r,
-        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, measured.state),
+        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state),
         linearity_error_min_rel=lowest,
         linearity_error_max_rel=highest,
         linearity_error_rel=mean,

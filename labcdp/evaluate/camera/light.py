@@ -15,10 +15,9 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import InputError
-from ...core.frame import Readout
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...session import SessionConfiguration
-from ..bench.corrections import natural_vignetting
+from ..bench.corrections import natural_vignetting, pixel_area_m2
 
 #: Half widths of what is engraved on a lens: the f-number, and its transmittance. Judged.
 _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
@@ -150,7 +149,7 @@ def quantum_efficiency_estimate(
     except InputError:
         return None
     transmittance = 1.0 if lens.transmittance is None else lens.transmittance
-    area_m2 = (state.readout or Readout()).area_m2(configuration.camera.pixel_pitch_m)
+    area_m2 = pixel_area_m2(configuration.camera.pixel_pitch_m, state.readout)
     photons = radiance * pi / (4 * lens.f_number**2) * transmittance * area_m2
     value = responsivity.value / k.value / photons
     of_lens = hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3)

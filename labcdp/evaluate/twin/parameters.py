@@ -13,9 +13,10 @@ from ...calibration.rounding import mean_before_rounding
 from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, info
-from ...core.frame import Frame, Readout
+from ...core.frame import Frame
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...session import Session, SessionConfiguration
+from ..bench.corrections import pixel_area_m2
 from ..bench.observe import ObservedSession
 from .noise import CameraNoise, known, noise_of_characterisation
 
@@ -205,7 +206,7 @@ def twin_parameters(
     transmittance = configuration.lens.transmittance or 1.0
     responsivity = _responsivity(observed, calibration, setting.factor)
     common_rel = hypot(known(responsivity) / responsivity.value, calibration.meter_scale.common_rel)
-    area_m2 = (frame.readout or Readout()).area_m2(configuration.camera.pixel_pitch_m)
+    area_m2 = pixel_area_m2(configuration.camera.pixel_pitch_m, frame.readout)
     efficiency = _efficiency(configuration, area_m2, responsivity.value, common_rel, noise.k_dn_per_e)
     if efficiency.value > transmittance:
         transmittance = 1.0
@@ -256,22 +257,19 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
     return Quantity(value, rel * value, "DN/(cd m^-2 s)", "calibration, without the scale error of the meter")
 
 
-def _efficiency(
-    configuration: SessionConfiguration, area_m2: float, responsivity: float, common_rel: float, k: Quantity
-) -> Quantity:
+def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_rel: float, k: Quantity) -> Quantity:
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
-    lens = configuration.lens
-    optics = Optics(f_number=lens.f_number, transmittance=1.0)
+    optics = Optics(f_number=session.lens.f_number, transmittance=1.0)
     try:
-        photons_per_lx_s = photon_radiance_per_cd_m2(configuration.source.spectrum) * area_m2
+        photons_per_lx_s = photon_radiance_per_cd_m2(session.source.spectrum) * area_m2
     except InputError as error:
         raise CalibrationError(f"the twin needs the spectrum of the light: {error}") from error
-    value = responsivity / (k.value * optics.axial_illuminance_per_cd_m2 * photons_per_lx_s)
+    value = r / (k.value * optics.axial_illuminance_per_cd_m2 * photons_per_lx_s)
     if value > 1:
         raise CalibrationError(
             f"quantum efficiency times transmittance would be {value:.3g}, more than 1: check the f-number "
-            f"(f/{lens.f_number:g}), the pixel pitch ({pitch_m * 1e6:g} um) and the spectrum "
-            f"({configuration.source.spectrum}) of the session"
+            f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} um) and the spectrum "
+            f"({session.source.spectrum}) of the session"
         )
     rel = hypot(common_rel, known(k) / k.value)
     return Quantity(value, value * rel, "1", "from R and K by the configured lens, pixel pitch and spectrum")

@@ -1,6 +1,7 @@
 """Calibrations know which part of the sensor they are of."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from labcdp.calibration.defects import DefectMap
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Frame, Readout
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
+from labcdp.evaluate.bench.corrections import natural_vignetting, pixel_area_m2
 
 WHOLE, PART = (48, 64), (slice(3, 27), slice(8, 40))
 
@@ -111,11 +113,13 @@ def test_natural_vignetting_has_its_axis_in_the_middle_of_the_sensor():
     assert Readout(sensor_size=(60, 40)).axis_px((40, 60)) is None
 
 
-def test_pixels_of_binned_frames_are_larger():
-    binned, skipped = Readout(binning=(2, 2)), Readout(decimation=(2, 2))
+def test_pixels_of_binned_frames_are_larger(make_frame):
     whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
     of_blocks = whole.reshape(20, 2, 30, 2).mean(axis=(1, 3))
-    for readout, area_m2 in ((binned, 4e-10), (skipped, 1e-10)):
-        seen = Cos4Vignetting(0.001, readout.pitch_m(1e-5)).relative_illuminance((20, 30))
+    camera, lens = SimpleNamespace(pixel_pitch_m=1e-5), SimpleNamespace(focal_length_m=0.001)
+    configuration = SimpleNamespace(camera=camera, lens=lens)
+    for readout, area_m2 in ((Readout(binning=(2, 2)), 4e-10), (Readout(decimation=(2, 2)), 1e-10)):
+        state = CameraState.of(make_frame(np.full((20, 30), 9), readout=readout))
+        seen = natural_vignetting(configuration, state).relative_illuminance((20, 30))
         np.testing.assert_allclose(seen, of_blocks, rtol=3e-4)
-        assert readout.area_m2(1e-5) == pytest.approx(area_m2)
+        assert pixel_area_m2(1e-5, readout) == pytest.approx(area_m2)

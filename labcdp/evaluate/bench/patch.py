@@ -114,5 +114,6 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     photons_s_m2 = photon_radiance_per_cd_m2(observed.configuration.source.spectrum) * illuminance
     # K is taken to be for 0 dB.
     k_dn_per_e = guess.k_dn_per_e * 10 ** (o.state.gain_db / 20)
-    responsivity = photons_s_m2 * pixel_area_m2(guess.pixel_pitch_m, o.state.readout) * guess.quantum_efficiency * k_dn_per_e
+    area_m2 = pixel_area_m2(guess.pixel_pitch_m, o.state.readout)
+    responsivity = photons_s_m2 * area_m2 * guess.quantum_efficiency * k_dn_per_e
     return o.net_dn(guess.dark_dn) / (responsivity * o.exposure_s)

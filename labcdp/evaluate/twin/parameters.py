@@ -268,8 +268,8 @@ def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_
     if value > 1:
         raise CalibrationError(
             f"quantum efficiency times transmittance would be {value:.3g}, more than 1: check the f-number "
-            f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} um) and the spectrum "
-            f"({session.source.spectrum}) of the session"
+            f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} um) and the "
+            f"spectrum ({session.source.spectrum}) of the session"
         )
     rel = hypot(common_rel, known(k) / k.value)
     return Quantity(value, value * rel, "1", "from R and K by the configured lens, pixel pitch and spectrum")

@@ -18,7 +18,6 @@ from typing import Any
 
 from ..core.errors import InputError
 from .gate import TOKEN, Gate, guard
-from .results import results_route
 
 _log = logging.getLogger(__name__)
 
@@ -245,3 +244,18 @@ def _user() -> str:
         return getuser()
     except (KeyError, OSError):
         return "USER"
+
+
+def results_route(folder: Callable[[], Path | None]) -> tuple[str, Any]:
+    """Return a route that serves the files of a folder, once there is one, under ``/report/``."""
+    from tornado.web import HTTPError, StaticFileHandler
+
+    class Results(StaticFileHandler):
+        def initialize(self) -> None:  # type: ignore[override]
+            super().initialize(os.path.realpath(folder() or os.devnull))
+
+        def prepare(self) -> None:
+            if folder() is None:
+                raise HTTPError(404)
+
+    return r"/report/(.*)", Results

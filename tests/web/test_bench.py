@@ -18,8 +18,7 @@ from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.web.bench.desk import MeterDesk
-from labcdp.web.bench.exposure import better_exposure_s
-from labcdp.web.bench.images import sharpness
+from labcdp.web.bench.images import better_exposure_s, sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question

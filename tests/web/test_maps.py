@@ -10,8 +10,7 @@ import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.files.luminance_file import load_luminance
-from labcdp.web.maps.dataset import dataset_image
-from labcdp.web.maps.export import export_map
+from labcdp.web.maps.files import dataset_image, export_map
 from labcdp.web.maps.lines import isolines, profile
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.page_image import PageImage

@@ -20,7 +20,7 @@ from ...core.result import InputFile, Result
 from ...core.table import Column, Table
 from ...regions import load_regions
 from ...session import FrameRecord, ReadingRecord, Session, SessionConfiguration
-from ...web.bench.plan import with_regions
+from ...web.bench.recording import with_regions
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 from .device_options import DeviceChoice, DeviceOptions
 from .devices_of_session import connected

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera
 from ...drivers.simulated.bench import SimulatedBench
 from ...evaluate.picture.light.picture import PictureConversion, picture_conversion
-from ...regions import PolygonShape, RectangleShape, load_regions
+from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
 from ...session.meter_tables import MeterConfiguration
 from ...web.bench.desk import BenchOfPage
@@ -28,7 +28,6 @@ from ...web.bench.live_camera import LiveCamera
 from ...web.bench.page import BenchPage
 from ...web.bench.pair import Target
 from ...web.lock import locked
-from ...web.regions.drawing import Drawing, History
 from ...web.regions.files import DrawingFiles, Start
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
@@ -216,22 +215,21 @@ def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
 
 def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> Start:
     """Return the regions to begin with: drawn and not saved, or the file's, or the plan's patches."""
-    stored = files.fingerprint(files.output)
-    saved = load_regions(files.output, files.size) if stored else ()
-    patches = () if configuration is None else configuration.target.patches
+    patches = () if configuration is None or files.output.exists() else configuration.target.patches
     planned = tuple(
         RectangleShape(patch.name, *patch.roi, limits_cd_m2=patch.limits_cd_m2)
         if patch.roi
         else PolygonShape(patch.name, patch.region().corners, limits_cd_m2=patch.limits_cd_m2)
         for patch in patches
     )
-    drawing = Drawing.of(files.size, files.kept() or saved or planned)
+    start = Start.of(files, planned)
+    drawing = start.history.present
     names = {roi.name for roi in drawing.rois}
     for pair in () if configuration is None else configuration.contrasts:
         if {pair.bright, pair.dark} <= names:
             drawing = drawing.paired(pair.bright, pair.dark)
             break
-    return Start(History(drawing), saved, () if saved else planned, (), stored)
+    return replace(start, history=replace(start.history, present=drawing))
 
 
 def _result(live: LiveBench, roi: Path) -> Result:

@@ -19,9 +19,9 @@ from ...files.video.selection import Position
 from ...regions import Shape, load_regions, new_shapes
 from ...report.findings import finding_text
 from ...web.lock import locked
-from ...web.maps.dataset import dataset_image
-from ...web.maps.page import map_page
-from ...web.regions.drawing import Drawing, History
+from ...web.maps.files import dataset_image
+from ...web.maps.tab import map_page
+from ...web.regions.drawing import Drawing
 from ...web.regions.files import DrawingFiles, Start
 from ...web.regions.measurements import Measurements
 from ...web.regions.page_image import PageImage
@@ -68,12 +68,13 @@ def rois(
     files = DrawingFiles(target, image.size)
     found = () if detect is None else _found(image, detect)
     with locked(target) as tell_others:
-        start = _start(files, regions.roi)
+        read = () if regions.roi in (None, target) else load_regions(regions.roi, files.size)
+        start = Start.of(files, read, found)
         if not shown.page:
-            _write(files, start, found, as_json)
+            _write(files, start, as_json)
             return
         place = _Place(shown.address, shown.port, tell_others, context.info_name == "view")
-        _serve(image, files, start, found, contrasts, place, as_json)
+        _serve(image, files, start, contrasts, place, as_json)
 
 
 @dataclass(frozen=True)
@@ -84,17 +85,6 @@ class _Place:
     port: int
     tell_others: Callable[[str], None]
     map_first: bool
-
-
-@dataclass(frozen=True)
-class _Files:
-    """Regions to start from: in the output, in another file, or drawn before but not saved."""
-
-    #: Fingerprint of the output.
-    stored: str
-    saved: tuple[Shape, ...]
-    read: tuple[Shape, ...]
-    kept: tuple[Shape, ...]
 
 
 def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:
@@ -118,16 +108,8 @@ def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "supe
     return propose(image, detect)
 
 
-def _start(files: DrawingFiles, roi: Path | None) -> _Files:
-    # Taken before reading, so that later changes are noticed.
-    stored = files.fingerprint(files.output)
-    saved = load_regions(files.output, files.size) if files.output.exists() else ()
-    read = () if roi is None or roi == files.output else load_regions(roi, files.size)
-    return _Files(stored, saved, read, files.kept())
-
-
-def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json: bool) -> None:
-    before = start.read or start.saved
+def _write(files: DrawingFiles, start: Start, as_json: bool) -> None:
+    before, found = start.read or start.saved, start.proposals
     drawing = Drawing.of(files.size, before)
     new = new_shapes(found, drawing.shapes)
     if new:
@@ -156,18 +138,13 @@ def _write(files: DrawingFiles, start: _Files, found: tuple[Shape, ...], as_json
 def _serve(
     image: PageImage,
     files: DrawingFiles,
-    start: _Files,
-    found: tuple[Shape, ...],
+    start: Start,
     contrasts: tuple[float, ...] | None,
     place: _Place,
     as_json: bool,
 ) -> None:
-    history = History(Drawing.of(files.size, start.read or start.saved))
-    if start.kept:
-        history = history.changed(Drawing.of(files.size, start.kept))
-    begin = Start(history, start.saved, start.read, found, start.stored)
     server = Server(place.address, place.port)
-    workspace = Workspace(Measurements(image, contrasts), files, begin, server.elsewhere)
+    workspace = Workspace(Measurements(image, contrasts), files, start, server.elsewhere)
     title = f"{image.name} - labcdp regions"
 
     def tab(document: Any) -> Any:
@@ -221,7 +198,7 @@ def _result(
     )
 
 
-def _tell(image: PageImage, files: DrawingFiles, start: _Files, where: Address) -> None:
+def _tell(image: PageImage, files: DrawingFiles, start: Start, where: Address) -> None:
     width, height = image.size
     say(f"{image.name}: {width} x {height} pixels")
     for finding in image.findings:

@@ -21,12 +21,10 @@ from ..regions.measurements import Evaluated
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .desk import BenchOfPage, MeterDesk
-from .exposure import fit_exposure
-from .images import LiveImages
+from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
 from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_point
-from .plan import with_regions
-from .recording import PageOperator, Recording
+from .recording import PageOperator, Recording, with_regions
 from .watched import WatchedMeter
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Record the plan of a session, guided by the page: the same acquisition as on the terminal."""
+"""Record the plan of a session with the regions of the page, guided by it: the same acquisition as on the terminal."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
 from ...acquire.before import no_bare_session
 from ...acquire.operator import AskedOperator
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ...drivers.meter import Meter
+from ...regions import Shape
 from ...session import Session, SessionConfiguration
+from ...session.configuration import Patch, TargetConfiguration
 from .live_camera import LiveCamera
 
 if TYPE_CHECKING:
@@ -240,3 +242,35 @@ def _new_folder(name: str) -> Path:
     """Return a folder that does not exist: earlier results stay."""
     numbered = (Path(f"{name}-{number}") for number in count(2))
     return next(path for path in chain((Path(name),), numbered) if not path.exists())
+
+
+def with_regions(plan: SessionConfiguration, shapes: Sequence[Shape]) -> SessionConfiguration:
+    """Return a plan whose patches are these regions, with the nominal luminances and contrasts of the names it has.
+
+    Limits are those of the region, or of the patch where the region has none.
+
+    Raises
+    ------
+    InputError
+        If there is no region.
+    """
+    if not shapes:
+        raise InputError("there are no regions: draw the patches of the target first")
+    known = {patch.name: patch for patch in plan.target.patches}
+    drawn = []
+    for shape in shapes:
+        for roi in shape.rois():
+            old = known.get(roi.name)
+            nominal, limits = (None, None) if old is None else (old.nominal_luminance_cd_m2, old.limits_cd_m2)
+            if old is None or old.region() != roi:
+                old = Patch(
+                    name=roi.name, roi=None, corners=roi.corners, nominal_luminance_cd_m2=nominal, limits_cd_m2=None
+                )
+            drawn.append(old.model_copy(update={"limits_cd_m2": shape.limits_cd_m2 or limits}))
+    patches = tuple(drawn)
+    if patches == plan.target.patches:
+        return plan
+    names = {patch.name for patch in patches}
+    target = TargetConfiguration(name=plan.target.name, presentation=plan.target.presentation, patches=patches)
+    contrasts = tuple(pair for pair in plan.contrasts if {pair.bright, pair.dark} <= names)
+    return plan.model_copy(update={"target": target, "contrasts": contrasts})

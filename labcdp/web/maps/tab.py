@@ -1,4 +1,4 @@
-"""The tab of the luminance map: scale, isolines, profile, statistics with limits, and export."""
+"""The page of a recorded image, and its tab of the luminance map: scale, isolines, profile, limits, export."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 import panel as pn
-from bokeh.models import ColumnDataSource, Range1d
+from bokeh.models import ColumnDataSource, CustomJS, Range1d
 from bokeh.plotting import figure
 
 from ...core.errors import InputError, LabcdpError
-from ..look import column, row
+from ..look import beside, column, row
 from ..regions.display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
 from ..regions.page import Page
-from .export import EXPORTS, export_map
+from ..regions.wording import statistics_table
+from ..regions.workspace import Workspace
+from .files import EXPORTS, export_map
 from .lines import isolines, profile
-from .wording import statistics_table
 
 #: Seconds between two profiles, sets of isolines and statistics of a live image.
 _EVERY_S = 0.5
@@ -229,3 +230,26 @@ def _numbers(text: str) -> tuple[float, ...]:
     if not all(map(isfinite, values)):
         raise InputError(f"{text[:40]!r} are no numbers: give them with commas, for example 1, 10, 100")
     return values
+
+
+def map_page(workspace: Workspace, document: Any, *, map_first: bool) -> tuple[Any, CustomJS]:
+    """Return the layout of a tab of the browser, and the script that starts with it.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        State common to all tabs.
+    document : bokeh.document.Document
+        The tab.
+    map_first : bool
+        Whether the luminance is shown first, in false colours, instead of the regions.
+    """
+    page = Page(workspace, document)
+    luminance = MapTab(page, map_first)
+    tabs = pn.Tabs(
+        ("Regions", page.side()),
+        ("Luminance", luminance.layout()),
+        active=int(map_first),
+        sizing_mode="stretch_both",
+    )
+    return beside(page.picture.figure, (*page.head(), tabs)), page.picture.script()

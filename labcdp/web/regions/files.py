@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.disk import file_sha256
 from ...core.errors import InputError
 from ...regions import REGION_SUFFIXES, Shape, load_regions, save_regions
-from .drawing import History
+from .drawing import Drawing, History
 from .shape_edit import ImageSize
 
 
@@ -123,6 +123,8 @@ class Start:
         Proposals to be confirmed.
     stored : str
         Fingerprint of the output when it was read; empty if there was none.
+    kept : tuple of Shape
+        What an earlier run did not save, and the drawing resumes with.
     """
 
     history: History
@@ -130,3 +132,22 @@ class Start:
     read: tuple[Shape, ...] = ()
     proposals: tuple[Shape, ...] = ()
     stored: str = ""
+    kept: tuple[Shape, ...] = ()
+
+    @classmethod
+    def of(cls, files: DrawingFiles, read: tuple[Shape, ...] = (), proposals: tuple[Shape, ...] = ()) -> Start:
+        """Return the drawing of `read`, else of the output, changed to what an earlier run did not save.
+
+        Raises
+        ------
+        InputError
+            If a file is not of this image.
+        """
+        # Taken before reading, so that later changes are noticed.
+        stored = files.fingerprint(files.output)
+        saved = load_regions(files.output, files.size) if stored else ()
+        kept = files.kept()
+        history = History(Drawing.of(files.size, read or saved))
+        if kept:
+            history = history.changed(Drawing.of(files.size, kept))
+        return cls(history, saved, read, proposals, stored, kept)

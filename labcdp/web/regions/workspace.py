@@ -12,8 +12,7 @@ from ...core.roi import Roi
 from ...regions import Shape, new_shapes
 from .drawing import Drawing
 from .files import DrawingFiles, Start
-from .lane import Lane, RunElsewhere
-from .measurements import Evaluated, Means, Measurements
+from .measurements import Evaluated, Lane, Means, Measurements, RunElsewhere
 from .messages import change
 from .page_image import PageImage
 

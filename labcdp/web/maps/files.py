@@ -1,4 +1,4 @@
-"""A luminance map as a file for other programs."""
+"""Files of luminance maps: one that Python saved is read, and the map of a page is written for other programs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
+from ...core.luminance import LuminanceMap
 from ...files.luminance_file import SUFFIXES, save_luminance
 from ...output import write_file
 from ...report.figures.maps import luminance_picture
+from ...report.netcdf import read_dataset
 from ..regions.display import DisplayScale
 from ..regions.page_image import PageImage
 
@@ -55,3 +57,22 @@ def export_map(image: PageImage, path: Path, scale: DisplayScale) -> None:
         write_file(path, luminance_picture(image.luminance, image.name, image.simulated, shown, linear=linear))
     else:
         save_luminance(image.luminance, path, {"frames": [image.name]})
+
+
+def dataset_image(path: Path) -> PageImage:
+    """Read what ``labcdp.read_image(...).to_dataset().to_netcdf(path)`` wrote; its U is that of single pixels.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or lacks luminance, its standard uncertainty or flags.
+    """
+    dataset = read_dataset(path, "luminance map")
+    missing = sorted({"luminance", "u_luminance", "invalid"} - set(map(str, dataset.data_vars)))
+    if missing or dataset["luminance"].ndim != 2:
+        raise InputError(f"{path} is no luminance map of a picture: it lacks {', '.join(missing) or 'y or x'}")
+    light = dataset["luminance"].to_numpy().astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        random_rel = dataset["u_luminance"].to_numpy() / np.abs(light)
+    luminance = LuminanceMap(light, random_rel, (), dataset["invalid"].to_numpy().astype(np.uint8))
+    return PageImage(path.name, light, False, None, luminance, str(dataset.attrs.get("unit", "relative")))

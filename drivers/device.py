@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Protocol, Self
 
 
@@ -21,3 +23,13 @@ class Device(Protocol):
     def __exit__(self, *exc: object) -> None:
         """Close."""
         self.close()
+
+
+@contextmanager
+def on_error(clean_up: Callable[[], object]) -> Iterator[None]:
+    """Clean up if the context is left by an exception."""
+    try:
+        yield
+    except BaseException:
+        clean_up()
+        raise

@@ -13,6 +13,7 @@ from itertools import count
 from typing import Any, TypeVar
 
 from ..camera import CameraError, CameraLostError, CameraSettingError, Gap
+from ..device import on_error
 from . import gvcp
 from .library import CameraInfo, choose, discover
 from .link import Link, connect
@@ -70,11 +71,8 @@ class Connection:
         self._closed.clear()
         self._changes, self.gaps = (), ()
         self._link = link
-        try:
+        with on_error(self.close):
             self.remember_settings()
-        except BaseException:
-            self.close()
-            raise
         _log.info("opened %s at %s", link.identity, link.info.address)
 
     def close(self) -> None:
@@ -164,7 +162,7 @@ class Connection:
 
     def _connect_as_before(self, info: CameraInfo) -> Link:
         link = connect(info)
-        try:
+        with on_error(link.close):
             for name, make in self._changes:
                 with link.using(f"{name} cannot be restored") as camera:
                     make(camera)
@@ -172,9 +170,6 @@ class Connection:
                 restore_snapshot(link, self._snapshot)
             except CameraSettingError as error:
                 raise _NotRestoredError(str(error)) from error
-        except BaseException:
-            link.close()
-            raise
         return link
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
+from ..device import on_error
 from ..host.kernel import shut_down, udp_socket_numbers
 from . import gvcp
 from .features import bring_to_known_state
@@ -203,13 +204,10 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
         before = udp_socket_numbers()
         camera = arv.Camera.new(info.address if is_gige else info.device_id)
         link = Link(camera, info, udp_socket_numbers() - before)
-    try:
+    with on_error(link.close):
         _check_who(link)
         if prepare:
             _prepare(link)
-    except BaseException:
-        link.close()
-        raise
     return link
 
 

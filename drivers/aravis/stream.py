@@ -10,6 +10,7 @@ from typing import Any, NoReturn, Self
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
+from ..device import on_error
 from ..host.kernel import enlarge_receive_buffer, has_packet_sockets
 from ..host.stream import StreamFacts, stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
@@ -89,12 +90,8 @@ class FrameStream:
         self._temperature_due_s = 0.0
 
     def __enter__(self) -> Self:
-        try:
-            with self._link.using("no stream can be opened") as camera:
-                self._start(camera)
-        except BaseException:
-            self.stop()
-            raise
+        with on_error(self.stop), self._link.using("no stream can be opened") as camera:
+            self._start(camera)
         return self
 
     def _start(self, camera: Any) -> None:

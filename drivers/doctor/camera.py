@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 from ..aravis.camera import AravisCamera
@@ -114,30 +114,20 @@ def check_camera(
     address = info.address if info.protocol == "GigEVision" else ""
     interface = interface_to(address, known)
     try:
-        with _opened(info) as link:
+        with closing(connect(info, prepare=False)) as link:
             facts = _read(link)
             found = (take_snapshot(link, stream=True), trigger_modes(link)) if stream else None
         if found is not None:
             try:
                 facts = _streamed(info, facts, timeout_s)
             finally:
-                with _opened(info) as link:
+                with closing(connect(info, prepare=False)) as link:
                     restore_trigger_modes(link, found[1])
                     restore_snapshot(link, found[0])
     except CameraError as error:
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
         return [Finding.of_error(topic, error), *_network(address, interface)]
     return camera_findings(replace(facts, address=address, interface=interface))
-
-
-@contextmanager
-def _opened(info: CameraInfo) -> Iterator[Link]:
-    """Control a camera while the context lasts, without changing it."""
-    link = connect(info, prepare=False)
-    try:
-        yield link
-    finally:
-        link.close()
 
 
 def _read(link: Link) -> CameraFacts:

@@ -6,7 +6,7 @@ import json
 import platform
 import re
 import tempfile
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -34,14 +34,11 @@ def camera_files(info: CameraInfo) -> dict[str, bytes]:
     CameraError
         If it is absent or busy.
     """
-    link = connect(info, prepare=False)
-    try:
+    with closing(connect(info, prepare=False)) as link:
         writable = take_snapshot(link)
         with link.using("it cannot be read") as camera:
             features = dict(readable_features(camera))
             xml = genicam_xml(camera)
-    finally:
-        link.close()
     about = {
         "camera": asdict(info),
         "versions": {

@@ -15,6 +15,7 @@ from typing import Any, Final, TypeVar
 
 import serial
 
+from ..device import on_error
 from ..meter import (
     MeterError,
     MeterLostError,
@@ -84,11 +85,8 @@ class MeterLine:
         """
         self._serial = self._connected()
         if self._transcript is not None:
-            try:
+            with on_error(self.close):
                 self._transcript.start()
-            except BaseException:
-                self.close()
-                raise
 
     def close(self) -> None:
         """Close the port; may be called twice."""

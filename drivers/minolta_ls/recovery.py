@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
+from ..device import on_error
 from ..meter import (
     MeterError,
     MeterIncident,
@@ -64,13 +65,10 @@ class MeterLink:
     def connect(self) -> None:
         """Open the port and set the modes, within timeout_s * (attempts + 1); raises MeterError, the port closed."""
         self._line.open()
-        try:
+        with on_error(self._line.close):
             give_up_s = self._clock.monotonic_s() + self._line.timeout_s * (self._attempts + 1)
             for command in self._to_restore():
                 self._ask_often(command, parse_acknowledgement, give_up_s)
-        except BaseException:
-            self._line.close()
-            raise
 
     def is_simulated(self) -> bool:
         """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""

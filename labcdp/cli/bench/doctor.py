@@ -64,9 +64,10 @@ def doctor(
         raise InputError("--camera cannot be combined with --stream-test: leave one out")
     if report is not None:
         check_file(report, option="--report")
-    groups = [("This computer", _attempt(_host)), *_cameras(stream_test or camera, stream_test is not None)]
+    computer = _attempt(lambda: host_findings(host_facts()))
+    groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
-        groups.append((f"Luminance meter on {meter}", _attempt(lambda: _meter(meter, meter_model))))
+        groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
     result = _result(groups, counts)
     if as_json:
@@ -125,14 +126,6 @@ def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
     except Exception as error:
         _log.debug("a check failed", exc_info=True)
         return [Finding("check", "unknown", f"the check itself failed ({type(error).__name__}: {error})")]
-
-
-def _host() -> list[Finding]:
-    return host_findings(host_facts())
-
-
-def _meter(port: str, model: Literal["LS-110", "LS-100"]) -> list[Finding]:
-    return check_meter(port, model)
 
 
 def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding]]]:

@@ -11,7 +11,7 @@ from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
 from ..device import on_error
-from ..host.kernel import enlarge_receive_buffer, has_packet_sockets
+from ..host.kernel import enlarge_receive_buffer, has_packet_sockets, raise_priority
 from ..host.stream import StreamFacts, stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
@@ -113,6 +113,8 @@ class FrameStream:
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
             self._granted_bytes = None if has_packet_sockets() else granted
+            # Packets that are not fetched in time are lost.
+            raise_priority("arv_gv_stream")
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
         camera.start_acquisition()
 

@@ -20,6 +20,8 @@ _CAP_NET_RAW = 13
 _TIME_ERROR = 5
 #: Larger than ``struct timex`` on any machine (208 bytes on 64-bit ones).
 _TIMEX_BYTES = 512
+#: Nice value of a thread that receives frames: that of high priority in Aravis' own programs.
+_RECEIVING = -10
 #: Where sysctl settings are kept, sysctl.d(5).
 _SYSCTL_FOLDERS = ("usr/lib/sysctl.d", "run/sysctl.d", "etc/sysctl.d")
 
@@ -190,3 +192,11 @@ def _enlarge(receiver: socket.socket, wanted_bytes: int) -> int:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted_bytes)
     # The kernel doubles the size for its own bookkeeping and reports the doubled value (socket(7)).
     return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+def raise_priority(name: str) -> None:
+    """Give threads of this process with a name priority over other programs, where that is permitted (CAP_SYS_NICE)."""
+    for thread in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(OSError):  # it may have ended, or not be permitted
+            if (thread / "comm").read_text().strip() == name:
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), _RECEIVING)

@@ -2,6 +2,7 @@ import os
 import subprocess
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -218,6 +219,19 @@ def test_a_busy_computer_gets_more_time(monkeypatch):
     monkeypatch.setattr("os.getloadavg", lambda: (5.0 * os.cpu_count(), 0.0, 0.0))
     assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + 5 * FRAME_ALLOWANCE_S
     assert settings.longest_wait_s(0.5, overload()) == 2.5
+
+
+def test_the_thread_that_receives_has_priority_where_that_is_permitted(camera_on_loopback):
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    permitted = subprocess.run(["nice", "-n", "-1", "true"], capture_output=True, text=True).stderr == ""
+    with AravisCamera("127.0.0.1") as camera:
+        frames = camera.grab(2)
+        next(frames)
+        threads = {int(path.name): (path / "comm").read_text().strip() for path in Path("/proc/self/task").iterdir()}
+        priorities = {os.getpriority(os.PRIO_PROCESS, n) for n, name in threads.items() if name == "arv_gv_stream"}
+        frames.close()
+    assert priorities == {-10 if permitted else own}
+    assert os.getpriority(os.PRIO_PROCESS, 0) == own
 
 
 def test_a_gamma_that_is_switched_off_may_be_locked_and_a_test_pattern_is_switched_off(aravis):

@@ -95,8 +95,6 @@ class TrackedRegions:
             If an argument cannot be used, or no frame could be evaluated. A pair that has no result, such as one with a
             region that cannot be followed, is left out with a warning as long as others have one.
         """
-        import xarray as xr
-
         asked = as_contrasts(contrasts, epsilon)
         if isinstance(reference, bool) or reference_by not in ("number", "time"):
             raise InputError("reference is a contrast, 'first' or a path; reference_by is 'number' or 'time'")
@@ -113,13 +111,7 @@ class TrackedRegions:
             for pair, one in results
             if isinstance(one, LabcdpError)
         ]
-        most = max(one.sizes["corner"] for one in found)
-        padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in found]
-        dataset = xr.concat(
-            padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
-        )
-        order = [name for name in ("frame", "pair", "contrast", "side", "corner") if name in dataset.dims]
-        dataset = dataset.transpose(*order).assign_attrs(_attributes([one.attrs for one in found], failed))
+        dataset = _joined(found).assign_attrs(_attributes([one.attrs for one in found], failed))
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
 
     def __repr__(self) -> str:
@@ -138,6 +130,18 @@ class TrackedRegions:
 def renamed(dataset: Dataset) -> Dataset:
     """Return the results with u_NAME for the standard uncertainty of NAME."""
     return dataset.rename({name: f"u_{str(name).removesuffix(_U)}" for name in dataset if str(name).endswith(_U)})
+
+
+def _joined(pairs: Sequence[Dataset]) -> Dataset:
+    """Results of the pairs over their names."""
+    import xarray as xr
+
+    most = max(one.sizes["corner"] for one in pairs)
+    padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in pairs]
+    dataset = xr.concat(
+        padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
+    )
+    return dataset.transpose("frame", "pair", "contrast", "side", "corner", missing_dims="ignore")
 
 
 def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding]) -> dict[str, Any]:

@@ -58,12 +58,8 @@ def image(
     paths, options = each_once(picture_paths(files)), conversion.options
     given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
     configuration = {
-        "contrasts": None if request.contrasts is None else list(request.contrasts),
-        "epsilon": request.epsilon,
+        **request.configuration,
         "conversion": conversion.description,
-        "pairs": [list(one) for one in request.chosen_pairs],
-        "neighbours": request.neighbours,
-        "rectangle": request.rectangle,
         "encoding": light.encoding,
         **{name: None if path is None else str(path) for name, path in given.items()},
         **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -201,6 +202,12 @@ class ImageRequest:
                 f"{len(names)} regions make {len(names) * (len(names) - 1) // 2} pairs: choose pairs among "
                 f"{', '.join(names)}"
             )
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return it but for the corners of the regions, as values JSON can hold."""
+        names = ("contrasts", "epsilon", "neighbours", "rectangle")
+        return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs}
 
     @property
     def chosen_pairs(self) -> tuple[tuple[str, str], ...]:

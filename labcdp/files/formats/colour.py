@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Encoding = Literal["linear", "srgb", "bt709"]
 #: What findings call them.
 ENCODING_NAMES: dict[Encoding, str] = {"linear": "linear", "srgb": "sRGB", "bt709": "BT.709"}
+#: Pixels that are looked up at a time: few enough to stay in the processor's cache.
+_BLOCK = 2**15
 #: Weights of linear red, green and blue in luminance (ITU-R BT.709-6, item 3.2; sRGB has the same primaries).
 BT709_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
@@ -58,3 +60,17 @@ def luminance_dn(rgb: NDArray[Any], bits: int, encoding: Encoding) -> NDArray[np
 def light_tables(bits: int, encoding: Encoding) -> NDArray[np.float32]:
     """Part of each DN of red, green and blue in the luminance, in 65535ths of white; shape (3, 2**bits)."""
     return np.outer(BT709_LUMINANCE, 65535 * decoded_table(bits, encoding)).astype(np.float32)
+
+
+def looked_up(table: NDArray[Any], dn: NDArray[np.unsignedinteger[Any]]) -> NDArray[Any]:
+    """Values of a table at the DN; DN beyond it get its last value."""
+    if dn.dtype == np.uint8 and table.size == 256 and dn.strides[1] == 1:
+        import cv2
+
+        return np.asarray(cv2.LUT(dn, table))
+    values = np.empty(dn.shape, table.dtype)
+    rows = max(_BLOCK // dn.shape[1], 1) if dn.size else 1
+    for start in range(0, dn.shape[0], rows):
+        block = slice(start, start + rows)
+        np.take(table, dn[block], out=values[block], mode="clip")
+    return values

@@ -21,11 +21,11 @@ from ..formats.arrays import NPY, read_dump, read_npy
 from ..formats.colour import luminance_dn
 from ..formats.exr import EXR, exr_text, read_exr
 from ..formats.png_jpeg import JPEG, PNG, read_jpeg, read_png
-from ..formats.raw import read_raw
 from ..formats.stored_image import StoredImage
 from ..formats.tiff import TIFF, is_of_a_sensor, read_tiff, tiff_text
 from ..luminance_file import FORMAT as LUMINANCE
 from ..luminance_file import read_luminance
+from ..raw import read_raw
 from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, Scale, frame_of_pixels, make_frame, scale_of
 from .picture import Picture, PictureOptions, with_overrides
 

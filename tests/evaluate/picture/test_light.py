@@ -37,7 +37,7 @@ from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.picture.light.camera_specification import CameraSpecification
-from labcdp.evaluate.picture.light.dn_tables import specified_light
+from labcdp.evaluate.picture.light.dn_light import specified_light
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,14 +14,18 @@ from numpy.typing import NDArray
 from ....core.result import Result
 from ....core.table import Table
 from ....metrics import DetectionInterval, Epsilon
+from ....output import Destination, write_files
 from ....report.digits import percent, share_percent
+from ....report.envelope import envelope_json
 from ....report.figures.interactive import interactive
 from ....report.html import render_page
 from ....report.layout import SIMULATED, Card, Facts, Page, Section
+from ....report.netcdf import dataset_bytes
+from ....report.sheets import result_workbook
 from .edges import FALSE_ALARM, EdgeKind
-from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay
+from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay, overlay, overlay_figure
 from .map import ContrastMap
-from .result import MapSource
+from .result import MapSource, contrast_map_dataset, edge_table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
@@ -38,6 +45,31 @@ _HELP = (
     "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
     "or hides dots; the wheel zooms, dragging moves."
 )
+
+
+def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, folder: Destination) -> list[Path]:
+    """Write a contrast map with all that it shows, into a folder as `write_files` takes it.
+
+    Returns
+    -------
+    list of Path
+        report.html, contrast-map.png, results.xlsx with a row for each edge, results.nc and results.json.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or a file cannot be written.
+    """
+    drawn = overlay(found)
+    edges = replace(result, tables=(result.table("summary"), edge_table(found, source)))
+    files = {
+        "report.html": map_page(found, drawn, source, result).encode(),
+        "contrast-map.png": overlay_figure(found, drawn, source),
+        "results.xlsx": result_workbook(edges, datetime.now(UTC)),
+        "results.nc": dataset_bytes(contrast_map_dataset(found, source, result), "contrast map"),
+        "results.json": envelope_json(result).encode(),
+    }
+    return write_files(folder, "image-map", files)
 
 
 def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Result) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionInterval
 from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind
 from .map import ContrastMap
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 #: Name of each kind of edge in tables and files, and what it means.
 KINDS = {
@@ -178,3 +182,52 @@ def _edge_columns(unit: str, short: bool, asked: bool) -> tuple[Column, ...]:
     )  # fmt: skip
     # All of the weakest edges are edges of objects.
     return tuple(replace(one, shown=one.shown and not (short and one.name == "border_px")) for one in columns)
+
+
+def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) -> Dataset:
+    """All of a contrast map as a dataset: the label of each pixel, a row for each region, and one for each edge."""
+    import xarray as xr
+
+    edges, regions, step = found.edges, found.regions, found.luminance.step
+    light = {"units": "1" if source.unit == "relative" else "cd m-2"}
+    one, pixels = {"units": "1"}, {"units": "pixel"}
+    flags = {
+        "flag_values": np.array([int(kind) for kind in KINDS], dtype=np.int8),
+        "flag_meanings": " ".join(name.replace(" ", "_") for name, _ in KINDS.values()),
+    }
+    return xr.Dataset(
+        {
+            "label": (("y", "x"), regions.labels),
+            "region_mean": ("region", regions.mean, light),
+            "region_std": ("region", regions.std, light),
+            "region_noise": ("region", regions.noise, light),
+            "region_measured_pixels": ("region", regions.n_pixels, one),
+            "region_saturated_share": ("region", regions.saturated_share, one),
+            "region_invalid_share": ("region", regions.invalid_share, one),
+            "region_centre_x": ("region", regions.centre_px[:, 0] * step, pixels),
+            "region_centre_y": ("region", regions.centre_px[:, 1] * step, pixels),
+            "bright_region": ("edge", edges.bright),
+            "dark_region": ("edge", edges.dark),
+            "border_length": ("edge", edges.border_px * step, pixels),
+            "border_x": ("edge", edges.middle_px[:, 0] * step, pixels),
+            "border_y": ("edge", edges.middle_px[:, 1] * step, pixels),
+            "kind": ("edge", edges.kind, flags),
+            "contrast": ("edge", edges.contrast, one),
+            "u_contrast": ("edge", edges.contrast_standard_uncertainty, one),
+            "asked_contrast": ("edge", edges.asked_contrast, one),
+            "significant_contrast": ("edge", edges.significant_contrast, one),
+            "cdp": ("edge", edges.cdp, one),
+            "u_cdp": ("edge", edges.cdp_standard_error, one),
+            "cdp_low": ("edge", edges.cdp_low, one),
+            "cdp_high": ("edge", edges.cdp_high, one),
+        },
+        attrs={
+            "title": f"Contrast map of {source.file}",
+            "file": source.file,
+            "sha256": source.sha256,
+            "image_pixels_per_label": step,
+            "detected_edges": found.count(EdgeKind.SEEN),
+            "lost_edges": found.count(EdgeKind.LOST),
+            "configuration": json.dumps(dict(result.configuration), ensure_ascii=False),
+        },
+    )

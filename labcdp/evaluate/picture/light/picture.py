@@ -17,7 +17,7 @@ from ....core.pixel_format import PIXEL_FORMATS
 from ....files.formats.colour import Encoding
 from ....files.picture.picture import Picture
 from ....files.picture.read import PictureOptions
-from .dn_tables import relative_light, specified_light
+from .dn_light import relative_light, specified_light
 
 if TYPE_CHECKING:
     from ....calibration import AnyCalibration

@@ -84,7 +84,7 @@ class NeighbourTables:
         InputError
             If it has fewer than two pixels, or none with light.
         """
-        from .neighbours_kernel import sum_marks
+        from .neighbours_kernel import Pairs, Sums, sum_marks
 
         if dn.size < 2:
             raise InputError(f"the image holds {dn.size} pixels: give at least two, or there is no neighbour")
@@ -92,25 +92,29 @@ class NeighbourTables:
         image = np.ascontiguousarray(dn if dn.shape[1] > 1 else dn.T)
         height, width = image.shape
         n = len(self._asked)
-        counts, near = np.zeros(self._n_places, np.int64), np.zeros(n, np.int64)
-        rows, columns = np.zeros((n, height), np.int64), np.zeros((n, width), np.uint32)
-        sides = np.zeros((n, height, 3), np.uint8)
-        sum_marks(image, self._classes, self._alike, self._intervals, counts, near, rows, columns, sides)
-        if counts[0] == 0:
+        shapes = ((self._n_places,), (n,), (n, height), (n, width), (n, height, 3))
+        types = (np.int64, np.int64, np.int64, np.uint32, np.uint8)
+        sums = Sums(*(np.zeros(shape, dtype) for shape, dtype in zip(shapes, types, strict=True)))
+        sum_marks(image, Pairs(self._classes, self._alike, self._intervals), sums)
+        if sums.counts[0] == 0:
             raise InputError(
                 "the image holds no value above 0, so no contrast is defined: check exposure and black level"
             )
         n_pairs = height * (width - 1) + (height - 1) * width
         enough = min(height, width) >= FEWEST_LINES
-        exceeding = counts.tolist()
+        exceeding = sums.counts.tolist()
         return tuple(
             _result(
-                asked, n_pairs, exceeding[0], (exceeding[low], exceeding[high]), MarkSums(*sums) if enough else None
+                asked,
+                n_pairs,
+                exceeding[0],
+                (exceeding[low], exceeding[high]),
+                MarkSums(*own) if enough else None,
             )
-            for asked, (low, high), sums in zip(
+            for asked, (low, high), own in zip(
                 self._asked,
                 self._intervals.tolist(),
-                zip(near.tolist(), rows, columns, sides, strict=True),
+                zip(sums.near.tolist(), sums.rows, sums.columns, sums.sides, strict=True),
                 strict=True,
             )
         )

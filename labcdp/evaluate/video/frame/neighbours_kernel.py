@@ -6,6 +6,8 @@ goes many at a time.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,105 +19,140 @@ _PIECE = 128
 _RUN, _ROWS = 1024, 120
 
 
-@compiled
-def sum_marks(
-    dn: NDArray[np.uint8],
-    classes: NDArray[np.uint8],
-    alike: NDArray[np.uint8],
-    places: NDArray[np.uint8],
-    counts: NDArray[np.int64],
-    near: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    columns: NDArray[np.uint32],
-    sides: NDArray[np.uint8],
-) -> None:
-    """Count the classes of all pairs, and sum the marks of each contrast: how many of a pixel's pairs are inside, 0..2.
+class Pairs(NamedTuple):
+    """Classes of pairs of DN, and what lies inside the interval of each contrast.
 
     Parameters
     ----------
-    dn : ndarray of uint8, shape (height, width)
-        The image, contiguous, with at least two columns; each pixel has a pair with its right and its lower neighbour.
     classes : ndarray of uint8, shape (65536,)
         Class of a pair by 256 times the DN of its first pixel plus that of its second one; below n, and below 255.
     alike : ndarray of uint8, shape (256,)
         By DN, the least difference at which a pair of this DN or more is of another class than a pair of DN 255.
     places : ndarray of uint8, shape (k, 2)
         A pair is inside for a contrast if its class is above the first and not above the second.
+    """
+
+    classes: NDArray[np.uint8]
+    alike: NDArray[np.uint8]
+    places: NDArray[np.uint8]
+
+
+class Sums(NamedTuple):
+    """Sums of the marks of each contrast: how many of a pixel's pairs are inside, 0 to 2.
+
+    Parameters
+    ----------
     counts : ndarray of int64, shape (n,)
-        0 at first; returns how many pairs are above each class.
+        How many pairs are above each class.
     near : ndarray of int64, shape (k,)
-        0 at first; returns the sum of the products of each mark with itself and its eight neighbours.
+        Sum of the products of each mark with itself and its eight neighbours.
     rows, columns : ndarray of int64, shape (k, height), and ndarray of uint32, shape (k, width)
-        0 at first; return the sums of marks.
+        Sums of marks.
     sides : ndarray of uint8, shape (k, height, 3)
-        Returns the marks of the first, the last but one and the last column.
+        Marks of the first, the last but one and the last column.
+    """
+
+    counts: NDArray[np.int64]
+    near: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    columns: NDArray[np.uint32]
+    sides: NDArray[np.uint8]
+
+
+@compiled
+def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
+    """Count the classes of all pairs, and sum the marks of each contrast.
+
+    Parameters
+    ----------
+    dn : ndarray of uint8, shape (height, width)
+        The image, contiguous, with at least two columns; each pixel has a pair with its right and its lower neighbour.
+    pairs : Pairs
+        What is looked up.
+    sums : Sums
+        0 at first; are filled.
     """
     height, width = dn.shape
-    n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, places.shape[0]
+    n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, pairs.places.shape[0]
     padded = n_pieces * _PIECE
     beside, below = np.zeros(_PIECE, np.uint8), np.zeros(_PIECE, np.uint8)
     # Marks of this row and the one before, with a pixel of nothing at either end, and which pieces hold any.
     marks = np.zeros((n_contrasts, 2, padded + 2), np.uint8)
     marked = np.zeros((n_contrasts, 2, n_pieces), np.bool_)
     some_rows = np.zeros((n_contrasts, padded), np.uint8)
-    same, n_alike = classes[65535], 0
     # This row and the next one, the last pixel repeated.
     rows_of_dn = np.empty((2, padded + 1), np.uint8)
+    _repeat_last(dn[0], rows_of_dn[0])
     for y in range(height):
         this, other = y % 2, 1 - y % 2
-        if y == 0:
-            _repeat_last(dn[0], rows_of_dn[0])
         _repeat_last(dn[min(y + 1, height - 1)], rows_of_dn[other])
-        upper, lower = rows_of_dn[this], rows_of_dn[other]
         for piece in range(n_pieces):
             start, stop = piece * _PIECE, min((piece + 1) * _PIECE, width)
             # The last column and the last row have a neighbour less.
-            n_beside, n_below = min(stop, width - 1) - start, stop - start if y < height - 1 else 0
-            least, change = _change(upper[start : start + _PIECE + 1], lower[start : start + _PIECE])
-            unlike = change >= alike[least]
-            if unlike:
-                _look_up(upper[start:], upper[start + 1 :], classes, beside)
-                _look_up(upper[start:], lower[start:], classes, below)
-                # What is no pair is of class 0.
-                for i in range(n_beside, _PIECE):
-                    beside[i] = 0
-                for i in range(n_below, _PIECE):
-                    below[i] = 0
-                lowest, highest = _count(beside, below, counts)
-            else:
-                lowest = highest = same
-                n_alike += n_beside + n_below
+            n_pairs = min(stop, width - 1) - start, stop - start if y < height - 1 else 0
+            window = rows_of_dn[this, start : start + _PIECE + 1], rows_of_dn[other, start : start + _PIECE]
+            lowest, highest = _classify(window, n_pairs, pairs, (beside, below), sums.counts)
             for n in range(n_contrasts):
-                low, high = places[n, 0], places[n, 1]
+                low, high = pairs.places[n, 0], pairs.places[n, 1]
                 if highest > low and lowest <= high:
                     marked[n, this, piece] = True
-                    if not unlike:
-                        beside[:n_beside], below[:n_below], beside[n_beside:], below[n_below:] = same, same, 0, 0
                     _mark(beside, below, low, high, marks[n, this, start + 1 : start + _PIECE + 1])
                 elif marked[n, this, piece]:
                     marked[n, this, piece] = False
-                    for i in range(start + 1, start + _PIECE + 1):
-                        marks[n, this, i] = 0
+                    marks[n, this, start + 1 : start + _PIECE + 1] = 0
         for n in range(n_contrasts):
-            row, before = marks[n, this], marks[n, other]
-            first = 0
-            while first < n_pieces:
-                last = first
-                while last < n_pieces and marked[n, this, last] and (last - first) * _PIECE < _RUN:
-                    last += 1
-                if last > first:
-                    start, stop = first * _PIECE, last * _PIECE
-                    of_run = some_rows[n, start:stop]
-                    products, total = _sum_run(row[start : stop + 2], before[start : stop + 2], of_run)
-                    near[n] += products
-                    rows[n, y] += total
-                first = max(last, first + 1)
-            sides[n, y, 0], sides[n, y, 1], sides[n, y, 2] = row[1], row[width - 1], row[width]
+            row = marks[n, this]
+            near, total = _sum_row(row, marks[n, other], marked[n, this], some_rows[n])
+            sums.near[n] += near
+            sums.rows[n, y] = total
+            sums.sides[n, y, 0], sums.sides[n, y, 1], sums.sides[n, y, 2] = row[1], row[width - 1], row[width]
         if y % _ROWS == _ROWS - 1 or y == height - 1:
-            columns += some_rows[:, :width]
+            sums.columns[:] += some_rows[:, :width]
             some_rows[:] = 0
-    for one in range(same):
-        counts[one] += n_alike
+
+
+@compiled
+def _classify(
+    window: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    n_pairs: tuple[int, int],
+    pairs: Pairs,
+    found: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    counts: NDArray[np.int64],
+) -> tuple[np.uint8, np.uint8]:
+    """Find and count the classes of the pairs of a piece beside and below; the lowest and the highest one."""
+    (upper, lower), (beside, below) = window, found
+    least, change = _change(upper, lower)
+    same = pairs.classes[65535]
+    alike = change < pairs.alike[least]
+    if alike:
+        beside[:], below[:] = same, same
+        for one in range(same):
+            counts[one] += n_pairs[0] + n_pairs[1]
+    else:
+        _look_up(upper, upper[1:], pairs.classes, beside)
+        _look_up(upper, lower, pairs.classes, below)
+    # What is no pair is of class 0.
+    beside[n_pairs[0] :], below[n_pairs[1] :] = 0, 0
+    return (same, same) if alike else _count(beside, below, counts)
+
+
+@compiled
+def _sum_row(
+    row: NDArray[np.uint8], before: NDArray[np.uint8], marked: NDArray[np.bool_], columns: NDArray[np.uint8]
+) -> tuple[np.int64, np.int64]:
+    """Sum products and marks of a row, run by run of pieces that hold any."""
+    near, total_of_row, first = np.int64(0), np.int64(0), 0
+    while first < marked.size:
+        last = first
+        while last < marked.size and marked[last] and (last - first) * _PIECE < _RUN:
+            last += 1
+        if last > first:
+            start, stop = first * _PIECE, last * _PIECE
+            products, total = _sum_run(row[start : stop + 2], before[start : stop + 2], columns[start:stop])
+            near += np.int64(products)
+            total_of_row += np.int64(total)
+        first = max(last, first + 1)
+    return near, total_of_row
 
 
 @compiled

@@ -11,16 +11,22 @@ from ...core.luminance import CommonError
 from ..gains import index_of_gain
 from ..model import Calibration
 
-#: Relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
-#: (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us in 1 ms are a few periods of tens of MHz.
-#: Larger errors make the exposures inconsistent, and the fit includes them as scatter.
-EXPOSURE_TIME_REL = 5e-5
+#: Standard uncertainty of one exposure time relative to the others, and least relative one. Cameras report the applied
+#: exposure (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us are a few periods of tens of MHz,
+#: which start and end of an exposure jitter by. Larger errors make the exposures inconsistent, and the fit includes
+#: them as scatter.
+EXPOSURE_TIME_S, EXPOSURE_TIME_REL = 5e-8, 5e-5
 #: Source of errors by flicker of the light, common to all patches of the same frames.
 FLICKER = "lamp flicker"
 #: Source of the error by glare of unknown size, where the fit found some.
 GLARE = "glare"
 #: Source of the error by setting focus and aperture anew.
 REFOCUS = "focus and aperture"
+
+
+def exposure_time_rel(exposure_s: float) -> float:
+    """Relative standard uncertainty of an exposure time."""
+    return max(EXPOSURE_TIME_REL, EXPOSURE_TIME_S / exposure_s)
 
 
 def common_errors(
@@ -66,7 +72,7 @@ def common_errors(
         CommonError("meter scale", scale.standard_uncertainty_rel, rectangular=scale.certificate is None),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
-        CommonError("exposure time", EXPOSURE_TIME_REL),
+        CommonError("exposure time", exposure_time_rel(exposure_s)),
     ]
     with np.errstate(divide="ignore"):
         by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors.common import EXPOSURE_TIME_REL, FLICKER, GLARE
+from ..errors.common import FLICKER, GLARE, exposure_time_rel
 from ..frames.observations import PatchObservation
 from ..frames.place import slow_rel, smooth_patterns, vignetting_errors
 from ..gains import GainSetting
@@ -226,7 +226,7 @@ def build_design(
     of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
     shared = [
         *_dark_errors(observations, gain, settings),
-        *(SharedError("exposure time", np.where(times == t, EXPOSURE_TIME_REL, 0.0), zero) for t in exposures_s),
+        *(SharedError("exposure time", np.where(times == t, exposure_time_rel(t), 0.0), zero) for t in exposures_s),
         *(SharedError("flat field", row[patch], zero) for row in of_place if row.any()),
         *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
         *_drift(observations, [read_at[i] for i in patch]),

@@ -46,7 +46,8 @@ def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
         "intercept_dn_s": veil * responsivity_dn_s_cd_m2,
         "z": abs(veil) / uncertainty,
     }
-    return _test("glare", veil, uncertainty, "cd/m²", significant, "intercept", "no-intercept", values)
+    found = "intercept" if veil > 0 else "intercept-negative"
+    return _test("glare", veil, uncertainty, "cd/m²", significant, found, "no-intercept", values)
 
 
 def possible_glare_cd_m2(test: FitTest) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, observe_dark, observe_patches
-from labcdp.calibration.errors.common import EXPOSURE_TIME_REL
+from labcdp.calibration.errors.common import EXPOSURE_TIME_REL, common_errors
 from labcdp.core.errors import CalibrationError, LabcdpError
 from labcdp.core.finding import info, warning
 from labcdp.core.reading import MeterIdentity
@@ -96,6 +96,22 @@ def test_glare_makes_the_intercept_significant(camera, new_reading, setup):
     assert glare.value == pytest.approx(0.2, rel=1e-6)
     assert calibration.responsivity.intercept_dn_s == pytest.approx(0.2 * 1200, rel=0.1)
     assert calibration.left_out == tuple(row for row in calibration.left_out if row.exposure_s is not None)
+
+
+def test_a_negative_intercept_is_not_called_glare(camera, new_reading, setup):
+    _, darks, readings = bench(camera, new_reading, reading={})
+    observations = bench(camera, new_reading, luminances=[v - 0.1 for v in LUMINANCES])[0]
+    calibration = fit(observations, darks, readings, setup)
+    assert "intercept-negative" in codes(calibration)
+    assert "intercept" not in codes(calibration)
+    assert calibration.responsivity.glare_cd_m2 == 0
+
+
+def test_short_exposure_times_jitter(camera, new_reading, setup):
+    calibration = fit(*bench(camera, new_reading), setup)
+    for exposure_s, expected in ((1e-2, 5e-5), (1e-3, 5e-5), (2e-5, 2.5e-3)):
+        (own,) = [e for e in common_errors(calibration, 100.0, exposure_s) if e.source == "exposure time"]
+        assert own.relative == pytest.approx(expected)
 
 
 def test_glare_that_the_patches_do_not_show_is_bounded(camera, new_reading, setup):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from datetime import UTC, datetime
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,8 @@ class BufferPool:
             self._add()
 
     def _add(self) -> None:
-        memory = np.empty(self._payload_bytes, dtype=np.uint8)
+        # Not of the heap, which would keep the memory of former streams in pieces.
+        memory = np.frombuffer(mmap(-1, self._payload_bytes), dtype=np.uint8)
         # Touch all pages now: page faults would delay Aravis' thread while it receives packets.
         memory[::_PAGE_BYTES] = 0
         self._push(self._stream, self._arv.Buffer.new(memory.nbytes, memory.ctypes.data), memory)

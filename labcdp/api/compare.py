@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
+from ..calibration import AnyCalibration
 from ..core.notebook import html_table
+from ..core.result import InputFile
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
+from ..evaluate.compare.pictures import PictureQuestion
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.sweep.axis import Axis
 from ..report.cells import text_table
 from ..report.envelope import envelope
 from ..report.findings import finding_text
+from .arguments import PathArgument, as_contrasts, as_path
+from .picture import Stated, conversion_of, require_known
 from .session import CalibratedSession
 
 if TYPE_CHECKING:
@@ -27,7 +34,8 @@ def compare(
     contrast: float | None = None,
     epsilon: float = 0.5,
     progress: Callable[[int, int], None] | None = None,
-    **axes: Any,
+    regions: PathArgument | None = None,
+    **options: Any,
 ) -> Comparison:
     """Compare chains, sweeps, sessions, calibrations, characterisations or pictures, as ``labcdp compare`` does.
 
@@ -35,15 +43,19 @@ def compare(
     ----------
     *subjects : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
         At least two of one kind; each is compared with the first. A path is a preset, or a file or folder that
-        ``labcdp compare`` takes.
+        ``labcdp compare`` takes; of a picture, with its regions.
     contrast : float or None
-        For chains: Weber contrast to be detected, a fraction; None for that of each scene.
+        For chains and pictures: Weber contrast to be detected, a fraction; None for that of each scene, or the
+        measured one of each pair.
     epsilon : float
-        For chains: its relative tolerance.
+        For chains and pictures: its relative tolerance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
-    **axes
-        For chains: parameters and their values, as for `Chain.sweep`; None for a range of luminances.
+    regions : path or None
+        For pictures: region file.
+    **options
+        For chains: parameters and their values, as for `Chain.sweep`; none for a range of luminances. For pictures:
+        what `read_image` takes, such as ``calibration``.
 
     Returns
     -------
@@ -55,10 +67,34 @@ def compare(
         If subjects cannot be read or compared.
     """
     sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
-    varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
+    if regions is not None:
+        pictures = _of_pictures(regions, contrast, epsilon, **options)
+        return Comparison(compare_subjects(sources, None, progress, pictures))
+    varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
     question = Question(varied or (LUMINANCES,), None, contrast, float(epsilon)) if asked else None
     return Comparison(compare_subjects(sources, question, progress))
+
+
+def _of_pictures(
+    regions: PathArgument,
+    contrast: float | None,
+    epsilon: float,
+    calibration: PathArgument | AnyCalibration | None = None,
+    camera_spec: PathArgument | None = None,
+    encoding: Literal["linear", "srgb"] | None = None,
+    **stated: Unpack[Stated],
+) -> PictureQuestion:
+    """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
+    require_known(stated, Stated)
+    files = {"regions": regions, "calibration": calibration, "camera specification": camera_spec}
+    return PictureQuestion(
+        as_path(regions, "regions"),
+        conversion_of(calibration, camera_spec, encoding).given(**stated),
+        tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),
+        as_contrasts(contrast, epsilon).values,
+        epsilon,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -2,6 +2,8 @@
 
 import shutil
 
+from labcdp import compare
+
 from .conftest import only_line, rows_of
 
 
@@ -18,6 +20,8 @@ def test_pictures_side_by_side_and_refusals(labcdp, inputs, tmp_path):
     # The pictures themselves give what the results of labcdp image give.
     own = labcdp("compare", inputs / "a.png", "b.png", "--roi", inputs / "rois.json", "--contrast", "100%", "--json")
     assert rows_of(own, "differences") == rows_of(done, "differences")
+    found = compare(inputs / "a.png", tmp_path / "b.png", regions=inputs / "rois.json", contrast=1.0)
+    assert found.to_dict()["tables"]["differences"]["rows"] == rows_of(done, "differences")
     assert "give its regions with --roi" in only_line(labcdp("compare", inputs / "a.png", "b.png", "-o", "x"))
     assert "both-compare" in only_line(labcdp("compare", "both", "--epsilon", "40%"))
     assert "is a picture, but" in only_line(labcdp("compare", "both", inputs / "c" / "calibration.json", "-o", "x"))

@@ -161,8 +161,8 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     )
     image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
-    (means,) = LiveMeasurements(image, None).means(drawing)
-    lit, dark = (means[roi] for roi in drawing.rois)
+    (measured,) = LiveMeasurements(image, None).measured(drawing)
+    lit, dark = (measured.means[roi] for roi in drawing.rois)
     assert (lit.value, lit.saturated, dark.saturated) == (highest, 1.0, 0.0)
     assert dark.value == pytest.approx(dn[20:40, 40:60].mean())
     # Light is that of the green pixels: of a GB pattern those of even rows and columns, and of odd ones.

@@ -72,25 +72,25 @@ def test_what_is_measured_is_what_labcdp_says(space: Workspace, image: PageImage
     later.run()
     a, b = space.drawing.rois
     result = evaluate_pair(image.luminance, a, b, [9.0])
-    assert space.evaluated.pair is not None
-    assert space.evaluated.pair.result == result
-    assert space.evaluated.regions[a].result == evaluate_region(image.luminance, a)
-    assert space.means[a].value == pytest.approx(known_dn()[10:110, 10:90].mean())
-    assert space.means[a].value_std == pytest.approx(known_dn()[10:110, 10:90].std(ddof=1))
-    assert space.means[a].light == pytest.approx(result.a.mean)
-    table = region_table(image, space.drawing, space.means, space.evaluated, "region 1")
+    assert space.measured.pair is not None
+    assert space.measured.pair.result == result
+    assert space.measured.regions[a].result == evaluate_region(image.luminance, a)
+    assert space.measured.means[a].value == pytest.approx(known_dn()[10:110, 10:90].mean())
+    assert space.measured.means[a].value_std == pytest.approx(known_dn()[10:110, 10:90].std(ddof=1))
+    assert space.measured.means[a].light == pytest.approx(result.a.mean)
+    table = region_table(image, space.drawing, space.measured, "region 1")
     assert "<td>8000</td>" in table
-    assert f"{result.results[0].result.cdp:.3f}" in pair_table(space.drawing, space.evaluated)
+    assert f"{result.results[0].result.cdp:.3f}" in pair_table(space.drawing, space.measured)
 
 
 def test_warnings_of_the_checks_are_shown_and_names_are_escaped(space, image, later, tmp_path):
     space.do({**BOX, "start": [0, 0]})
     space.do({"do": "rename", "name": "region 1", "to": "<i>&'"})
     later.run()
-    said = warning_list(image, space.drawing, space.means, space.evaluated)
+    said = warning_list(image, space.drawing, space.measured)
     assert "are saturated" in said
     assert "The camera parameters are guessed" in said
-    assert "<i>" not in said + region_table(image, space.drawing, space.means, space.evaluated, None)
+    assert "<i>" not in said + region_table(image, space.drawing, space.measured, None)
 
 
 def test_what_is_not_saved_is_kept_and_the_next_run_has_it(space, image, later, tmp_path):

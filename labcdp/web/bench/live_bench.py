@@ -17,7 +17,7 @@ from ...core.errors import InputError, LabcdpError
 from ...core.reading import Reading, ReadingSeries
 from ...core.roi import Roi
 from ...drivers.manual.text import ManualMeter, stated_accuracy
-from ..regions.measurements import Evaluated
+from ..regions.measurements import Measured
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .desk import BenchOfPage, MeterDesk
@@ -79,7 +79,7 @@ class LiveBench:
         self.controller: tuple[object, str] = (None, "")
         self._devices, self._server = devices, server
         self._workspace: Workspace | None = None
-        self._evaluated: Evaluated | None = None
+        self._measured: Measured | None = None
 
     @property
     def workspace(self) -> Workspace:
@@ -175,8 +175,8 @@ class LiveBench:
     @property
     def pair(self) -> PairResult | None:
         """Contrast and CDP of the chosen pair in the newest image; None if they cannot be evaluated."""
-        evaluated = self.workspace.evaluated.pair
-        return None if evaluated is None else evaluated.result
+        pair = self.workspace.measured.pair
+        return None if pair is None else pair.result
 
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:
         return self.workspace.image, self.workspace.drawing.rois
@@ -213,10 +213,10 @@ class LiveBench:
 
     def _follow(self) -> None:
         """Add the newest result of the pair to the trace, and now and then compute its curve."""
-        evaluated = self.workspace.evaluated
-        if evaluated is self._evaluated:
+        measured = self.workspace.measured
+        if measured is self._measured:
             return
-        self._evaluated, pair = evaluated, evaluated.pair
+        self._measured, pair = measured, measured.pair
         result, now_s = self.pair, monotonic()
         names = () if pair is None else (pair.first.name, pair.second.name)
         point = None if result is None else pair_point(result, now_s, self.target.limit)

@@ -109,7 +109,7 @@ class BenchPage:
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
         self._show_settings(bench.camera.live)
         workspace = bench.workspace
-        self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.means, workspace.evaluated)
+        self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.measured)
         self._table.object = reading_table(bench)
         self._show_control()
         self._follow_bits()

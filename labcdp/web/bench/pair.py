@@ -13,7 +13,7 @@ from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.regions.pair import PairResult
 from ..regions.drawing import Drawing
-from ..regions.measurements import Evaluated, Evaluation, Measurements
+from ..regions.measurements import Evaluation, Measured, Measurements
 from ..regions.page_image import PageImage
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
@@ -130,14 +130,12 @@ def cdp_curve(
 class LiveMeasurements(Measurements):
     """Measurements of a frame that the next one replaces: uncertainties of the pair and of regions with limits."""
 
-    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
-        """Yield the results of the pair and of regions with limits."""
-        found = next(super().evaluations(drawing), Evaluated())
-        of_pair = (
-            {}
-            if found.pair is None or found.pair.result is None
-            else {one.roi: Evaluation(one) for one in (found.pair.result.a, found.pair.result.b)}
-        )
+    def measured(self, drawing: Drawing) -> Iterator[Measured]:
+        """Yield all results at once: there may be no time for a second step."""
+        self._measure_means(drawing)
+        self._measure_pair(drawing)
+        pair = None if self._pair is None else self._pair.result
+        of_pair = {} if pair is None else {one.roi: Evaluation(one) for one in (pair.a, pair.b)}
         limited = [roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()]
         judged = {roi: self._evaluated(roi) for roi in limited if roi not in of_pair}
-        yield Evaluated({roi: Evaluation(None) for roi in drawing.rois} | judged | of_pair, found.pair)
+        yield Measured(self._means, {roi: Evaluation(None) for roi in drawing.rois} | judged | of_pair, self._pair)

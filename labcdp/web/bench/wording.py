@@ -124,7 +124,7 @@ def _seen_now(bench: LiveBench) -> bool:
 
 
 def _why(bench: LiveBench) -> str:
-    pair = bench.workspace.evaluated.pair
+    pair = bench.workspace.measured.pair
     return "measuring" if pair is None or not pair.error else pair.error
 
 

@@ -94,7 +94,7 @@ class MapTab:
             return
         self._refreshed_s, self._refreshed_for = monotonic(), workspace.image
         self._table.object = statistics_table(
-            workspace.image, workspace.drawing.shapes, workspace.means, workspace.evaluated, workspace.selected
+            workspace.image, workspace.drawing.shapes, workspace.measured, workspace.selected
         )
         if live and (self._levels or self._ends):
             self._draw()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
@@ -90,17 +90,20 @@ class PairEvaluation:
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class Measured:
     """Results so far.
 
     Parameters
     ----------
+    means : dict of Roi to Means
+        What is computed at once.
     regions : dict of Roi to Evaluation
         Regions.
     pair : PairEvaluation or None
         Last evaluated pair.
     """
 
+    means: dict[Roi, Means] = field(default_factory=dict)
     regions: dict[Roi, Evaluation] = field(default_factory=dict)
     pair: PairEvaluation | None = None
 
@@ -124,24 +127,29 @@ class Measurements:
         self._evaluations: dict[Roi, Evaluation] = {}
         self._pair: PairEvaluation | None = None
 
-    def means(self, drawing: Drawing) -> Iterator[dict[Roi, Means]]:
-        """Yield the means of all regions in one step."""
-        self._means = {roi: self._means.get(roi) or self._mean(roi) for roi in _wanted(drawing)}
-        yield self._means
-
-    def evaluations(self, drawing: Drawing) -> Iterator[Evaluated]:
-        """Yield the results so far: the pair first, then the regions one by one; the last one is complete."""
-        wanted, chosen = _wanted(drawing), drawing.pair_rois
-        self._evaluations = {roi: found for roi, found in self._evaluations.items() if roi in wanted}
-        if len(chosen) == 2:
-            first, second = chosen
-            if self._pair is None or (self._pair.first, self._pair.second) != (first, second):
-                self._pair = self._evaluated_pair(first, second)
-            yield Evaluated(dict(self._evaluations), self._pair)
-        for roi in wanted:
+    def measured(self, drawing: Drawing) -> Iterator[Measured]:
+        """Yield the results so far: the means, the pair, then the regions one by one; the last one is complete."""
+        self._measure_means(drawing)
+        yield self._known()
+        self._measure_pair(drawing)
+        yield self._known()
+        for roi in _wanted(drawing):
             if roi not in self._evaluations:
                 self._evaluations[roi] = self._evaluated(roi)
-                yield Evaluated(dict(self._evaluations), self._pair)
+                yield self._known()
+
+    def _known(self) -> Measured:
+        return Measured(self._means, dict(self._evaluations), self._pair)
+
+    def _measure_means(self, drawing: Drawing) -> None:
+        wanted = _wanted(drawing)
+        self._means = {roi: self._means.get(roi) or self._mean(roi) for roi in wanted}
+        self._evaluations = {roi: found for roi, found in self._evaluations.items() if roi in wanted}
+
+    def _measure_pair(self, drawing: Drawing) -> None:
+        chosen = drawing.pair_rois
+        if len(chosen) == 2 and (self._pair is None or (self._pair.first, self._pair.second) != chosen):
+            self._pair = self._evaluated_pair(*chosen)
 
     def _mean(self, roi: Roi) -> Means:
         try:
@@ -194,52 +202,8 @@ def _wanted(drawing: Drawing) -> tuple[Roi, ...]:
     return drawing.rois if len(drawing.rois) <= MOST_MEASURED else drawing.pair_rois
 
 
-T = TypeVar("T")
-
-
 class RunElsewhere(Protocol):
     """Run `steps` without blocking the page; pass each result to `then` and call `done` in the page's thread."""
 
     def __call__(self, steps: Iterator[Any], then: Callable[[Any], None], done: Callable[[], None]) -> None:
         """Start and return immediately."""
-
-
-class Lane(Generic[T]):
-    """Process drawings, skipping those superseded before they are started.
-
-    Parameters
-    ----------
-    run_elsewhere : RunElsewhere
-        Runs it.
-    steps : function of a drawing
-        The work in steps; it is abandoned after a step for a newer drawing.
-    then : function
-        Receives the result of a step.
-    """
-
-    def __init__(
-        self, run_elsewhere: RunElsewhere, steps: Callable[[Drawing], Iterator[T]], then: Callable[[T], None]
-    ) -> None:
-        self._run_elsewhere, self._work, self._then = run_elsewhere, steps, then
-        self._busy = False
-        self._next: Drawing | None = None
-
-    def start(self, drawing: Drawing) -> None:
-        """Process a drawing, now or after the current step."""
-        if self._busy:
-            self._next = drawing
-            return
-        self._busy = True
-        self._run_elsewhere(self._steps(drawing), self._then, self._done)
-
-    def _steps(self, drawing: Drawing) -> Iterator[T]:
-        for step in self._work(drawing):
-            yield step
-            if self._next is not None:
-                return
-
-    def _done(self) -> None:
-        self._busy = False
-        if self._next is not None:
-            drawing, self._next = self._next, None
-            self.start(drawing)

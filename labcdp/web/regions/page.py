@@ -137,13 +137,13 @@ class Page:
 
     def _update(self) -> None:
         workspace = self.workspace
-        image, drawing, means, evaluated = workspace.image, workspace.drawing, workspace.means, workspace.evaluated
+        image, drawing, measured = workspace.image, workspace.drawing, workspace.measured
         with self.quietly():
             self.picture.show(drawing, workspace.selected)
             self._head.object = self._heading()
-            self._regions.object = region_table(image, drawing, means, evaluated, workspace.selected)
-            self._pair.object = pair_table(drawing, evaluated)
-            self._warnings.object = warning_list(image, drawing, means, evaluated)
+            self._regions.object = region_table(image, drawing, measured, workspace.selected)
+            self._pair.object = pair_table(drawing, measured)
+            self._warnings.object = warning_list(image, drawing, measured)
             notice = workspace.notice
             self._notice.object = (
                 f"<div class='notice {notice.kind}' role='status'>{html.text(notice.text)}</div>" if notice.text else ""

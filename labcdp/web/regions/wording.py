@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, nan
 
 from ...core.finding import Finding, unique
-from ...core.roi import Roi
 from ...metrics.regions.limits import limit_verdict
 from ...regions import Shape
 from ...report.digits import (
@@ -23,7 +22,7 @@ from ...report.digits import (
 from ...report.findings import finding_text
 from ..html import Cell, items, region_row, row, table, text
 from .drawing import Drawing
-from .measurements import MOST_MEASURED, Evaluated, Evaluation, Means
+from .measurements import MOST_MEASURED, Evaluation, Means, Measured
 from .page_image import PageImage
 
 #: Colours of the two regions of the pair, of other regions and of proposals, distinguishable by colour-blind readers
@@ -43,9 +42,7 @@ def colour(drawing: Drawing, name: str) -> str:
     return OTHER_COLOUR
 
 
-def region_table(
-    image: PageImage, drawing: Drawing, means: Mapping[Roi, Means], evaluated: Evaluated, selected: str | None
-) -> str:
+def region_table(image: PageImage, drawing: Drawing, measured: Measured, selected: str | None) -> str:
     """Table of the regions, with DN and luminance."""
     if not drawing.shapes:
         return "<p class='quiet'>No region yet. Choose Polygon or Rectangle and draw on the picture.</p>"
@@ -56,7 +53,7 @@ def region_table(
                 f"<span class='swatch' style='background:{colour(drawing, roi.name)}'></span>"
                 f"<span title='{text(roi.name)}'>{text(shortened(roi.name, _LONGEST_NAME))}</span>"
             )
-            cells = _cells(means.get(roi), evaluated.regions.get(roi))
+            cells = _cells(measured.means.get(roi), measured.regions.get(roi))
             rows.append(region_row(roi.name, head, cells, shape.name == selected))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
@@ -66,45 +63,45 @@ def region_table(
     return table(heads, rows) + note
 
 
-def pair_table(drawing: Drawing, evaluated: Evaluated) -> str:
+def pair_table(drawing: Drawing, measured: Measured) -> str:
     """Contrast and CDP of the two chosen regions."""
     chosen = drawing.pair_rois
     if len(chosen) < 2:
         return "<p class='quiet'>Choose two regions.</p>"
-    found = evaluated.pair
+    found = measured.pair
     if found is None or (found.first, found.second) != chosen:
         return "<p class='quiet'>Measuring …</p>"
     pair = found.result
     if pair is None:
         return f"<p class='warning'>{text(found.error)}</p>"
-    measured, rows = pair.of_measured_contrast, []
+    of_measured, rows = pair.of_measured_contrast, []
     for one in pair.results:
         result = replace(one.result, confidence_interval=one.confidence_interval)
-        asked = significant(100 * result.contrast) if measured else f"{100 * result.contrast:.6g}"
+        asked = significant(100 * result.contrast) if of_measured else f"{100 * result.contrast:.6g}"
         rows.append(row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
     ratio, csnr = pair.contrast, pair.csnr
     facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error)}"]
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
     bright = text(pair.bright_region.roi.name)
-    head = "Contrast asked (measured)" if measured else "Contrast asked"
+    head = "Contrast asked (measured)" if of_measured else "Contrast asked"
     if not rows:
         return f"<p>{'; '.join(facts)}. Give --contrast for a CDP.</p>"
     return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
 
 
-def warning_list(image: PageImage, drawing: Drawing, means: Mapping[Roi, Means], evaluated: Evaluated) -> str:
+def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
     """Write the findings as a list; empty if there are none."""
     rois = drawing.rois
     findings: list[Finding] = []
     errors = []
     for roi in rois:
-        evaluation = evaluated.regions.get(roi, _NOT_YET)
+        evaluation = measured.regions.get(roi, _NOT_YET)
         findings += evaluation.findings
-        error = evaluation.error or means.get(roi, Means()).error
+        error = evaluation.error or measured.means.get(roi, Means()).error
         if error:
             errors.append(error if roi.name in error else f"{roi.name}: {error}")
-    pair = evaluated.pair
+    pair = measured.pair
     if pair is not None and pair.result is not None and pair.first in rois and pair.second in rois:
         # Those of a region are already shown above.
         known = {(one.code, one.subject) for one in findings}
@@ -143,17 +140,15 @@ def percent_with_interval(value: float, standard_error: float) -> str:
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")
 
 
-def statistics_table(
-    image: PageImage, shapes: Sequence[Shape], means: Mapping[Roi, Means], evaluated: Evaluated, selected: str | None
-) -> str:
+def statistics_table(image: PageImage, shapes: Sequence[Shape], measured: Measured, selected: str | None) -> str:
     """Write the luminance of each region: mean, range, SNR, saturated share, and whether it is within its limits."""
     rows = []
     for shape in shapes:
         for roi in shape.rois():
-            head, found = text(shortened(roi.name, 20)), means.get(roi)
+            head, found = text(shortened(roi.name, 20)), measured.means.get(roi)
             cells: list[Cell] = [(found.error if found else "") or "…", *[""] * 5]
             if found is not None and found.light is not None:
-                evaluation = evaluated.regions.get(roi)
+                evaluation = measured.regions.get(roi)
                 result = None if evaluation is None else evaluation.result
                 expanded = nan if result is None else Z_95 * result.standard_uncertainty
                 limits, light = shape.limits_cd_m2, found.light

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ...core.errors import InputError
-from ...core.roi import Roi
 from ...regions import Shape, new_shapes
 from .drawing import Drawing
 from .files import DrawingFiles, Start
-from .measurements import Evaluated, Lane, Means, Measurements, RunElsewhere
+from .measurements import Measured, Measurements, RunElsewhere
 from .messages import change
 from .page_image import PageImage
 
@@ -59,8 +58,7 @@ class Workspace:
         self.files = files
         self.history = start.history
         self.selected: str | None = None
-        self.means: dict[Roi, Means] = {}
-        self.evaluated = Evaluated()
+        self.measured = Measured()
         self.notice = Notice("")
         #: Files written in this run, in order.
         self.written: list[Path] = []
@@ -70,10 +68,8 @@ class Workspace:
         self._stored = {files.output: start.stored}
         self._saved, self._read, self._proposals = start.saved, start.read, start.proposals
         self.run_elsewhere = run_elsewhere
-        self._lanes = (
-            Lane(run_elsewhere, lambda drawing: self._measurements.means(drawing), self._take_means),
-            Lane(run_elsewhere, lambda drawing: self._measurements.evaluations(drawing), self._take_evaluated),
-        )
+        #: Whether measuring is under way, and has to begin anew.
+        self._measuring, self._again = False, False
         self._listeners: list[Callable[[], None]] = []
         self._kept = ""
 
@@ -158,9 +154,22 @@ class Workspace:
         self._tell(Notice(_sentence(text)))
 
     def measure(self) -> None:
-        """Start measuring the drawing; called after each change."""
-        for lane in self._lanes:
-            lane.start(self.drawing)
+        """Start measuring the drawing, now or after the current step; called after each change."""
+        self._again = self._measuring
+        if not self._measuring:
+            self._measuring = True
+            self.run_elsewhere(self._steps(), self._take, self._measured_all)
+
+    def _steps(self) -> Iterator[Measured]:
+        for step in self._measurements.measured(self.drawing):
+            yield step
+            if self._again:
+                return
+
+    def _measured_all(self) -> None:
+        self._measuring = False
+        if self._again:
+            self.measure()
 
     def last_words(self) -> list[str]:
         """Return the final message: saved files and unsaved changes."""
@@ -259,12 +268,8 @@ class Workspace:
         else:
             self._kept = ""
 
-    def _take_means(self, means: dict[Roi, Means]) -> None:
-        self.means = means
-        self.changed()
-
-    def _take_evaluated(self, evaluated: Evaluated) -> None:
-        self.evaluated = evaluated
+    def _take(self, measured: Measured) -> None:
+        self.measured = measured
         self.changed()
 
     def _tell(self, notice: Notice) -> None:

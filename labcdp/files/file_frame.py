@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
 
 from ..core.disk import read_bytes
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
+from ..core.pixel_format import PixelFormat
 from .formats.png_jpeg import PNG, read_png
 from .formats.stored_image import MAX_PIXELS
 from .formats.tiff import TIFF, read_tiff
@@ -106,30 +106,14 @@ def camera_of(vendor: str, model: str, serial: str, known: CameraIdentity) -> Ca
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
 
 
-class Layout(Protocol):
-    """What an image file's numbers are; a GenICam pixel format says it."""
-
-    @property
-    def name(self) -> str:
-        """PFNC name."""
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits of the DN scale."""
-
-    @property
-    def colour_filter(self) -> str | None:
-        """Bayer pattern, or None."""
-
-
-def read_image(path: str | PathLike[str], layout: Layout, defaults: FileDefaults) -> FileFrame:
+def read_image(path: str | PathLike[str], layout: PixelFormat, defaults: FileDefaults) -> FileFrame:
     """Read a grey TIFF or PNG of 8 or 16 bits whose values are the DN of a sensor.
 
     Parameters
     ----------
     path : path
         The file.
-    layout : Layout
+    layout : PixelFormat
         Bit depth, which a file of 16 bits does not state, and colour filter. A pixel is saturated at the highest DN.
     defaults : FileDefaults
         What counts where the file does not say.

@@ -75,22 +75,8 @@ def evaluate_video(
     have moved far are not found again. It is deterministic: when an evaluation is resumed, the frames before are
     followed again and not evaluated again.
     """
-    with evaluated_rows(path, settings, folder, progress=progress, observer=observer) as rows:
-        return rows.dataset()
-
-
-@contextmanager
-def evaluated_rows(
-    path: str | Path,
-    settings: VideoSettings,
-    folder: Destination | None = None,
-    *,
-    progress: Progress | None = None,
-    observer: Observer | None = None,
-) -> Iterator[VideoRows]:
-    """Evaluate a video as `evaluate_video`, and give its results to read while the context lasts."""
     with evaluated_parts(path, [Part(settings, folder, observer)], progress=progress) as (rows,):
-        yield rows()
+        return rows().dataset()
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def saturation(regions: Sequence[str], shares: Sequence[float]) -> list[Finding]
 
 
 class VideoFindings:
-    """Findings about all frames of a video, gathered row by row; memory does not grow with the video.
+    """Findings about all frames of a video, gathered row by row.
 
     Parameters
     ----------
@@ -142,33 +142,30 @@ class VideoFindings:
 
 
 class _Stretches:
-    """Frames one after the other; only the first stretches are named."""
+    """Frames one after the other."""
 
     def __init__(self) -> None:
-        self._named: list[list[int]] = []
+        self._found: list[list[int]] = []
         self._last_place = -1
-        self._n_frames = self._n_stretches = 0
+        self._n_frames = 0
 
     def add(self, frame: int, place: int) -> None:
         self._n_frames += 1
-        begins = place != self._last_place + 1
+        if place == self._last_place + 1 and self._found:
+            self._found[-1][1] = frame
+        else:
+            self._found.append([frame, frame])
         self._last_place = place
-        self._n_stretches += begins
-        if self._n_stretches <= _MOST_STRETCHES:
-            if begins:
-                self._named.append([frame, frame])
-            else:
-                self._named[-1][1] = frame
 
     def finding(self, region: str, n_frames: int) -> Finding:
-        frames = [str(first) if first == last else f"{first} to {last}" for first, last in self._named]
+        named = self._found[:_MOST_STRETCHES]
         values: dict[str, FindingValue] = {
             "limit": TOO_SATURATED,
             "count": self._n_frames,
             "n_frames": n_frames,
-            "frames": frames,
+            "frames": [str(first) if first == last else f"{first} to {last}" for first, last in named],
         }
-        more = self._n_stretches - len(self._named)
+        more = len(self._found) - len(named)
         if more:
             return warning("frames-region-saturated-often", region, more=more, **values)
         return warning("frames-region-saturated", region, **values)

@@ -27,7 +27,7 @@ from .dataset import FINDINGS, NOTE, OF_CONTRAST, OF_FRAME, OF_REGION, as_json, 
 from .findings import note_of, recorded, restored, saturation
 from .frame.light_table import light_by_dn
 from .frame.neighbours import NeighbourTables
-from .settings import FixedReference, ReferenceContrast, VideoSettings
+from .settings import ReferenceContrast, VideoSettings
 
 #: Keys of a row that are no variables.
 _FINDINGS, _INVALID = "findings", "invalid"
@@ -61,7 +61,7 @@ class FrameRows:
     ) -> None:
         self._settings, self._conversion, self._reference = settings, conversion, reference
         #: The contrast to be detected if none is given: that of the first frame that is measured.
-        self._measured = FixedReference(None) if settings.contrasts is None else None
+        self._measured = ReferenceContrast(None) if settings.contrasts is None else None
         self._tables: NeighbourTables | None = None
         self._setting: tuple[float | None, ...] | None = None
         self._lock = Lock()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import nan
@@ -174,7 +174,7 @@ class VideoRun:
         for part in self._parts:
             part.finish(self._n_frames if self._selection.stop is None else None)
 
-    def _frames(self) -> Iterator[VideoFrame]:
+    def _frames(self) -> Generator[VideoFrame, None, None]:
         """Frames with the pixels that are needed."""
         observed = any(part.observer is not None for part in self._parts)
         n_done = min(part.n_done for part in self._parts)

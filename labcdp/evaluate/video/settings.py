@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,21 +136,7 @@ class VideoSettings:
 _NEAR = 0.5
 
 
-class ReferenceContrast(Protocol):
-    """Gives the contrast that a frame is compared with."""
-
-    def of(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
-        """Contrast for a frame, or why there is none; nothing of both if the frame itself decides."""
-
-    def learn(self, contrast: float) -> None:
-        """Take note of what was measured in a frame."""
-
-    @property
-    def sha256(self) -> str | None:
-        """Hash of the file it comes from, None if it comes from none."""
-
-
-class FixedReference:
+class ReferenceContrast:
     """One contrast for all frames: a measured one, or that of the first frame in which the regions are seen.
 
     Parameters
@@ -159,22 +145,23 @@ class FixedReference:
         The contrast; None for that of the first frame.
     """
 
-    sha256 = None
+    #: Hash of the file it comes from, None if it comes from none.
+    sha256: str | None = None
 
     def __init__(self, contrast: float | None) -> None:
         self._contrast = contrast
 
     def of(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
-        """Contrast, None as long as no frame was measured."""
+        """Contrast for a frame, or why there is none; nothing of both as long as no frame was measured."""
         return self._contrast, None
 
     def learn(self, contrast: float) -> None:
-        """Keep the first valid target contrast."""
+        """Take note of what was measured in a frame: the first valid contrast is kept."""
         if self._contrast is None and isfinite(contrast) and contrast > 0:
             self._contrast = contrast
 
 
-class VideoReference:
+class VideoReference(ReferenceContrast):
     """Contrast that another video measured in its frame of the same number or time.
 
     Parameters
@@ -225,7 +212,7 @@ def make_reference(settings: VideoSettings) -> ReferenceContrast | None:
         return None
     if isinstance(reference, Path):
         return VideoReference(reference, settings.reference_by)
-    return FixedReference(None if reference == "first" else float(reference))
+    return ReferenceContrast(None if reference == "first" else float(reference))
 
 
 def _load(path: Path) -> Mapping[str, NDArray[Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -90,7 +90,7 @@ def left_out(folder: Path) -> list[Path]:
 
 def frames_of(
     source: VideoSource, selection: Selection, needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen
-) -> Iterator[VideoFrame]:
+) -> Generator[VideoFrame, None, None]:
     """Frames of a video from the start of a selection to its end.
 
     Parameters

@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, wraps
-from typing import TypeVar
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..image import window_of
 
-#: Number of cached masks, and pixels from which a mask is not cached, to limit memory.
+#: Number of masks that are kept for the next frames of a video, and pixels from which one is not, to limit memory.
 _MASKS, _TOO_LARGE = 16, 2**18
-_Result = TypeVar("_Result")
-_Mask = NDArray[np.bool_]
-
-
-def kept_by_mask(function: Callable[[_Mask], _Result]) -> Callable[[_Mask], _Result]:
-    """Cache the results of a function for the last masks, ndarrays of bool, shape (height, width).
-
-    Videos use the same masks in each frame.
-    """
-
-    @lru_cache(maxsize=_MASKS)
-    def of_bytes(shape: tuple[int, ...], pixels: bytes) -> _Result:
-        return function(np.frombuffer(pixels, dtype=np.bool_).reshape(shape))
-
-    @wraps(function)
-    def of_mask(mask: _Mask) -> _Result:
-        return function(mask) if mask.size >= _TOO_LARGE else of_bytes(mask.shape, mask.tobytes())
-
-    return of_mask
-
-
 #: Degree of the surface for slowly changing light, and of those tested for noise.
 SLOW_DEGREE, _NOISE_DEGREE = 2, 4
 #: Relative size below which a surface is linearly dependent on others in a region of few rows or columns.
@@ -114,9 +91,17 @@ class Region:
     fits: tuple[_Solution, _Solution]
 
 
-@kept_by_mask
 def region_of(mask: NDArray[np.bool_]) -> Region:
     """Return the properties of a region's mask."""
+    return _region(mask) if mask.size >= _TOO_LARGE else _kept(mask.shape, mask.tobytes())
+
+
+@lru_cache(maxsize=_MASKS)
+def _kept(shape: tuple[int, ...], pixels: bytes) -> Region:
+    return _region(np.frombuffer(pixels, dtype=np.bool_).reshape(shape))
+
+
+def _region(mask: NDArray[np.bool_]) -> Region:
     window = window_of(mask)
     inside = mask[window].copy()
     pixels = [inside.sum(axis=axis) for axis in (0, 1)]

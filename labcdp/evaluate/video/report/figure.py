@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,20 +41,8 @@ _REGION_COLOURS = (ORANGE, BLUE)
 _LOST, _MISSING = VERMILLION, "0.55"
 
 
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """A value over the frames with its interval of 95 %, thinned out.
-
-    Parameters
-    ----------
-    x, y, low, high : ndarray of float, shape (points,)
-        Places and values; nan where no frame of a point has a value.
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+#: Places and values of a curve, with the ends of their interval of 95 %; nan where no frame of a point has a value.
+_Curve: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
 def video_figure(dataset: Dataset, result: Result) -> bytes:
@@ -127,7 +114,7 @@ def _curve(
 ) -> _Curve:
     size = ceil(x.size / _MOST_POINTS)
     if size == 1:
-        return _Curve(x, y, low, high)
+        return x, y, low, high
     starts = np.arange(0, x.size, size)
     known = np.isfinite(y)
     counts = np.add.reduceat(known, starts, dtype=np.int64)
@@ -135,18 +122,19 @@ def _curve(
         np.add.reduceat(np.where(known, y, 0.0), starts), counts, out=np.full(starts.size, np.nan), where=counts > 0
     )
     # fmin and fmax pass over nan.
-    return _Curve(x[starts], means, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts))
+    return x[starts], means, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
 
 
 def _draw(axes: Axes, curve: _Curve, colour: str, label: str) -> None:
-    axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.25, linewidth=0)
-    axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=label)
+    x, y, low, high = curve
+    axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
+    axes.plot(x, y, color=colour, linewidth=1.2, label=label)
     # A single frame between two lost ones would be a line of no length.
-    known = np.isfinite(curve.y)
+    known = np.isfinite(y)
     alone = np.zeros(known.size, bool)
     for first, last in runs(known):
         alone[first] = first == last
-    axes.plot(curve.x[alone], curve.y[alone], color=colour, linestyle="none", marker=".", markersize=4.0)
+    axes.plot(x[alone], y[alone], color=colour, linestyle="none", marker=".", markersize=4.0)
 
 
 def _cdp(axes: Axes, dataset: Dataset, x: NDArray[np.float64], rows: list[dict[str, Any]]) -> None:
@@ -168,7 +156,7 @@ def _contrast(axes: Axes, dataset: Dataset, x: NDArray[np.float64]) -> None:
     _draw(axes, _curve(x, y, y - half_width, y + half_width), "black", "measured")
     if "reference_contrast" in dataset and np.isfinite(dataset["reference_contrast"].values).any():
         reference = _curve(x, *[100 * dataset["reference_contrast"].values] * 3)
-        axes.plot(reference.x, reference.y, color=BLUE, linewidth=1.2, linestyle="--", label="reference")
+        axes.plot(*reference[:2], color=BLUE, linewidth=1.2, linestyle="--", label="reference")
     _finish(axes, "contrast in %", None)
 
 

@@ -165,6 +165,12 @@ def reading_of(
     )
 
 
+def typed_reading(text: str, accuracy: MeterAccuracy, meter: MeterIdentity) -> Reading:
+    """Read what a person typed, in cd/m2 unless a unit was typed too; raises InputError as `parse_written`."""
+    written = parse_written(text)
+    return reading_of(written, written.unit or "cd/m2", accuracy, meter, datetime.now(UTC), text)
+
+
 _ATTEMPTS: Final = 3
 
 
@@ -232,10 +238,7 @@ class ManualMeter(Meter):
                     "no reading of the luminance meter was typed: run the command in an interactive terminal"
                 ) from None
             try:
-                written = parse_written(text)
+                return typed_reading(text, self._accuracy, self._identity)
             except InputError as error:
                 problem = f"{error}. "
-                continue
-            unit = written.unit or "cd/m2"
-            return reading_of(written, unit, self._accuracy, self._identity, datetime.now(UTC), text)
         raise MeterError(f"no luminance was typed in {_ATTEMPTS} attempts, last: {problem.removesuffix('. ')}")

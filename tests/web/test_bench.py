@@ -17,6 +17,7 @@ from labcdp.core.luminance import LuminanceMap
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.regions import RectangleShape
+from labcdp.session import CameraConfiguration, MeterConfiguration
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import better_exposure_s, sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
@@ -24,6 +25,7 @@ from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing, History
+from labcdp.web.regions.figure import Picture
 from labcdp.web.regions.files import DrawingFiles, Start
 from labcdp.web.regions.measurements import Measurements
 from labcdp.web.regions.page import Page
@@ -48,12 +50,14 @@ def bench(small_configuration: Any) -> Iterator[SimulatedBench]:
 
 def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(bench: SimulatedBench) -> None:
     device = bench.in_process_camera()
-    camera = LiveCamera(device, {"exposure_s": 0.002})
+    stated = CameraConfiguration(pixel_pitch_m=5e-6, saturation_dn=3000).stated
+    camera = LiveCamera(device, {"exposure_s": 0.002}, stated=stated)
     camera.start()
     try:
         assert camera.live.frame is None
         leave = camera.look()
         wait_for(camera, lambda live: live.n_frames >= 3 and live.frame.exposure_s == 0.002)
+        assert camera.live.frame.saturation_dn == 3000
         camera.request(exposure_s=0.004)
         wait_for(camera, lambda live: live.frame.exposure_s == 0.004)
         # A rejected setting is reported, and the others stay.
@@ -125,7 +129,7 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
     for _ in range(10):
         mean = 64 + 2e5 * exposure_s
         values = np.clip(rng.normal(mean, np.sqrt(mean), 10_000), 0, highest).astype(np.uint16)
-        better_s = better_exposure_s(values, exposure_s, 12, (20e-6, 60.0))
+        better_s = better_exposure_s(values, exposure_s, 4095, (20e-6, 60.0))
         if better_s is None:
             break
         exposure_s = better_s
@@ -135,7 +139,7 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
 
 def test_no_exposure_is_better_where_the_camera_has_none() -> None:
     dark = np.full(100, 70, np.uint16)
-    assert better_exposure_s(dark, 60.0, 12, (20e-6, 60.0)) is None
+    assert better_exposure_s(dark, 60.0, 4095, (20e-6, 60.0)) is None
 
 
 @pytest.mark.parametrize(("pixel_format", "bits", "pattern"), [("Mono8", 8, None), ("BayerGB12", 12, "GB")])
@@ -179,6 +183,45 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     blocks = dn.astype(float).reshape(30, 2, 40, 2).mean(axis=(1, 3))
     assert np.abs(shown - (dn if pattern is None else blocks)).max() <= 0.5
     assert DisplayScale.of_range(highest).to_8_bit(shown).max() == 255
+
+
+@pytest.mark.parametrize("pattern", [None, "RG"])
+def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_out(pattern: str | None) -> None:
+    # 61 rows: with a pattern the last one is no whole block.
+    dn = np.full((61, 80), 1000, np.uint16)
+    dn[33, 47], dn[5, 8] = 3600, 0
+    identity = CameraIdentity("synthetic", "synthetic", "1")
+    frame = Frame(dn, 0.01, 0.0, 12, 3600, 64.0, "Mono12", pattern, None, datetime.now(UTC), 0, 1, identity)
+    picture = Picture(PageImage.of_frame("live", frame, picture_conversion(None, None, None)))
+    picture.go_live()
+    picture.show_scale(DisplayScale.of_range(4095))
+    for width in (80, 20, 11):
+        picture.show_part((0, 0, 80, 61), (width, width))
+        (shown,) = picture.figure.renderers[1].data_source.data["image"]
+        n = round(80 / shown.shape[1])
+        assert np.argwhere(shown == 255).tolist() == [[33 // n, 47 // n]]
+        assert np.argwhere(shown == 0).tolist() == [[5 // n, 8 // n]]
+
+
+def test_a_saturated_region_says_nothing_about_the_meter() -> None:
+    from labcdp.core.luminance import Invalid
+
+    flags = np.zeros((8, 8), np.uint8)
+    flags[:4] = Invalid.SATURATED
+    light = LuminanceMap(np.full((8, 8), 50.0), np.full((8, 8), 0.01), (), flags)
+    image = PageImage("live", np.full((8, 8), 4095, np.uint16), True, None, light, "cd/m^2", saturation_dn=4095)
+    rois = [RectangleShape(name, 0, y, 8, 4).rois()[0] for name, y in (("full", 0), ("good", 4))]
+    by_hand = MeterConfiguration(
+        model="L 1003", serial="1", entry="by hand", scale_half_width_rel=0.02, repeatability_rel=0.001, digits=1
+    )
+    desk = MeterDesk(None, None, lambda: (image, rois), lambda: False)
+    for text, region, described in (("90", "full", by_hand), ("90", "good", by_hand), ("90", "good", None)):
+        desk.enter(text, region, described)
+    unknown, good, full = desk.readings
+    assert (full.saturated, full.deviation, full.disagrees) == (True, None, False)
+    assert good.deviation == pytest.approx(50 / 90 - 1)
+    # What is not known of a meter is not said to be exceeded.
+    assert (good.disagrees, unknown.disagrees) == (True, False)
 
 
 def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBench) -> None:

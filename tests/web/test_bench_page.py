@@ -11,11 +11,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from labcdp.session import Session, SessionConfiguration, example_session
 
 from .conftest import CHROMIUM
+from .test_browser import ON_SCREEN
 
 pytestmark = [
     pytest.mark.usefixtures("aravis"),
@@ -101,7 +104,7 @@ class Bench:
 
     def expose(self, exposure: str) -> None:
         self.fill("Exposure (ms)", exposure)
-        self.card_when(0, f"fps.*{exposure} ms")
+        self.card_when(0, rf"fps\D*{exposure} ms")
 
     def record(self, name: str, until: Callable[[], bool]) -> list[str]:
         """Record the plan into a folder by Enter alone; return what was asked."""
@@ -195,8 +198,27 @@ def test_the_meter_reads_the_patch_that_is_selected(bench: Bench) -> None:
     bench.tab(1)
     bench.button("Read meter").click()
     assert number(bench.card_when(3, "lower left")) == pytest.approx(414, rel=0.02)
+    before = bench.page.locator("table.readings tbody tr").count()
     bench.fill("Reading of another meter", "400,5")
     assert number(bench.card_when(3, r"400\.5")) == 400.5
+    # The second one is refused, so that the first one has been counted however often it was sent.
+    bench.fill("Reading of another meter", "no number")
+    bench.page.locator(".notice", has_text="no number").wait_for()
+    assert bench.page.locator("table.readings tbody tr").count() == before + 1
+
+
+def test_outlines_are_seen_on_a_patch_as_bright_as_they_are_in_red_light(bench: Bench) -> None:
+    bench.expose("8")
+    bench.button("Red light").click()
+    bench.page.wait_for_function("() => document.documentElement.style.filter.includes('red')")
+    # From the edge of the patch to the inside of the region: patch, outline, patch.
+    ends = [bench.page.evaluate(ON_SCREEN, [x, 150]) for x in (254, 270)]
+    clip = {"x": ends[0][0], "y": ends[0][1], "width": ends[1][0] - ends[0][0], "height": 1}
+    picture = cv2.imdecode(np.frombuffer(bench.page.screenshot(clip=clip), np.uint8), cv2.IMREAD_COLOR)
+    red = picture[0, :, 2].astype(int)
+    assert picture[..., :2].max() == 0
+    assert red.min() < 0.6 * min(red[0], red[-1])
+    bench.button("Light").click()
 
 
 def test_a_second_browser_looks_on_until_it_takes_control(bench: Bench, chromium: Any, address: str) -> None:

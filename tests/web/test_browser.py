@@ -22,7 +22,7 @@ from .conftest import CHROMIUM, HEIGHT, WIDTH, Served, known_dn, wait_until
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 #: Where a place (x, y) of the image is on the screen.
-_ON_SCREEN = """([x, y]) => {
+ON_SCREEN = """([x, y]) => {
   const figure = Bokeh.documents[0].get_model_by_name("picture")
   const view = Bokeh.index.find_one(figure)
   const box = view.canvas_view.events_el.getBoundingClientRect()
@@ -43,7 +43,7 @@ _DETAIL = """() => {
 #: Corners that can be dragged.
 _CORNERS = """() => {
   const figure = Bokeh.documents[0].get_model_by_name("picture")
-  return figure.renderers[4].data_source.get_column("x").length
+  return figure.renderers[5].data_source.get_column("x").length
 }"""
 
 
@@ -68,7 +68,7 @@ class Tab:
         self.page.get_by_text("Drag beside it moves the picture").wait_for()
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        sx, sy = self.page.evaluate(_ON_SCREEN, [x, y])
+        sx, sy = self.page.evaluate(ON_SCREEN, [x, y])
         return sx, sy
 
     def click(self, x: float, y: float, **how: Any) -> None:

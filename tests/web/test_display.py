@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labcdp.web.regions.display import SCALES, DisplayScale, tile
+from labcdp.web.regions.display import SCALES, DisplayScale, any_in_blocks, tile
 
 
 @pytest.mark.parametrize("name", SCALES)
@@ -30,6 +30,14 @@ def test_larger_parts_are_means_of_blocks(dtype: type) -> None:
     brute = values.reshape(20, 3, 30, 3).mean(axis=(1, 3))
     assert shown.pixels.shape == (20, 30)
     assert np.abs(shown.pixels - brute).max() <= 1
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_a_single_pixel_marks_its_block(n: int) -> None:
+    flags = np.random.default_rng(2).random((20, 31)) < 0.05
+    rows, columns = -(-20 // n), -(-31 // n)
+    brute = [[flags[n * y : n * y + n, n * x : n * x + n].any() for x in range(columns)] for y in range(rows)]
+    assert any_in_blocks(flags, n).tolist() == brute
 
 
 def test_blocks_stay_where_they_are_while_the_picture_is_moved() -> None:

@@ -186,11 +186,12 @@ def _serve(
         if plan is not None:
             prepare_camera(camera, plan.camera)
 
+    stated = (lambda frame: frame) if plan is None else plan.camera.stated
     prepare(camera)
     camera.configure(**settings)
-    frame = camera.snap()
+    frame = stated(camera.snap())
     camera.close()
-    live = LiveBench(LiveCamera(camera, settings, prepare), conversion, devices, server, target)
+    live = LiveBench(LiveCamera(camera, settings, prepare, stated), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
     workspace = Workspace(first, files, _start(files, devices.plan), server.elsewhere)

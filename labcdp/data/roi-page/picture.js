@@ -143,7 +143,7 @@ function dragged(shape, what, at, to) {
 
 function redraw() {
   const chosen = selected()
-  const rows = {xs: [], ys: [], colour: [], dash: [], width: [], fill: []}
+  const rows = {xs: [], ys: [], colour: [], dash: [], width: [], casing: [], fill: []}
   const names = {x: [], y: [], text: [], colour: []}
   for (const shape of state.shapes) {
     const changing = gesture?.shape === shape || waiting?.shape === shape.name
@@ -152,7 +152,9 @@ function redraw() {
       rows.ys.push(outline.map((corner) => corner[1]))
       rows.colour.push(shape.colours[at])
       rows.dash.push(shape.proposal ? "dashed" : "solid")
-      rows.width.push(shape === chosen ? 2.5 : 1.5)
+      const width = shape === chosen ? 2.5 : 1.5
+      rows.width.push(width)
+      rows.casing.push(width + 2.5)
       rows.fill.push(changing ? 0 : shape === chosen ? 0.25 : shape.proposal ? 0.05 : 0.12)
     })
     if (shape.label != "") {

@@ -44,7 +44,7 @@ class CameraTab:
         page.watch(self._rate, lambda value: camera.request(frame_rate_hz=float(value)))
         page.watch(self._black, lambda value: camera.request(black_level=float(value)))
         page.watch(self._region, self._set_region)
-        page.watch(self._feature, self._set_feature)
+        page.on_enter(self._feature, self._set_feature)
         self._find.param.watch(lambda _event: self._list(), "value")
 
     def layout(self) -> Any:

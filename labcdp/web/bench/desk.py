@@ -11,13 +11,15 @@ from time import monotonic, sleep
 
 from ...acquire import Operator
 from ...core.errors import LabcdpError
-from ...core.reading import Reading, ReadingSeries
+from ...core.reading import MeterIdentity, Reading, ReadingSeries
 from ...core.roi import Roi
+from ...drivers.manual.text import MeterAccuracy, stated_accuracy, typed_reading
 from ...drivers.meter import Meter, MeterError, MeterLostError
 from ...metrics.regions.region import result_of_region
 from ...report.digits import Z_95
-from ...session import Session, SessionConfiguration
+from ...session import MeterConfiguration, Session, SessionConfiguration
 from ..regions.page_image import PageImage
+from .pair import is_saturated
 
 #: Longest wait for a meter that was unplugged, and pause between two attempts.
 _METER_S, _PAUSE_S = 60.0, 0.5
@@ -65,6 +67,8 @@ class MeterReading:
         Number of readings.
     scatter_rel : float
         Standard deviation of the readings, relative to their mean; nan for one.
+    saturated : bool
+        Whether the region was saturated, so that the camera says nothing about its luminance.
     """
 
     luminance_cd_m2: float
@@ -74,6 +78,7 @@ class MeterReading:
     camera_u_cd_m2: float | None = None
     n_readings: int = 1
     scatter_rel: float = nan
+    saturated: bool = False
 
     @property
     def disagrees(self) -> bool:
@@ -91,18 +96,20 @@ class MeterReading:
         return self.camera_cd_m2 / self.luminance_cd_m2 - 1
 
 
-def meter_reading(taken: ReadingSeries | float, region: str, image: PageImage, rois: Sequence[Roi]) -> MeterReading:
-    """Return what the meter said, or a person typed, with what the calibrated camera sees in the region now."""
-    camera, camera_u = None, None
+def meter_reading(
+    taken: ReadingSeries, known: bool, region: str, image: PageImage, rois: Sequence[Roi]
+) -> MeterReading:
+    """Return what a meter of known accuracy, or not, said, with what the calibrated camera sees in the region now."""
+    camera, camera_u, saturated = None, None, False
     for roi in rois:
         if roi.name == region and image.unit == "cd/m^2":
             found = result_of_region(image.pixels(roi))
-            camera, camera_u = found.mean, found.standard_uncertainty
-    if isinstance(taken, float):
-        return MeterReading(taken, region, camera, None, camera_u)
+            saturated = is_saturated(found)
+            camera, camera_u = (None, None) if saturated else (found.mean, found.standard_uncertainty)
     mean = taken.mean_cd_m2
     u = hypot(taken.standard_uncertainty_random_cd_m2, taken.standard_uncertainty_common_rel * mean)
-    return MeterReading(mean, region, camera, u, camera_u, len(taken.readings), taken.scatter_rel)
+    n, scatter = len(taken.readings), taken.scatter_rel
+    return MeterReading(mean, region, camera, u if known else None, camera_u, n, scatter, saturated)
 
 
 class MeterDesk:
@@ -138,9 +145,23 @@ class MeterDesk:
         """Whether the meter is unplugged, also while no reading is taken."""
         return bool(self._port) and not exists(self._port)
 
-    def note(self, taken: ReadingSeries | float, region: str) -> None:
-        """Add what the meter says, or a person typed, with what the camera sees in the region now."""
-        self.readings = (meter_reading(taken, region, *self._seen()), *self.readings[: _MOST_KEPT - 1])
+    def note(self, taken: ReadingSeries, region: str, known: bool = True) -> None:
+        """Add what a meter of known accuracy, or not, says, with what the camera sees in the region now."""
+        self.readings = (meter_reading(taken, known, region, *self._seen()), *self.readings[: _MOST_KEPT - 1])
+
+    def enter(self, text: str, region: str, described: MeterConfiguration | None) -> None:
+        """Add a reading that a person typed, of the meter whose readings the plan says are typed, or of an unknown one.
+
+        Raises
+        ------
+        InputError
+            If it is no luminance.
+        """
+        if described is None or described.entry == "serial":
+            reading = typed_reading(text, MeterAccuracy(0.0, 0.0, 0), MeterIdentity("unknown", "unknown"))
+            self.note(ReadingSeries((reading,)), region, known=False)
+        else:
+            self.note(ReadingSeries((typed_reading(text, stated_accuracy(described), described.identity),)), region)
 
     def take(self, meter: Meter, region: str, n: int) -> Iterator[str]:
         """Take n readings in a region; yield what is waited for, or why there is no reading."""

@@ -126,6 +126,8 @@ class LiveImages:
         #: Place x, y in the image that the pointer is at; empty outside.
         self.pointer: list[int] = []
         self._bit_depth = 16
+        #: Black level by the calibration, else what it probably is.
+        self.black_dn = 0.0
         self._listeners: list[Callable[[], None]] = []
         self._told = True
 
@@ -136,10 +138,11 @@ class LiveImages:
 
     def image(self, frame: Frame) -> PageImage:
         """Return the image of a frame, in relative luminance where the calibration is not for it."""
-        self._bit_depth = frame.bit_depth
+        self._bit_depth, self.black_dn = frame.bit_depth, frame.nominal_black_dn
         try:
             image = PageImage.of_frame("live", frame, self._conversion)
             self.mismatch = ""
+            self.black_dn = self._conversion.options.black_level_dn or self.black_dn
         except CalibrationError as error:
             from ...evaluate.picture.light.picture import picture_conversion
 
@@ -195,7 +198,7 @@ def _holds(roi: Roi, x: float, y: float) -> bool:
     return left <= x < right and top <= y < bottom
 
 
-#: Where the brightest pixels should be, as a share of the converter's range.
+#: Where the brightest pixels should be, as a share of the saturation.
 TARGET = 0.8
 #: Shares of the range within which an exposure is good enough.
 _GOOD = (0.7, 0.9)
@@ -208,7 +211,7 @@ _MOST_ATTEMPTS, _ATTEMPT_S, _LOOK_S = 10, 20.0, 0.5
 
 
 def better_exposure_s(
-    values: NDArray[Any], exposure_s: float, bit_depth: int, limits_s: tuple[float, float]
+    values: NDArray[Any], exposure_s: float, saturation_dn: float, limits_s: tuple[float, float]
 ) -> float | None:
     """Compute an exposure with which the brightest pixels are nearer to 80 % of the range.
 
@@ -220,8 +223,8 @@ def better_exposure_s(
         DN of the pixels that matter.
     exposure_s : float
         Exposure with which they were taken.
-    bit_depth : int
-        Bits of a DN.
+    saturation_dn : float
+        DN from which a pixel is saturated.
     limits_s : (float, float)
         Shortest and longest exposure of the camera.
 
@@ -230,12 +233,11 @@ def better_exposure_s(
     float or None
         The exposure; None if the present one is good, or no other is possible.
     """
-    highest = 2.0**bit_depth - 1
     brightest = float(np.quantile(values, _BRIGHTEST))
-    share = brightest / highest
+    share = brightest / saturation_dn
     if _GOOD[0] <= share <= _GOOD[1]:
         return None
-    factor = _STEP if share > 0.99 else TARGET * highest / max(brightest, 1.0)
+    factor = _STEP if share > 0.99 else TARGET * saturation_dn / max(brightest, 1.0)
     wanted_s = float(np.clip(exposure_s * factor, *limits_s))
     return None if np.isclose(wanted_s, exposure_s, rtol=0.01) else wanted_s
 
@@ -249,7 +251,7 @@ def fit_exposure(camera: LiveCamera, rois: Callable[[], Sequence[Roi]]) -> Itera
         frame = live.frame
         inside = [roi.select(frame.dn) for roi in rois()] or [frame.dn.ravel()]
         brightest = max(inside, key=lambda values: float(values.mean()))
-        better_s = better_exposure_s(brightest, frame.exposure_s, frame.bit_depth, live.exposure_range_s)
+        better_s = better_exposure_s(brightest, frame.exposure_s, frame.saturation_dn, live.exposure_range_s)
         if better_s is None:
             yield ""
             return

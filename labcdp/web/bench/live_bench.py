@@ -119,10 +119,15 @@ class LiveBench:
         if meter is not None and not self.busy:
             self._work("The meter measures …", self.desk.take(meter, self.workspace.selected or "", n))
 
-    def enter_reading(self, luminance_cd_m2: float) -> None:
-        """Take a reading that a person typed, of another meter, for the selected region."""
-        self.desk.note(luminance_cd_m2, self.workspace.selected or "")
+    def enter_reading(self, text: str) -> bool:
+        """Take a reading that a person typed, of another meter, for the selected region; False if it is none."""
+        try:
+            self.desk.enter(text, self.workspace.selected or "", None if self.plan is None else self.plan.meter)
+        except LabcdpError as error:
+            self.workspace.warn(error)
+            return False
         self.workspace.changed()
+        return True
 
     def fit_exposure(self) -> None:
         """Fit the exposure to the regions, or to the whole image if there are none."""

@@ -104,6 +104,8 @@ class LiveCamera:
         Settings to begin with, as of `Camera.configure`.
     prepare : function
         Prepares the camera each time it was opened, before it is configured.
+    stated : function of a frame
+        Return it with what the plan states of the camera, as of `CameraConfiguration`.
     """
 
     def __init__(
@@ -111,8 +113,9 @@ class LiveCamera:
         camera: Camera,
         settings: Mapping[str, Setting],
         prepare: Callable[[Camera], object] = lambda _camera: None,
+        stated: Callable[[Frame], Frame] = lambda frame: frame,
     ) -> None:
-        self._camera, self._prepare = camera, prepare
+        self._camera, self._prepare, self._stated = camera, prepare, stated
         self._changed = Condition()
         self._live = Live()
         self._n_viewers = 0
@@ -272,7 +275,7 @@ class LiveCamera:
         live, now_s = self._live, monotonic()
         period_s = max(now_s - live.received_s, 1e-6)
         rate_hz = 1 / (_NEWEST * period_s + (1 - _NEWEST) / live.rate_hz) if live.rate_hz else 1 / period_s
-        self._publish(frame=frame, n_frames=live.n_frames + 1, received_s=now_s, rate_hz=rate_hz)
+        self._publish(frame=self._stated(frame), n_frames=live.n_frames + 1, received_s=now_s, rate_hz=rate_hz)
 
     def _refuse(self, _error: IncompleteFrameError) -> None:
         self._publish(n_incomplete=self._live.n_incomplete + 1)

@@ -139,11 +139,11 @@ class BenchPage:
             self._gain: lambda value: self._request("gain_db", value, 1.0),
             self._contrast: self._aim_contrast,
             self._pause: lambda value: setattr(self.bench.images, "paused", value),
-            self._typed: self._enter,
             self._epsilon: self._aim_epsilon,
         }
         for widget, action in actions.items():
             self._page.watch(widget, action)
+        self._page.on_enter(self._typed, self._enter)
         for end in (self.bench.camera.look(), self.bench.images.listen(self._image_came), self._leave):
             self._document.on_session_destroyed(_ending(end))
         link = self._picture.link
@@ -192,17 +192,8 @@ class BenchPage:
             self.bench.camera.request(**{name: value * unit})
 
     def _enter(self, text: str) -> None:
-        if not text:
-            return
-        try:
-            luminance_cd_m2 = float(text.replace(",", "."))
-        except ValueError:
-            luminance_cd_m2 = -1.0
-        if not 0 <= luminance_cd_m2 < 1e9:
-            self.bench.workspace.say("A reading is a number of cd/m², 0 or more")
-            return
-        self.bench.enter_reading(luminance_cd_m2)
-        self._typed.value = ""
+        if text and self.bench.enter_reading(text):
+            self._typed.value = ""
 
     def _aim_contrast(self, text: str) -> None:
         words = text.replace("%", "").strip()

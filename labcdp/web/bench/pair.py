@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.regions.pair import PairResult
+from ...metrics.regions.region import RegionResult
 from ..regions.drawing import Drawing
 from ..regions.measurements import Evaluation, Measured, Measurements
 from ..regions.page_image import PageImage
@@ -20,7 +21,7 @@ Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"
 
 #: Length of the trace of the CDP.
 TRACE_S = 180.0
-#: Share of saturated pixels from which a region's contrast means nothing.
+#: Share of saturated pixels from which a region's luminance means nothing.
 _SATURATED = 0.001
 #: Range of a curve over the measured contrast, and number of its points.
 _RANGE, _N_POINTS = (0.05, 20.0), 60
@@ -92,9 +93,9 @@ class Trace:
         return Trace(kept, pair, point)
 
 
-def is_saturated(pair: PairResult) -> bool:
-    """Whether so many pixels of a region are saturated that the contrast means nothing."""
-    return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in (pair.a, pair.b))
+def is_saturated(*regions: RegionResult) -> bool:
+    """Whether so many pixels of a region are saturated that its luminance means nothing."""
+    return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in regions)
 
 
 def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:
@@ -103,7 +104,9 @@ def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | Non
         return None
     one = pair.results[0]
     low, high = one.confidence_interval
-    found = "saturated" if is_saturated(pair) else verdict(one.result.below, one.result.above, (low, high), limit)
+    found = (
+        "saturated" if is_saturated(pair.a, pair.b) else verdict(one.result.below, one.result.above, (low, high), limit)
+    )
     return PairPoint(time_s, one.result.cdp, low, high, found)
 
 

@@ -36,6 +36,7 @@ class Plots:
         self._measured = Span(location=None, dimension="height", line_color=_RED, line_width=2)
         self._contrasts = Range1d(1, 10_000)
         self._dn = Range1d(0, bench.images.highest_dn)
+        self._levels = tuple(Span(dimension="height", line_dash="dashed", line_color=one) for one in (_BLUE, _RED))
         self._plotted_s = 0.0
         limit = bench.target.limit
         self.figures = (self._trace_figure(limit), self._curve_figure(limit), self._histogram_figure())
@@ -58,7 +59,10 @@ class Plots:
             self._contrasts.update(start=100 * contrasts[0], end=100 * contrasts[-1])
         measured = 0.0 if bench.pair is None else 100 * bench.pair.contrast.value
         self._measured.location = measured if 0 < measured < inf else None
-        self._dn.end = bench.images.highest_dn
+        # The line of the saturation, which is at the end, is seen as a whole.
+        self._dn.end = 1.01 * bench.images.highest_dn
+        self._levels[0].location = bench.images.black_dn
+        self._levels[1].location = bench.workspace.image.saturation_dn
         self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
         return True
 
@@ -82,7 +86,9 @@ class Plots:
         plot = _figure(110, x_range=self._dn, y_axis_type="log")
         plot.y_range.start = 0.5
         plot.yaxis.ticker.desired_num_ticks = 3
-        plot.xaxis.axis_label, plot.yaxis.axis_label = "DN", "pixels"
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "DN (lines: black level, saturation)", "pixels"
+        for mark in self._levels:
+            plot.add_layout(mark)
         plot.step("dn", "n", source=self._histogram, mode="after", line_color="#555555")
         return plot
 

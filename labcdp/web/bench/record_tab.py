@@ -52,7 +52,7 @@ class RecordTab:
         self._dismiss = page.button("Dismiss findings", self._forget_findings, visible=False)
         self._state = page.text("record")
         self._asked: Question | None = None
-        self._typed.param.watch(page.guarded(lambda event: self._answer(event.new) if event.new else None), "value")
+        page.on_enter(self._typed, lambda words: self._answer(words) if words else None)
         for widget in (self._first, self._typed):
             widget.jscallback(visible=_FOCUS)
 

@@ -31,7 +31,7 @@ def camera_card(bench: LiveBench) -> str:
     focus = bench.images.focus
     where = f" at {focus.region}" if focus.region else ""
     lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
-    lines += [f"{live.n_incomplete} frames incomplete"] if live.n_incomplete else []
+    lines += [f"incomplete frames: {live.n_incomplete}"] if live.n_incomplete else []
     rejected = f"rejected: {live.error}" if live.error else ""
     lines = [*(line for line in (rejected, live.changed) if line), *lines][:3]
     rate = f"{live.rate_hz:.1f} fps" if live.rate_hz else "…"
@@ -46,7 +46,9 @@ def pair_card(bench: LiveBench) -> str:
     title = " / ".join(roi.name for roi in pair)
     found, point = bench.pair, bench.trace.newest
     if found is not None and not found.results:
-        return _card(title, "saturated" if is_saturated(found) else "no contrast", "bad", "both regions look the same")
+        return _card(
+            title, "saturated" if is_saturated(found.a, found.b) else "no contrast", "bad", "both regions look the same"
+        )
     if found is None or point is None:
         return _card(title, "…", "open", _why(bench))
     asked = f"contrast {100 * found.results[0].result.contrast:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
@@ -65,17 +67,18 @@ def contrast_card(bench: LiveBench) -> str:
         return _card("Measured contrast", "-", "open")
     contrast, frame = bench.pair.contrast, "this" if _seen_now(bench) else "the last"
     value = percent_with_interval(contrast.value, contrast.standard_error)
+    if is_saturated(bench.pair.a, bench.pair.b):
+        return _card("Measured contrast", value, "bad", "a region is saturated: shorten the exposure")
     return _card("Measured contrast", value, "open", f"U (95 %) of {frame} frame")
 
 
 def meter_card(bench: LiveBench) -> str:
     """Write the card of the last reading."""
-    if bench.desk.meter is None:
-        return _card("Meter", "-", "open", "none: give --meter PORT")
     if bench.desk.lost:
         return _card("Meter", "lost", "bad", "check its cable; the next reading waits for it")
     if not bench.desk.readings:
-        return _card("Meter", "-", "open", "no reading yet")
+        none = "none: give --meter PORT, or type readings" if bench.desk.meter is None else "no reading yet"
+        return _card("Meter", "-", "open", none)
     last = bench.desk.readings[0]
     lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
     state = "bad" if last.disagrees else "open"
@@ -88,7 +91,7 @@ def reading_table(bench: LiveBench) -> str:
         return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
     rows = []
     for one in bench.desk.readings:
-        camera = "" if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
+        camera = ("saturated" if one.saturated else "") if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
         series = f"{one.n_readings}, ± {100 * one.scatter_rel:.2g} %" if one.n_readings > 1 else "1"
         cells = significant(one.luminance_cd_m2), series, camera, (deviation, "fail" if one.disagrees else "")
@@ -113,7 +116,7 @@ def settings_text(live: Live) -> str:
 
 def _deviation(one: MeterReading) -> list[str]:
     if one.deviation is None:
-        return []
+        return ["the region is saturated in the camera"] if one.saturated else []
     beyond = ", beyond the uncertainties" if one.disagrees else ""
     return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %{beyond}"]
 

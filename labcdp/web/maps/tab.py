@@ -58,7 +58,7 @@ class MapTab:
         )
         self._line = pn.widgets.TextInput(name="Profile from x, y to x, y", placeholder="or draw a line (L)", width=190)
         self._limits = pn.widgets.TextInput(
-            name="Limits of the selected region (cd/m²)", placeholder="for example 10 to 12", width=250
+            name="Limits of the selected region (cd/m²), with Enter", placeholder="for example 10 to 12", width=250
         )
         self._file = pn.widgets.TextInput(
             name=f"Export as {', '.join(EXPORTS)}", value=f"{page.workspace.files.output.stem}.png", width=250
@@ -111,7 +111,7 @@ class MapTab:
         self._picture.link.on_change(
             "line", lambda _attr, _old, new: self._line.param.update(value=", ".join(f"{one:.1f}" for one in new))
         )
-        self._limits.param.watch(lambda event: self._limit(event.new), "value")
+        page.on_enter(self._limits, self._limit)
         self._save.on_click(lambda _event: self._export())
 
     def show_range(self, scale: DisplayScale) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
@@ -21,7 +22,7 @@ from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
 from numpy.typing import NDArray
 
-from .display import DisplayScale, Tile, tile
+from .display import DisplayScale, Tile, any_in_blocks, tile
 from .drawing import Drawing
 from .messages import Link, state_of
 from .page_image import PageImage
@@ -39,7 +40,9 @@ _SCRIPTS = ("picture.js", "gestures.js", "themes.js")
 MODES = ("Select", "Polygon", "Rectangle", "Ellipse", "Line")
 
 #: Colours of pixels at 0 or below the black, and of saturated ones.
-_BLACK, _SATURATED = "#3050ff", "#ff3020"
+_BLACK, _SATURATED, _SATURATED_IN_RED = "#3050ff", "#ff3020", "#000000"
+#: Number of the theme that shows one colour only; see themes.js.
+_RED_LIGHT = 2
 _GREY = tuple(f"#{level:02x}{level:02x}{level:02x}" for level in range(256))
 
 
@@ -71,14 +74,16 @@ class Picture:
         )
         self._detail.js_on_change("data", drawn)
         self._sources = {
-            "shapes": _source("xs", "ys", "colour", "dash", "width", "fill"),
+            "shapes": _source("xs", "ys", "colour", "dash", "width", "casing", "fill"),
             "draft": _source("x", "y"),
             "handles": _source("x", "y"),
             "labels": _source("x", "y", "text", "colour"),
         }
         self.isolines = _lines("xs", "ys")
         self.isoline_labels, self.profile_line = _lines("x", "y", "text"), _lines("x", "y")
+        self._palette: tuple[str, ...] = _GREY
         self._colours = LinearColorMapper(palette=list(_GREY), low=0, high=255)
+        self.theme.on_change("active", lambda _attr, _old, _new: self._colour_ends())
         # A mapper for each kind of scale: the ticks of a bar are chosen when it is made.
         kinds = {"linear": LinearColorMapper, "logarithm": LogColorMapper}
         mappers = {name: kind(palette=Viridis256, low=0.1, high=1.0) for name, kind in kinds.items()}
@@ -113,7 +118,7 @@ class Picture:
         self._live = True
         self.figure.axis.visible = False
         self.figure.min_border_left = self.figure.min_border_bottom = 4
-        self._colours.palette = [_BLACK, *self._colours.palette[1:-1], _SATURATED]
+        self._colour_ends()
 
     def show(self, drawing: Drawing, selected: str | None) -> None:
         """Show a drawing."""
@@ -132,8 +137,8 @@ class Picture:
         """Change the mapping of values, or of luminance, to grey levels or false colours."""
         self.scale, self.of_light = scale, of_light
         palette = Viridis256 if coloured else _GREY
-        ends = (_BLACK, _SATURATED) if of_light or self._live else (palette[0], palette[-1])
-        self._colours.palette = [ends[0], *palette[1:-1], ends[1]]
+        self._palette = tuple(palette)
+        self._colour_ends()
         for name, bar in self._bars.items():
             bar.visible = of_light and name == scale.name
             if bar.visible:
@@ -141,6 +146,12 @@ class Picture:
         self._show_overview()
         if self._part is not None:
             self.show_part(self._part, self._screen)
+
+    def _colour_ends(self) -> None:
+        """Mark saturated pixels and those at 0 or below the black; in red light other reds would not differ."""
+        palette, saturated = self._palette, _SATURATED_IN_RED if self.theme.active == _RED_LIGHT else _SATURATED
+        ends = (_BLACK, saturated) if self.of_light or self._live else (palette[0], palette[-1])
+        self._colours.palette = [ends[0], *palette[1:-1], ends[1]]
 
     def _show_overview(self) -> None:
         if self._live:
@@ -157,7 +168,19 @@ class Picture:
         left, top, right, bottom = (edge / step for edge in part)
         pixels = min(screen[0], _MOST_PX), min(screen[1], _MOST_PX)
         self._n_sent += 1
-        self._put(self._detail, tile(self._shown, self.scale, (left, top, right, bottom), pixels))
+        shown = tile(self._shown, self.scale, (left, top, right, bottom), pixels)
+        self._put(self._detail, self._marked(shown) if self._live and not self.of_light else shown)
+
+    def _marked(self, shown: Tile) -> Tile:
+        """Mark what has a saturated pixel or one at 0, however far out the picture is zoomed."""
+        n, (rows, columns) = self._step, self.image.display.shape
+        top, left, height, width = (round(n * edge) for edge in (shown.y, shown.x, shown.height, shown.width))
+        values = self.image.values[top : min(top + height, n * rows), left : min(left + width, n * columns)]
+        block, pixels = height // len(shown.pixels), shown.pixels.clip(1, 254)
+        pixels[any_in_blocks(values == 0, block)] = 0
+        if self.image.saturation_dn is not None:
+            pixels[any_in_blocks(values >= self.image.saturation_dn, block)] = 255
+        return replace(shown, pixels=pixels)
 
     @property
     def _shown(self) -> NDArray[Any]:
@@ -207,6 +230,9 @@ class Picture:
         for bar in self._bars.values():
             plot.add_layout(bar, "right")
         sources = self._sources
+        # A dark casing: outlines are seen on bright patches, too, also where the theme leaves one colour.
+        cased = {"fill_color": None, "line_color": "#1a1a1a", "line_width": "casing"}
+        plot.patches("xs", "ys", source=sources["shapes"], **cased)
         plot.patches(
             "xs",
             "ys",

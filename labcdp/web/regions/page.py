@@ -267,6 +267,10 @@ class Page:
 
         widget.param.watch(watcher, "value")
 
+    def on_enter(self, field: Any, action: Callable[[str], object]) -> None:
+        """Call `action` once with a text that a person ends with Enter: its value comes when it is left, too."""
+        field.param.watch(self.guarded(lambda _event: action(field.value)), "enter_pressed")
+
     def button(self, name: str, action: Callable[[], object], **options: Any) -> Any:
         """Return a button whose action only a tab does that may change anything."""
         button = pn.widgets.Button(name=name, **{"margin": (3, 4)} | options)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..hdr.merge import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
 from .piecewise import Cumulative, fewer_values, merged, merged_evenly
-from .value_bins import BINS, Noise, ValueBins, Zone, is_smooth, zones
+from .value_bins import BINS, Noise, ValueBins, Zone, is_smooth, merge_factors, zones
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -34,8 +34,8 @@ _SMOOTH_STEPS, _MANY = 1.5, 64
 #: Width of the blocks that nodes stand for, in standard deviations of the rest.
 _BLOCK = 0.6
 
-#: Most values of a zone that are all calculated, where they could be binned as well and where not.
-_LONGEST, _LONGEST_LUMPED = 3000, 16_000
+#: Most values of a zone that are all calculated, where they could be binned as well and where not; most bins else.
+_LONGEST, _LONGEST_LUMPED, _MOST_BINS = 3000, 16_000, 30_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,8 @@ class _Merge:
     def rows(self, part: slice) -> list[tuple[int, FloatArray]]:
         """Probabilities of the bins of the whole merge, for some rates."""
         dense = [self.exposures.dense(i, part) for i in range(len(self.ladder))]
-        parts = self._linear_zones(dense) if self.method == "linear" else self._weighted(dense)
-        return _bins(parts or self._linear_by_stages(dense), self.edges[0], self.exposures)
+        parts = self._linear(dense) if self.method == "linear" else self._weighted(dense)
+        return _bins(parts, self.edges[0], self.exposures)
 
     def _weighted(self, dense: _Dense) -> list[Cumulative]:
         """Parts of the distribution: of what does not fade all sums, and the exposures that do merged into it."""
@@ -163,8 +163,8 @@ class _Merge:
         values, _ = weighted_stage(self._net_dn(dense[last]), last, self.ladder)
         return last, Cumulative.of_values(values, dense[last][1])
 
-    def _linear_zones(self, dense: _Dense) -> list[Cumulative]:
-        """All values one by one, by the longest exposure that is not clipped; empty if they are too many."""
+    def _linear(self, dense: _Dense) -> list[Cumulative]:
+        """Parts of the distribution by the longest exposure that is not clipped, value by value if they are few."""
         done = [self._clipped_in_all(dense[-1])]
         for first in range(len(dense)):
             open_ = [self._cut(one, clipped=False) for one in dense[first:]]
@@ -175,10 +175,7 @@ class _Merge:
                 if chance.max() < _NEGLIGIBLE:
                     break
                 open_[0] = (open_[0][0], open_[0][1] * chance)
-            sums = self._sums(first, open_)
-            if not sums:
-                return []
-            done += sums
+            done += self._sums(first, open_) or [self._binned_sums(first, open_)]
         return done
 
     def _sums(self, first: int, dense: _Dense, longest: int = _LONGEST) -> list[Cumulative]:
@@ -206,34 +203,39 @@ class _Merge:
         lowest = sum(step * window.start for step, (window, _) in zip(zone.steps, dense, strict=True))
         return [Cumulative.of_values(zone.origin + zone.unit * (lowest + np.arange(length)), sums)]
 
-    def _linear_by_stages(self, dense: _Dense) -> list[Cumulative]:
-        """Parts of the distribution by the longest exposure that is not clipped, merged from the shortest on."""
-        last = len(dense) - 1
-        done = [self._clipped_in_all(dense[last])]
-        window, share = self._cut(dense[last], clipped=False)
-        if share.size == 0:
-            return done
-        rest = Cumulative.of_values(self.exposures.net_dn[window] * self.ladder.ratios[last], share)
-        for i in reversed(range(last)):
-            # What an exposure is too long for stays as it is, without any longer one.
-            clipped = self._cut(dense[i], clipped=True)[1].sum(axis=0)
-            done.append(Cumulative(rest.places, rest.below * clipped, rest.steps))
-            window, share = self._cut(dense[i], clipped=False)
-            if share.max(initial=0) < _NEGLIGIBLE:
-                return done
-            rest = self._with_exposure(i, rest, self.exposures.net_dn[window], share)
-        return [*done, rest]
+    def _binned_sums(self, first: int, dense: _Dense) -> Cumulative:
+        """Return the same in even bins, for sums that are too many: a DN between two bins belongs to both in parts."""
+        from scipy.fft import irfft, next_fast_len, rfft
+        from scipy.sparse import csr_array
+
+        factors = merge_factors(self.method, self.ladder, first)
+        terms = [factor * self._net_dn(one) for factor, one in zip(factors, dense, strict=True)]
+        lowest, highest = (sum(float(term[end]) for term in terms) for end in (0, -1))
+        begin, end = np.searchsorted(self.edges[0], [lowest, highest])
+        # Few bins are narrower, those of single values among them.
+        widths = np.diff(self.edges[0][max(begin - 1, 0) : end + 1])
+        width = max(float(np.quantile(widths, 0.1)) / 2, (highest - lowest) / _MOST_BINS)
+        places = [(term - term[0]) / width for term in terms]
+        length = sum(int(place[-1]) + 1 for place in places) + 1
+        fast = next_fast_len(length, real=True)
+        product: Any = 1.0
+        for place, (_, share) in zip(places, dense, strict=True):
+            left = place.astype(np.intp)
+            row, number = np.concatenate([left, left + 1]), np.tile(np.arange(left.size), 2)
+            split = csr_array((np.concatenate([left + 1 - place, place - left]), (row, number)))
+            product = product * rfft(np.ascontiguousarray((split @ share).T), fast)
+        below = np.zeros((length + 1, dense[0][1].shape[1]))
+        np.cumsum(irfft(product, fast)[:, :length].T, axis=0, out=below[1:])
+        return Cumulative(lowest + width * (np.arange(length + 1) - 0.5), below, False)
 
     def _with_exposure(self, i: int, rest: Cumulative, net_dn: FloatArray, share: FloatArray) -> Cumulative:
-        """Merge the given values of exposure `i` into the rest."""
+        """Merge the given values of exposure `i` into the rest, which it fades out of or not."""
         ladder, ratio = self.ladder, self.ladder.ratios[i]
-        own_weight = np.full(net_dn.size, 1 / (len(ladder) - i))
-        if self.method == "weighted":
-            own_weight = faded_share(net_dn, i, ladder)
-            if net_dn[-1] < FADE_FROM * ladder.saturation_dn:
-                step = own_weight[0] * ratio
-                parts = ceil(BINS / sqrt(max(min(_variances([(slice(0), share)])), 1 / 12)))
-                return merged_evenly(rest, step * net_dn[0], step, 1 - own_weight[0], share, parts)
+        own_weight = faded_share(net_dn, i, ladder)
+        if net_dn[-1] < FADE_FROM * ladder.saturation_dn:
+            step = own_weight[0] * ratio
+            parts = ceil(BINS / sqrt(max(min(_variances([(slice(0), share)])), 1 / 12)))
+            return merged_evenly(rest, step * net_dn[0], step, 1 - own_weight[0], share, parts)
         if net_dn.size > _MANY and not self._combed:
             spread = rest.smallest_spread()
             if rest.even and spread >= _SMOOTH_STEPS * (rest.places[1] - rest.places[0]):
@@ -241,10 +243,7 @@ class _Merge:
             if not rest.steps:
                 width = _BLOCK * (1 - own_weight) * spread / (np.maximum(own_weight, 1e-3) * ratio)
                 net_dn, share = fewer_values(net_dn, share, width)
-        if self.method == "linear":
-            own_part, factor = own_weight[0] * ratio * net_dn, np.full(net_dn.size, 1 - own_weight[0])
-        else:
-            own_part, factor = weighted_stage(net_dn, i, ladder)
+        own_part, factor = weighted_stage(net_dn, i, ladder)
         return merged(rest, own_part, factor, share, self.edges[i])
 
     @property

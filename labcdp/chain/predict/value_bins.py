@@ -69,7 +69,7 @@ def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list
     found = []
     end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
     for first in range(len(ladder)):
-        factors = _factors(method, ladder, first)
+        factors = merge_factors(method, ladder, first)
         relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
         if any(
             abs(float(one) * factors[0] / factor - 1) > 1e-12 for one, factor in zip(relative, factors, strict=True)
@@ -112,7 +112,7 @@ def _lump_dn(zone: Zone, variances: Sequence[Any]) -> Any:
     return zone.unit * np.sqrt(np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0))
 
 
-def _factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
+def merge_factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
     """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
     ratios = ladder.ratios[first:]
     if method == "linear":

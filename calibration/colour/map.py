@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.frame import Frame
-from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
+from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
 from ..errors.uncertainty import student_factor
 from ..frames.planes import split
 from .conversion import ColourConverter, errors_of_plane, joined
@@ -69,13 +69,15 @@ class _Combined:
         converter = self.converter
         return LuminanceMap(
             self._luminance()[self.inner],
-            lambda: self._random_rel()[self.inner],
+            PixelErrors(
+                lambda: self._random_rel()[self.inner],
+                slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
+                slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps]))[self.inner],
+                fixed_rel=max(one.fixed_rel for one in self.maps),
+                fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps]))[self.inner],
+            ),
             self._common,
             lambda: self._invalid()[self.inner],
-            slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
-            slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps]))[self.inner],
-            fixed_rel=max(one.fixed_rel for one in self.maps),
-            fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps]))[self.inner],
             step=2,
         )
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.finding import log_findings
 from ...core.frame import Frame
-from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
+from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
 from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
 from ..errors.uncertainty import student_factor
 from ..frames.observations import CameraState
@@ -74,24 +74,20 @@ def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE)
     noise_dn = 0.0 if library is None or pattern is None else library.noise_dn(*taken)
     tables = DnTables(calibration, setting, *taken, frame.bit_depth, library_noise_dn=noise_dn)
     inverse_v = _inverse_v(calibration.vignetting, frame.shape)
-    conversion = _Conversion(
-        frame,
-        frame.dn[window],
-        tables,
-        None if inverse_v is None else inverse_v[window],
-        None if pattern is None else pattern[window],
-        window,
-    )
+    inverse_v, pattern = (None if array is None else array[window] for array in (inverse_v, pattern))
+    conversion = _Conversion(frame, frame.dn[window], tables, inverse_v, pattern, window)
     return LuminanceMap(
         conversion.luminance(),
-        conversion.random_rel,
+        PixelErrors(
+            conversion.random_rel,
+            slow_rel=_slow_rel(calibration),
+            slow_cd_m2=conversion.slow_cd_m2(),
+            fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
+            fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
+        ),
         conversion.common,
         conversion.invalid,
         common_rel=conversion.common_rel,
-        slow_rel=_slow_rel(calibration),
-        slow_cd_m2=conversion.slow_cd_m2(),
-        fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
-        fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.frame import Frame
-from ...core.luminance import WHOLE, CommonError, Conversion, Invalid, LuminanceMap, Window, require_alike
+from ...core.luminance import WHOLE, CommonError, Conversion, Invalid, LuminanceMap, PixelErrors, Window, require_alike
 from ..frames.observations import CameraState
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.
@@ -99,14 +99,16 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
     blocks = [(window, merge.block(window)) for window in merge.windows()]
     combined = LuminanceMap(
         np.concatenate([one.mean for _, one in blocks]),
-        np.concatenate([one.random_rel for _, one in blocks]),
+        PixelErrors(
+            np.concatenate([one.random_rel for _, one in blocks]),
+            slow_rel=merge.slow_rel,
+            slow_cd_m2=np.concatenate([one.slow_cd_m2 for _, one in blocks]),
+            fixed_rel=merge.fixed_rel,
+            fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for _, one in blocks]),
+        ),
         lambda window: merge.block(window).common,
         np.concatenate([one.invalid for _, one in blocks]),
         common_rel=partial(np.concatenate, [one.common_rel for _, one in blocks]),
-        slow_rel=merge.slow_rel,
-        slow_cd_m2=np.concatenate([one.slow_cd_m2 for _, one in blocks]),
-        fixed_rel=merge.fixed_rel,
-        fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for _, one in blocks]),
         step=merge.step,
     )
     share = float(np.mean((combined.invalid & Invalid.INCONSISTENT) != 0))
@@ -290,9 +292,7 @@ def _common(of_each: Sequence[tuple[CommonError, ...]], shares: _Array) -> tuple
 
 
 def _findings(exposures_s: tuple[float, ...], combined: LuminanceMap, share: float) -> tuple[Finding, ...]:
-    findings = []
-    if share > _REPORTED_SHARE:
-        findings.append(warning("exposures-inconsistent", share=share))
+    findings = [warning("exposures-inconsistent", share=share)] if share > _REPORTED_SHARE else []
     saturated = float(np.mean(np.not_equal(combined.invalid & Invalid.SATURATED, 0)))
     if saturated > 0:
         findings.append(warning("pixels-saturated", share=saturated, exposure_s=exposures_s[0]))

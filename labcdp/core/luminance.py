@@ -60,6 +60,33 @@ WHOLE: Window = (slice(None), slice(None))
 ArrayOrMaker = NDArray[np.floating[Any]] | Callable[[], NDArray[np.floating[Any]]]
 
 
+@dataclass(frozen=True, eq=False)
+class PixelErrors:
+    """Errors of a luminance map that are not common to all its pixels, as standard uncertainties.
+
+    Parameters
+    ----------
+    random_rel : ndarray of float, shape (height, width), or function without arguments
+        Relative uncertainty that differs from pixel to pixel (noise, pixel pattern), as a fraction.
+    slow_rel : float
+        Relative uncertainty of slow changes across the image (flat field): alike for near pixels, independent for far
+        ones, so it neither averages down in a region nor cancels between regions.
+    slow_cd_m2 : float or ndarray of float, shape (height, width)
+        The same for changes that are not in parts of the luminance (dark signal).
+    fixed_rel : float
+        Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
+        it down.
+    fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
+        The same for what is not in parts of the luminance (noise of a dark library).
+    """
+
+    random_rel: ArrayOrMaker
+    slow_rel: float = 0.0
+    slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0
+    fixed_rel: float = 0.0
+    fixed_cd_m2: ArrayOrMaker | float = 0.0
+
+
 class LuminanceMap:
     """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
 
@@ -70,8 +97,8 @@ class LuminanceMap:
     ----------
     luminance_cd_m2 : ndarray of float32 or float64, shape (height, width)
         Luminance; also given for pixels that are not valid.
-    random_rel : ndarray of float, shape (height, width), or function without arguments
-        Relative standard uncertainty that differs from pixel to pixel (noise, pixel pattern), as a fraction.
+    errors : PixelErrors, ndarray of float or function without arguments
+        Errors that differ from pixel to pixel; an array or a function is their `random_rel`.
     common : tuple of CommonError, or function of a window, or array_like
         Errors that all pixels share and that are independent of each other; patterns have the map's shape. The
         function gets rows and columns and returns the errors there. A number or an array is one error.
@@ -79,16 +106,6 @@ class LuminanceMap:
         `Invalid` flags, 0 where the pixel is valid.
     common_rel : function without arguments or None
         What computes `common_rel` faster than from `common`.
-    slow_rel : float
-        Relative standard uncertainty of slow changes across the image (flat field): alike for near pixels, independent
-        for far ones, so it neither averages down in a region nor cancels between regions.
-    slow_cd_m2 : float or ndarray of float, shape (height, width)
-        The same for changes that are not in parts of the luminance (dark signal).
-    fixed_rel : float
-        Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
-        it down.
-    fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
-        The same for what is not in parts of the luminance (noise of a dark library).
     step : int
         Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
     dn_step : function of a window, or None
@@ -104,19 +121,18 @@ class LuminanceMap:
     def __init__(
         self,
         luminance_cd_m2: NDArray[np.floating[Any]],
-        random_rel: ArrayOrMaker,
+        errors: PixelErrors | ArrayOrMaker,
         common: tuple[CommonError, ...] | Callable[[Window], tuple[CommonError, ...]] | NDArray[Any] | float,
         invalid: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]],
         *,
         common_rel: Callable[[], NDArray[np.floating[Any]]] | None = None,
-        slow_rel: float = 0.0,
-        slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
-        fixed_rel: float = 0.0,
-        fixed_cd_m2: ArrayOrMaker | float = 0.0,
         step: int = 1,
         dn_step: Callable[[Window], NDArray[np.floating[Any]]] | None = None,
     ) -> None:
-        shapes = {luminance_cd_m2.shape} | {v.shape for v in (random_rel, invalid) if isinstance(v, np.ndarray)}
+        if not isinstance(errors, PixelErrors):
+            errors = PixelErrors(errors)
+        arrays = [one for one in (errors.random_rel, invalid) if isinstance(one, np.ndarray)]
+        shapes = {luminance_cd_m2.shape} | {one.shape for one in arrays}
         if isinstance(common, np.ndarray | float | int):
             common = (CommonError("calibration", common),)
         if isinstance(common, tuple):
@@ -126,10 +142,9 @@ class LuminanceMap:
         if step < 1:
             raise InputError(f"step of a luminance map is {step}: give at least 1 image pixel")
         self.luminance_cd_m2 = luminance_cd_m2
-        self.slow_rel, self.slow_cd_m2, self.fixed_rel = slow_rel, slow_cd_m2, fixed_rel
+        self.slow_rel, self.slow_cd_m2, self.fixed_rel = errors.slow_rel, errors.slow_cd_m2, errors.fixed_rel
         self.step = step
-        self._random_rel, self._common, self._invalid, self._common_rel = random_rel, common, invalid, common_rel
-        self._fixed_cd_m2 = fixed_cd_m2
+        self._errors, self._common, self._invalid, self._common_rel = errors, common, invalid, common_rel
         self._dn_step = dn_step
 
     def __repr__(self) -> str:
@@ -149,12 +164,14 @@ class LuminanceMap:
     @cached_property
     def random_rel(self) -> NDArray[np.floating[Any]]:
         """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
-        return self._random_rel if isinstance(self._random_rel, np.ndarray) else self._random_rel()
+        random_rel = self._errors.random_rel
+        return random_rel if isinstance(random_rel, np.ndarray) else random_rel()
 
     @cached_property
     def fixed_cd_m2(self) -> NDArray[np.floating[Any]] | float:
         """Part of a pixel's standard uncertainty that is the same in every frame, in addition to `fixed_rel`."""
-        return self._fixed_cd_m2() if callable(self._fixed_cd_m2) else self._fixed_cd_m2
+        fixed_cd_m2 = self._errors.fixed_cd_m2
+        return fixed_cd_m2() if callable(fixed_cd_m2) else fixed_cd_m2
 
     @cached_property
     def invalid(self) -> NDArray[np.uint8]:
@@ -234,7 +251,13 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
     require_alike([new, old])
     return LuminanceMap(
         np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
-        np.where(where, new.random_rel, old.random_rel),
+        PixelErrors(
+            np.where(where, new.random_rel, old.random_rel),
+            slow_rel=max(new.slow_rel, old.slow_rel),
+            slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
+            fixed_rel=max(new.fixed_rel, old.fixed_rel),
+            fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
+        ),
         tuple(
             a
             if np.ndim(a.relative) == np.ndim(b.relative) == 0 and a.relative == b.relative
@@ -242,10 +265,6 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
             for a, b in zip(new.common, old.common, strict=True)
         ),
         np.where(where, new.invalid, old.invalid),
-        slow_rel=max(new.slow_rel, old.slow_rel),
-        slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
-        fixed_rel=max(new.fixed_rel, old.fixed_rel),
-        fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
         step=old.step,
     )
 

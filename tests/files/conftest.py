@@ -18,11 +18,12 @@ PATTERNS = {"RG": (0, 1, 1, 2), "GB": (1, 2, 0, 1), "GR": (1, 0, 2, 1), "BG": (2
 CFA = 32803
 
 
-def write_dng(
-    path, dn, pattern="RG", *, black=(64,), white=4095, exposure=(1, 125), iso=200, serial="0815", cfa=None,
-    photometric=CFA, byteorder="<",
-):  # fmt: skip
-    """Write an uncompressed DNG; `black` has one level, or those of the upper left 2 x 2 pixels."""
+def write_dng(path, dn, cfa="RG", *, black=(64,), white=4095, exposure=(1, 125), iso=200, serial="0815"):
+    """Write an uncompressed DNG in the byte order of `dn`.
+
+    `black` has one level, or those of the upper left 2 x 2 pixels; `cfa` is a Bayer pattern, size and colours of
+    another one, or None for a picture without.
+    """
     tags = [
         (50706, "B", 4, bytes((1, 4, 0, 0))),
         (50708, "s", 0, "Acme Still 1"),
@@ -42,11 +43,12 @@ def write_dng(
         tags.append((50713, "H", 2, (2, 2)))
     if exposure is not None:
         tags.append((33434, "2I", 1, exposure))
-    size, colours = cfa or (2, PATTERNS[pattern] if pattern else ())
-    if colours:
+    if cfa is not None:
+        size, colours = (2, PATTERNS[cfa]) if isinstance(cfa, str) else cfa
         tags += [(33421, "H", 2, (size, size)), (33422, "B", size * size, bytes(colours))]
     tags = [(*tag, True) for tag in tags]
-    tifffile.imwrite(path, dn, photometric=photometric, metadata=None, extratags=tags, byteorder=byteorder)
+    stored = {"photometric": CFA if cfa else "minisblack", "byteorder": ">" if dn.dtype.byteorder == ">" else "<"}
+    tifffile.imwrite(path, dn, metadata=None, extratags=tags, **stored)
     return path
 
 

@@ -148,7 +148,7 @@ def test_what_is_given_twice_counts_once_and_what_is_alone_is_warned_about(impor
         ({"serial": "0816"}, r"camera of .*other\.dng is Acme Still 1 \(0816\), that of .* is Acme Still 1 \(0815\)"),
         ({"iso": 400}, r"gain of .*other\.dng is 12\.04 dB, that of .* is 0 dB"),
         ({"white": 16000}, r"saturation of .*other\.dng is 16000 DN"),
-        ({"pattern": "BG"}, r"pixel format of .*other\.dng is BayerBG14, that of .* is BayerRG14"),
+        ({"cfa": "BG"}, r"pixel format of .*other\.dng is BayerBG14, that of .* is BayerRG14"),
         ({"black": (900,)}, r"black level of .*other\.dng is 900 DN"),
     ],
 )

@@ -21,7 +21,7 @@ from labcdp.files import read_picture, read_raw
 def test_pixels_and_black_levels_are_those_that_were_written(
     tmp_path, new_dng, dn, defaults, pattern, planes, byteorder
 ):
-    path = new_dng(tmp_path / "a.dng", dn, pattern, byteorder=byteorder, black=(64, 65, 66, 67))
+    path = new_dng(tmp_path / "a.dng", dn.astype(f"{byteorder}u2"), pattern, black=(64, 65, 66, 67))
     frame = read_raw(path, defaults).frame
     assert np.array_equal(frame.dn, dn)
     assert (frame.colour_filter, frame.pixel_format, frame.bit_depth) == (pattern, f"Bayer{pattern}12", 12)
@@ -61,7 +61,7 @@ def test_six_by_six_patterns_are_refused(tmp_path, new_dng, dn, defaults):
 
 
 def test_a_monochrome_sensor_gives_a_mono_frame(tmp_path, new_dng, dn, defaults):
-    path = new_dng(tmp_path / "a.dng", dn, pattern=None, photometric=1)
+    path = new_dng(tmp_path / "a.dng", dn, cfa=None)
     data = bytearray(path.read_bytes())
     with tifffile.TiffFile(path) as tiff:
         # Linear raw, which tifffile writes for three samples only.

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from labcdp.core.errors import InputError
 from labcdp.core.finding import info, warning
-from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
 from labcdp.core.roi import Roi
 from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
 from labcdp.metrics.regions.pair import evaluate_pair, evaluate_region, paired_errors
@@ -21,9 +21,8 @@ LEFT, RIGHT = Roi.rectangle("left", 5, 5, 30, 40), Roi.rectangle("right", 50, 10
 
 def _map(luminance, common=(), invalid=None, **more):
     nothing = np.zeros(luminance.shape, dtype=np.uint8)
-    return LuminanceMap(
-        luminance, np.full(luminance.shape, 0.01), common, nothing if invalid is None else invalid, **more
-    )
+    errors = PixelErrors(np.full(luminance.shape, 0.01), **more)
+    return LuminanceMap(luminance, errors, common, nothing if invalid is None else invalid)
 
 
 def _scene(seed=0, bright=120.0, noise=5.0, shape=SHAPE):

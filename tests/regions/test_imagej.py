@@ -2,6 +2,7 @@
 
 import struct
 import zipfile
+from math import nan
 
 import numpy as np
 import pytest
@@ -21,10 +22,13 @@ def pixels(shape):
     return whole
 
 
-def imagej(kind, bounds, *, floats=(0, 0, 0, 0), corners=(), path=(), subtype=0, options=0, parameter=0.0, name=""):
-    """Bytes of a region, by the comment in ImageJ's RoiDecoder.java; `bounds` is top, left, bottom, right."""
+def imagej(kind, bounds, *, floats=(0, 0, 0, 0), corners=(), path=(), more=(0, 0, 0.0), name=""):
+    """Bytes of a region, by the comment in ImageJ's RoiDecoder.java.
+
+    `bounds` is top, left, bottom, right, `more` has the subtype, options, and what the subtype needs.
+    """
     head = struct.pack(">4shBx4hH4f", b"Iout", 227, kind, *bounds, len(corners), *floats)
-    head += struct.pack(">hi8xhhf", 0, len(path), subtype, options, parameter)
+    head += struct.pack(">hi8xhhf", 0, len(path), *more)
     data = b"".join(struct.pack(">h", value) for axis in zip(*corners, strict=True) for value in axis)
     data += struct.pack(f">{len(path)}f", *path)
     head2 = struct.pack(">16xii40x", 128 + len(data), len(name)) + name.encode("utf-16-be")
@@ -75,9 +79,9 @@ def test_a_region_holds_the_pixels_that_imagej_shows(tmp_path, data, kind, expec
 def test_rotated_regions_lie_along_their_line():
     along = {"floats": (20, 30, 60, 60), "corners": [(0, 0)] * 4}
     # Makes RotatedRectRoi(20, 30, 60, 60, 20): from one side's middle to the other's, 20 wide.
-    (roi,) = rois_of(parse_imagej(imagej(7, (0, 0, 99, 99), subtype=5, parameter=20, **along), "r"))
+    (roi,) = rois_of(parse_imagej(imagej(7, (0, 0, 99, 99), more=(5, 0, 20), **along), "r"))
     assert sorted(roi.corners) == [pytest.approx(corner) for corner in [(14, 38), (26, 22), (54, 68), (66, 52)]]
-    (shape,) = parse_imagej(imagej(7, (0, 0, 99, 99), subtype=3, parameter=0.5, **along), "e")
+    (shape,) = parse_imagej(imagej(7, (0, 0, 99, 99), more=(3, 0, 0.5), **along), "e")
     assert (shape.width, shape.height, shape.angle_deg) == pytest.approx((50, 25, 36.87), abs=0.01)
     assert (shape.x + shape.width / 2, shape.y + shape.height / 2) == pytest.approx((40, 45))
 
@@ -96,17 +100,17 @@ TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (imagej(3, (0, 0, 9, 9), subtype=2), r"'x' is of the kind arrow, which has no area"),
+        (imagej(3, (0, 0, 9, 9), more=(2, 0, 0)), r"'x' is of the kind arrow, which has no area"),
         (imagej(10, (0, 0, 9, 9), corners=[(0, 0)]), r"'x' is of the kind point"),
-        (imagej(1, (0, 0, 9, 9), subtype=1), r"'x' is of the kind text"),
+        (imagej(1, (0, 0, 9, 9), more=(1, 0, 0)), r"'x' is of the kind text"),
         (imagej(77, (0, 0, 9, 9)), r"'x' is of the unknown kind 77, 0: draw it as a polygon"),
-        (imagej(1, (0, 0, 9, 9), parameter=7e-45), r"'x' is a rectangle with rounded corners"),
-        (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)], options=1), r"'x' is a fitted spline"),
+        (imagej(1, (0, 0, 9, 9), more=(0, 0, 7e-45)), r"'x' is a rectangle with rounded corners"),
+        (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)], more=(0, 1, 0)), r"'x' is a fitted spline"),
         (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0)]), r"'x' has 2 corners: draw it again"),
         (imagej(1, (0, 5, 9, 5)), r"region 'x': width is 0: give a number of pixels above 0"),
         (b"Iout" + b"\0" * 10, r"'x' is damaged or none: save it again in ImageJ"),
         (TRIANGLE[:70], r"'x' is damaged \(.*\): save it again"),
-        (imagej(7, (0, 0, 9, 9), floats=(float("nan"),) * 4, subtype=5), r"region 'x': x is nan: give a finite number"),
+        (imagej(7, (0, 0, 9, 9), floats=(nan,) * 4, more=(5, 0, 0)), r"region 'x': x is nan: give a finite number"),
     ],
 )  # fmt: skip
 def test_a_region_that_is_none_is_refused_by_kind_and_name(data, message):

@@ -9,7 +9,7 @@ import pytest
 from labcdp.core.errors import InputError
 from labcdp.core.finding import Finding, info
 from labcdp.core.frame import CameraIdentity, Frame
-from labcdp.core.luminance import CommonError, LuminanceMap
+from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
@@ -29,7 +29,8 @@ def _scene(seed=0):
 
 
 def _map(luminance, common=(), **more):
-    return LuminanceMap(luminance, np.zeros(luminance.shape), common, np.zeros(luminance.shape, dtype=np.uint8), **more)
+    errors = PixelErrors(np.zeros(luminance.shape), **more)
+    return LuminanceMap(luminance, errors, common, np.zeros(luminance.shape, dtype=np.uint8))
 
 
 def _picture(luminance):

@@ -193,12 +193,14 @@ def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specifie
 
 @settings(max_examples=40)
 @given(
-    transmittance=st.floats(0.3, 1.0),
-    glare=st.floats(0.0, 3.0),
-    f_number=st.floats(1.0, 16.0),
-    lens=st.floats(0.3, 1.0),
-    focal_mm=st.one_of(st.none(), st.floats(0.5, 50.0)),
-    magnification=st.floats(0.0, 0.5),
+    windscreen=st.builds(Windscreen, st.floats(0.3, 1.0), st.floats(0.0, 3.0)),
+    optics=st.builds(
+        Optics,
+        st.floats(1.0, 16.0),
+        st.floats(0.3, 1.0),
+        st.one_of(st.none(), st.floats(0.5e-3, 50e-3)),
+        st.floats(0.0, 0.5),
+    ),
     pitch_um=st.floats(1.0, 20.0),
     efficiency=st.floats(0.05, 1.0),
     gain_db=st.floats(-6.0, 24.0),
@@ -206,27 +208,15 @@ def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specifie
     black_dn=st.integers(0, 3000),
 )
 def test_any_camera_is_undone_but_for_rounding(
-    transmittance,
-    glare,
-    f_number,
-    lens,
-    focal_mm,
-    magnification,
-    pitch_um,
-    efficiency,
-    gain_db,
-    temperature_c,
-    black_dn,
+    windscreen, optics, pitch_um, efficiency, gain_db, temperature_c, black_dn
 ):
     """The mean DN of the chain's own stages, rounded, and back."""
-    focal_length_m = None if focal_mm is None else focal_mm * 1e-3
-    optics = Optics(f_number, lens, focal_length_m, magnification)
     sensor = Sensor(
         pixel_pitch_m=pitch_um * 1e-6, width=12, height=10, quantum_efficiency=efficiency, full_well_e=1e7,
         k_dn_per_e=1.0, read_noise_e=0.0, dark_current_e_s=50.0, bits=16, black_level_dn=float(black_dn),
     )  # fmt: skip
     scene = np.random.default_rng(1).uniform(1, 10, sensor.shape)
-    lux = optics.apply(Windscreen(transmittance, glare).apply(scene), sensor.pixel_pitch_m)
+    lux = optics.apply(windscreen.apply(scene), sensor.pixel_pitch_m)
     rate = sensor.electron_rate(lux, "D65")
     dark = sensor.dark_current_at(temperature_c)
     # So long that the brightest pixel comes near the end of the converter.
@@ -234,14 +224,16 @@ def test_any_camera_is_undone_but_for_rounding(
     exposure_s = (60000 - black_dn) / (k * (rate.max() + dark))
     dn = np.rint(black_dn + k * (rate + dark) * exposure_s).astype(np.uint16)
     specification = CameraSpecification(
-        name="any", adc_bits=16, quantum_efficiency=efficiency, pixel_pitch_m=sensor.pixel_pitch_m, f_number=f_number,
-        k_dn_per_e=1.0, lens_transmittance=lens, windscreen_transmittance=transmittance, glare_fraction=glare,
-        spectrum="D65", focal_length_m=focal_length_m, magnification=magnification, black_dn=float(black_dn),
+        name="any", adc_bits=16, quantum_efficiency=efficiency, pixel_pitch_m=sensor.pixel_pitch_m,
+        f_number=optics.f_number, k_dn_per_e=1.0, lens_transmittance=optics.transmittance,
+        windscreen_transmittance=windscreen.transmittance, glare_fraction=windscreen.glare_fraction, spectrum="D65",
+        focal_length_m=optics.focal_length_m, magnification=optics.magnification, black_dn=float(black_dn),
         dark_current_e_s=50.0, temperature_c=temperature_c,
     )  # fmt: skip
     options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
     frame = frame_of_pixels(dn, options, NOW)
     seen = specified_light(specification, frame, "linear", None).map_of(frame)
+    glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())
 

@@ -29,12 +29,9 @@ def synthetic_video(
     lost = np.zeros((n_frames, len(regions)), bool)
     missing = np.zeros(n_frames, bool)
     found: list[list[Finding]] = [[] for _ in frames]
-    if regions:
-        for start, stop in LOST:
-            lost[start:stop, 1] = True
-        missing = lost.any(axis=1)
-        for frame in np.flatnonzero(missing):
-            found[frame] = [warning("tracking-region-gone", "dark")]
+    for start, stop in LOST if regions else ():
+        lost[start:stop, 1] = missing[start:stop] = True
+        found[start:stop] = [[warning("tracking-region-gone", "dark")] for _ in frames[start:stop]]
     missing[slice(*BROKEN)] = True
     for number, frame in enumerate(frames[slice(*BROKEN)].tolist()):
         found[frame] = [warning("frame-broken", reason=f"byte {number} is <wrong>")]

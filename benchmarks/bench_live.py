@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
 from labcdp.drivers.simulated.gige.device import FORMATS, Wanted
+from labcdp.drivers.simulated.gige.genicam import standard_features
 from labcdp.regions import RectangleShape, save_regions
 
 ADDRESS = "127.0.0.1"
@@ -73,16 +74,16 @@ class Stamped:
 
     def next(self, wanted: Wanted) -> NDArray[np.uint8]:
         """Return a frame."""
-        layout = next(form for form in FORMATS if form.code == wanted.format_code)
         now_ms = round(1e3 * time.time())
         bits = [4095 * (now_ms >> bit & 1) for bit in range(N_BITS)]
         self._dn[:SIDE_PX, : N_BITS * SIDE_PX] = np.repeat(bits, SIDE_PX)
-        return wanted.readout.payload(self._dn, layout)
+        return wanted.readout.payload(self._dn, FORMATS[wanted.format_code])
 
 
-def serve(width: int, height: int, rate_hz: float) -> None:
+def serve(width: int, height: int, rate_hz: float, colour_filter: str | None) -> None:
     """Run the camera until the end of the input."""
-    device = SimulatedDevice("SIM-LIVE", width=width, height=height, frame_rate_hz=rate_hz)
+    features = standard_features(colour_filter=colour_filter)
+    device = SimulatedDevice("SIM-LIVE", width=width, height=height, frame_rate_hz=rate_hz, features=features)
     camera = SimulatedGigECamera(device, None)  # type: ignore[arg-type]
     camera._renderer = Stamped(height, width)  # type: ignore[assignment]
     with camera:
@@ -198,13 +199,14 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=20.0)
     options = parser.parse_args()
     if options.role == "serve":
-        serve(options.width, options.height, options.rate)
+        bayer = options.format.removeprefix("Bayer")
+        serve(options.width, options.height, options.rate, bayer[:2] if bayer != options.format else None)
         return
     command = [
         sys.executable,
         __file__,
         "serve",
-        *(f"--{one}={getattr(options, one)}" for one in ("width", "height", "rate")),
+        *(f"--{one}={getattr(options, one)}" for one in ("width", "height", "rate", "format")),
     ]
     with (
         tempfile.TemporaryDirectory() as folder,

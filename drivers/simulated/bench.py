@@ -69,7 +69,7 @@ class SimulatedBench:
         self._devices = devices
         self._chain = _chain(configuration, devices.chain, sensor_shape)
         self._drifts = Drifts(self._clock, devices.temperature_c)
-        self._source = SimulatedTarget(configuration, self._chain, self._drifts, devices.seed)
+        self._source = SimulatedTarget(configuration, self._chain, self._drifts, devices.seed, devices.colour_filter)
         self.luminance_cd_m2 = self._source.luminance_cd_m2
         self.pointed_at = configuration.target.patches[0].name
         self._misfortune = Misfortune(self._clock, self._drifts, devices.seed)
@@ -100,7 +100,8 @@ class SimulatedBench:
             vendor=devices.vendor,
             model=devices.model,
             frame_rate_hz=devices.frame_rate_hz,
-            features=standard_features(devices.naming),
+            features=standard_features(devices.naming, devices.colour_filter),
+            colour_filter=devices.colour_filter,
         )
 
     def gige_camera(self, address: str = "127.0.0.1") -> SimulatedGigECamera:

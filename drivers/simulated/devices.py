@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -45,6 +45,8 @@ class BenchDevices:
         Of the camera, after power-on.
     naming : {'prosilica', 'sfnc'}
         Naming convention of the camera's features.
+    colour_filter : {'RG', 'GR', 'GB', 'BG'} or None
+        First two pixels of the camera's Bayer pattern; None for a monochrome one.
     """
 
     chain: ImagingChain
@@ -56,6 +58,7 @@ class BenchDevices:
     serial: str | None = None
     frame_rate_hz: float = 15.0
     naming: Naming = "prosilica"
+    colour_filter: str | None = None
 
     @classmethod
     def standard(cls, seed: int = 0) -> BenchDevices:
@@ -73,8 +76,14 @@ class _Camera(Table):
     chain: Text = Field(
         default="manta-g505", description="a preset (labcdp presets) or the name of a chain file as text"
     )
+    colour_filter: Literal["RG", "GR", "GB", "BG"] | None = Field(
+        default=None, description='the first two pixels of the Bayer pattern, for example "RG"'
+    )
     vendor: _Name = Field(default="Allied Vision Technologies", description="a name of up to 31 letters")
-    model: _Name = Field(default="Manta_G-505B", description="a name of up to 31 letters")
+    model: _Name = Field(
+        default_factory=lambda given: "Manta_G-505C" if given.get("colour_filter") else "Manta_G-505B",
+        description="a name of up to 31 letters",
+    )
     serial: _Serial | None = Field(default=None, description="a serial number of up to 15 letters, in quotes")
     temperature_c: Number = Field(default=35.0, ge=-40, le=125, description="a temperature of -40 to 125 degC")
     frame_rate_hz: Positive = Field(default=15.0, le=1000, description="a frame rate above 0 Hz, up to 1000 Hz")

@@ -70,7 +70,7 @@ class InProcessCamera(Camera):
         self._settings = CameraSettings(
             0.01,
             0.0,
-            "Mono12",
+            "Mono12" if device.colour_filter is None else f"Bayer{device.colour_filter}12",
             device.width,
             device.height,
             Readout(sensor_size=(device.width, device.height)),
@@ -184,8 +184,10 @@ class InProcessCamera(Camera):
             raise CameraSettingError(
                 f"gain_db is {gain:g} dB: the camera takes {_GAIN_RANGE_DB[0]} to {_GAIN_RANGE_DB[1]} dB"
             )
-        if pixel_format not in (None, "Mono12"):
-            raise CameraSettingError(f"the camera in this process has no pixel format {pixel_format!r}: choose Mono12")
+        if pixel_format not in (None, old.pixel_format):
+            raise CameraSettingError(
+                f"the camera in this process has no pixel format {pixel_format!r}: choose {old.pixel_format}"
+            )
         self._settings = replace(old, exposure_s=exposure_us * 1e-6, gain_db=gain)
         return self._settings
 
@@ -244,8 +246,8 @@ class InProcessCamera(Camera):
             bit_depth=12,
             saturation_dn=FULL_SCALE_DN,
             black_level_dn=None,
-            pixel_format="Mono12",
-            colour_filter=None,
+            pixel_format=settings.pixel_format,
+            colour_filter=self._device.colour_filter,
             temperature_c=self.temperature_c,
             timestamp=self._clock.now(),
             camera_timestamp_ns=round(self._clock.monotonic_s() * 1e9),

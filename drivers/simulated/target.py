@@ -14,6 +14,7 @@ from ...chain import Patch as ScenePatch
 from ...core.errors import ConfigurationError
 from ...session import Patch, SessionConfiguration
 from .misfortune import Drifts
+from .mosaic import mosaic
 
 #: Margin of a patch of the simulated target around its region on each side, relative to the region.
 _MARGIN_REL = 0.15
@@ -37,6 +38,8 @@ class SimulatedTarget:
         Temperature and light.
     seed : int
         Random seed of the noise.
+    colour_filter : str or None
+        First two pixels of the sensor's Bayer pattern; None for a monochrome one.
 
     Raises
     ------
@@ -44,13 +47,21 @@ class SimulatedTarget:
         If a patch has no nominal luminance, lies outside the sensor, or overlaps another shown with it.
     """
 
-    def __init__(self, configuration: SessionConfiguration, chain: ImagingChain, drifts: Drifts, seed: int) -> None:
+    def __init__(
+        self,
+        configuration: SessionConfiguration,
+        chain: ImagingChain,
+        drifts: Drifts,
+        seed: int,
+        colour_filter: str | None = None,
+    ) -> None:
         self.covered = False
         self.luminance_cd_m2 = {patch.name: _nominal_cd_m2(patch) for patch in configuration.target.patches}
         self.shown: str | None = None
         self._chain = chain
         self._drifts = drifts
         self._seed = seed
+        self._colour_filter = colour_filter
         height, width = chain.sensor.shape
         self._bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
         for name, (_, _, x1, y1) in self._bounds.items():
@@ -130,7 +141,8 @@ class SimulatedTarget:
 
     def _electron_rate(self, shown: str | None) -> NDArray[np.float32]:
         if self._rendered is None or self._rendered[0] != shown:
-            self._rendered = shown, self._chain.electron_rate(self.scene().luminance_map())
+            filters = mosaic(self._chain.sensor, self._chain.spectrum, self._colour_filter)
+            self._rendered = shown, filters * self._chain.electron_rate(self.scene().luminance_map())
         return self._rendered[1]
 
 

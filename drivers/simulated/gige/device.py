@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
@@ -15,8 +15,8 @@ from ....core.pixel_format import PIXEL_FORMATS, PixelFormat
 from ...camera import CameraError
 from .genicam import Address, FeatureTable, feature, initial_values, standard_features
 
-#: Formats the simulated camera offers.
-FORMATS: tuple[PixelFormat, ...] = tuple(PIXEL_FORMATS[name] for name in feature("PixelFormat")["choices"])
+#: Formats the simulated camera may offer, by code.
+FORMATS: Mapping[int, PixelFormat] = {form.code: form for form in PIXEL_FORMATS.values()}
 
 #: Depth of the simulated sensor, and its highest DN.
 SENSOR_BITS = 12
@@ -52,6 +52,8 @@ class SimulatedDevice:
         Frame rate after power-on.
     features : FeatureTable
         Its GenICam features.
+    colour_filter : str or None
+        First two pixels of its Bayer pattern; None for a monochrome camera.
     """
 
     serial: str
@@ -63,6 +65,7 @@ class SimulatedDevice:
     model: str = "Manta_G-505B"
     frame_rate_hz: float = 15.0
     features: FeatureTable = field(default_factory=standard_features)
+    colour_filter: str | None = None
 
 
 @dataclass(frozen=True)
@@ -264,5 +267,4 @@ class FrameRenderer:
         dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / _GAIN_STEPS_PER_DB, index)
         if self._source.state != state:
             return state, None
-        layout = next(form for form in FORMATS if form.code == wanted.format_code)
-        return state, wanted.readout.payload(dn, layout)
+        return state, wanted.readout.payload(dn, FORMATS[wanted.format_code])

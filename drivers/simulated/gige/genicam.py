@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import Any, Final, Literal
 
 from ....core.disk import parse_toml
+from ....core.pixel_format import PIXEL_FORMATS
 
 #: Naming convention of the features: Allied Vision's (formerly Prosilica), or that of the standard (SFNC 2).
 Naming = Literal["prosilica", "sfnc"]
@@ -50,10 +51,15 @@ class Address(IntEnum):
 
 
 @cache
-def standard_features(naming: Naming = "prosilica") -> FeatureTable:
-    """Return the features of the simulated camera, with the names of a Manta or of the standard."""
+def standard_features(naming: Naming = "prosilica", colour_filter: str | None = None) -> FeatureTable:
+    """Return the features of the simulated camera, with the names of a Manta or of the standard.
+
+    With a Bayer pattern it offers its formats alone, starts on even pixels, and neither bins nor mirrors.
+    """
     text = (files("labcdp") / "data" / "simulated-camera.toml").read_text(encoding="utf-8")
     table: dict[str, dict[str, Any]] = parse_toml(text)
+    if colour_filter is not None:
+        table["ImageFormatControl"] = _behind_filters(table["ImageFormatControl"], colour_filter)
     if naming == "prosilica":
         return table
     renamed = {
@@ -61,6 +67,15 @@ def standard_features(naming: Naming = "prosilica") -> FeatureTable:
         for category, features in table.items()
     }
     return renamed | {"TransportLayerControl": renamed["TransportLayerControl"] | _LIMIT_MODE}
+
+
+def _behind_filters(features: dict[str, Any], colour_filter: str) -> dict[str, Any]:
+    names = [f"Bayer{colour_filter}{suffix}" for suffix in ("8", "12", "12Packed", "16")]
+    formats = {"choices": {name: PIXEL_FORMATS[name].code for name in names}, "value": PIXEL_FORMATS[names[1]].code}
+    changed = {"PixelFormat": features["PixelFormat"] | formats}
+    changed |= {name: features[name] | {"range": [1, 1]} for name in ("BinningHorizontal", "BinningVertical")}
+    changed |= {name: features[name] | {"increment": 2} for name in ("OffsetX", "OffsetY")}
+    return {name: changed.get(name, of) for name, of in features.items() if name not in ("ReverseX", "ReverseY")}
 
 
 def feature(name: str) -> Mapping[str, Any]:

@@ -179,11 +179,10 @@ def simulated_bench_file(path: Path | None, seed: int | None = None) -> Simulate
 
 def note_bench(session: Session, described: SimulatedBenchFile) -> None:
     """Record which simulated bench it is; refuse to resume a session with another one."""
-    content = described.model_dump(mode="json")
     begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
     if not begun:
-        session.add_event(SIMULATED_BENCH, content)
-    elif begun[-1] != content:
+        session.add_event(SIMULATED_BENCH, described.model_dump(mode="json"))
+    elif SimulatedBenchFile.model_validate(begun[-1]) != described:
         raise InputError(f"{session.path} was begun with another simulated bench: use that one, or a new folder")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import serial
 
+from labcdp.calibration.frames.planes import split
 from labcdp.chain import Chain
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import ConfigurationError
@@ -16,6 +17,7 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera_settings import SOFTWARE_TRIGGER
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.devices import SimulatedBenchFile
 from labcdp.session import SessionConfiguration, example_configuration
 
 SHAPE = (400, 480)
@@ -217,3 +219,34 @@ def test_camera_and_meter_see_the_shown_patch(one_by_one):
     # One responsivity for all; 3600 pixels with 6 DN of dark noise at 0.5 cd/m^2, the darkest patch.
     dark_sigma = 6 / 60 / min(bench.luminance_cd_m2.values())
     np.testing.assert_allclose(seen, seen[-1], rtol=0.01, atol=5 * dark_sigma)
+
+
+# --- Colour -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pattern", ["RG", "GB"])
+def test_a_colour_camera_sends_the_target_behind_its_filters(aravis, small_configuration, pattern):
+    """In each format the planes see the light that a colour lets through, more red in that of an incandescent lamp."""
+    in_light_of = {}
+    for spectrum in ("D65", "A"):
+        source = small_configuration.source.model_copy(update={"spectrum": spectrum})
+        devices = SimulatedBenchFile(seed=3, camera={"colour_filter": pattern}).devices()
+        bench = SimulatedBench(small_configuration.model_copy(update={"source": source}), devices, SHAPE)
+        region = next(p.region() for p in small_configuration.target.patches if p.name == "P11")
+        with bench.gige_camera(), AravisCamera("127.0.0.1") as camera:
+            means = {}
+            for suffix, scale in (("12", 1), ("12Packed", 1), ("16", 16), ("8", 1 / 16)):
+                camera.configure(exposure_s=0.004, pixel_format=f"Bayer{pattern}{suffix}")
+                frame = camera.snap()
+                assert (frame.camera.model, frame.colour_filter) == ("Manta_G-505C", pattern)
+                planes = split(frame)
+                means[suffix] = [region.divided(2).select(plane.dn).mean() / scale for plane in planes.values()]
+        # Noise of 900 pixels, and of 8 bits what is cut off.
+        for other in ("12Packed", "16", "8"):
+            np.testing.assert_allclose(means[other], means["12"], rtol=0.005, atol=2 + 16 * (other == "8"))
+        in_light_of[spectrum] = np.array(means["12"]) - 64
+    balance = {spectrum: values / values[1] for spectrum, values in in_light_of.items()}
+    red, _, other_green, blue = balance["A"] / balance["D65"]
+    assert red > 1.3
+    assert blue < 0.8
+    assert other_green == pytest.approx(1, rel=0.03)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Interface
 
 from ...core.disk.quoting import printable
+from ..device import on_error
 from .library import CameraInfo
 
 #: UDP port of the protocol, fixed by the standard.
@@ -207,8 +208,9 @@ def force_address(interface: str, mac: bytes, address: IPv4Interface, timeout_s:
 
 def _broadcasting(interface: str) -> socket.socket:
     client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
+    with on_error(client.close):
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
     return client
 
 

@@ -20,6 +20,9 @@ from .transport import find_neighbours, find_packet_size, warn_of_small_receive_
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
 _FRESH_S = 0.02
 
+#: Time for other cameras to answer when one is opened; some answer to broadcasts after a random delay.
+_LOOK_S = 1.0
+
 #: Aravis' errors of the transport, as opposed to those of the request.
 _COMMUNICATION = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER", "PROTOCOL_ERROR_ACCESS_DENIED")
 
@@ -48,7 +51,7 @@ class Link:
         # Destination of the stream, while there is one.
         self.stream_port: int | None = None
         # Addresses of the other cameras behind the same interface.
-        self.neighbours: tuple[str, ...] = ()
+        self.neighbours: frozenset[str] = frozenset()
         self._arv = aravis()
         self._is_gige = bool(camera.is_gv_device())
         self._sockets = sockets
@@ -242,4 +245,4 @@ def _prepare(link: Link) -> None:
             find_packet_size(camera, link.info.address)
             warn_of_small_receive_buffer(camera.get_payload())
     if link.info.protocol == "GigEVision":
-        link.neighbours = find_neighbours(link.info.address)
+        link.neighbours = find_neighbours(link.info.address, _LOOK_S)

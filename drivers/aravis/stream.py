@@ -17,7 +17,7 @@ from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .settings import layout_of, temperature_c
-from .transport import set_up_transport
+from .transport import find_neighbours, set_up_transport
 
 _log = logging.getLogger(__name__)
 
@@ -26,6 +26,9 @@ _SLICE_S = 0.05
 
 #: Silence after which a camera is checked, also during an exposure, and interval of the checks.
 _ASKED_AFTER_S = 0.15
+
+#: Time for other cameras to answer before each stream: those on a wire take a few milliseconds.
+_LOOK_S = 0.05
 
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
 _TEMPERATURE_EVERY_S = 2.0
@@ -101,6 +104,8 @@ class FrameStream:
         self._packet_bytes = None
         if is_gige:
             link, chosen = self._link, self._chosen
+            # Those that were plugged in since.
+            link.neighbours |= find_neighbours(link.info.address, _LOOK_S)
             set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, link.neighbours)
             self._packet_bytes = camera.gv_get_packet_size()
         self._payload_bytes = camera.get_payload()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from ..host.kernel import may_open_packet_sockets, raise_receive_limit, receive_
 from ..host.network import Interface, interface_to, interfaces
 from . import gvcp
 from .features import available, writable
-from .library import aravis, discover
+from .library import aravis
 
 _log = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ def set_up_transport(
     address: str,
     frame_rate_hz: float | None,
     chosen: frozenset[str] = frozenset(),
-    neighbours: Sequence[str] = (),
+    neighbours: Collection[str] = (),
 ) -> TransportPlan:
     """Set a GigE Vision camera's transport as planned; raises errors of Aravis.
 
@@ -130,7 +131,7 @@ def set_up_transport(
         Its frame rate, if known.
     chosen : frozenset of str
         Features set by the user, which are not changed.
-    neighbours : sequence of str
+    neighbours : collection of str
         Addresses of the other cameras behind the same interface; the link is shared with those that are in use.
 
     Returns
@@ -164,14 +165,14 @@ def set_up_transport(
     return plan
 
 
-def find_neighbours(address: str) -> tuple[str, ...]:
-    """List the addresses of other cameras behind the same interface, which takes a second; none on loopback."""
-    known = interfaces()
-    own = interface_to(address, known)
+def find_neighbours(address: str, timeout_s: float) -> frozenset[str]:
+    """Find the addresses of other cameras behind the same interface, for `timeout_s`; none on loopback."""
+    own = interface_to(address, interfaces())
     if own is None or own.is_loopback:
-        return ()
-    others = [info.address for info in discover() if info.protocol == "GigEVision" and info.address != address]
-    return tuple(other for other in others if interface_to(other, known) == own)
+        return frozenset()
+    with contextlib.suppress(OSError):  # it went down: the camera tells
+        return frozenset(other.address for other in gvcp.announce_all(own.name, timeout_s)) - {address}
+    return frozenset()
 
 
 def _is_controlled(address: str) -> bool:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from ...chain.sensor.emva import Sensor
 from ...core.spectral.photometry import electron_radiance_per_cd_m2
 
-#: Wavelength in nm and transmittance of pigment filters as of Bayer sensors behind the infrared block of a colour camera:
-#: their typical shape, not a measurement.
+#: Wavelength in nm and transmittance of pigment filters as of Bayer sensors, behind the infrared block of a colour
+#: camera: their typical shape, not a measurement.
 _TRANSMITTANCE: Final = {
-    "R": ((380, 0.08), (450, 0.04), (540, 0.04), (570, 0.12), (590, 0.55), (610, 0.8), (640, 0.75), (670, 0.3), (700, 0)),
-    "G": ((380, 0.05), (450, 0.08), (480, 0.25), (510, 0.7), (535, 0.82), (560, 0.75), (590, 0.4), (640, 0.06), (700, 0)),
-    "B": ((380, 0.3), (420, 0.6), (450, 0.75), (480, 0.6), (510, 0.25), (540, 0.07), (580, 0.03), (640, 0.03), (700, 0)),
+    "R": ((380, 0.08), (450, 0.04), (540, 0.04), (570, 0.12), (590, 0.55), (610, 0.8), (650, 0.7), (700, 0)),
+    "G": ((380, 0.05), (450, 0.08), (480, 0.2), (510, 0.7), (535, 0.8), (560, 0.7), (590, 0.4), (650, 0), (700, 0)),
+    "B": ((380, 0.3), (420, 0.6), (450, 0.75), (480, 0.6), (510, 0.25), (540, 0.07), (580, 0.03), (700, 0)),
 }  # fmt: skip
 
 

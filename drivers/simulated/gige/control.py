@@ -16,6 +16,7 @@ from ...aravis import gvcp
 from ...aravis.gvcp import GVCP_PORT
 from ...camera import CameraError
 from ...host.kernel import own_udp_sockets
+from ...host.network import interfaces
 
 #: Socket options of Linux (asm-generic/socket.h) that Python's socket module has no names for.
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
@@ -57,6 +58,25 @@ def check_free(address: str) -> None:
             raise CameraError(
                 f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): {remedy}"
             ) from error
+
+
+def free_loopback_address() -> str:
+    """Return the first loopback address of this computer that no simulated camera has.
+
+    Raises
+    ------
+    CameraError
+        If all are taken; the message says how to add one.
+    """
+    addresses = [str(one.address.ip) for one in interfaces() if one.is_loopback]
+    for address in addresses:
+        with suppress(CameraError):
+            check_free(address)
+            return address
+    raise CameraError(
+        f"simulated cameras or other programs use UDP port {GVCP_PORT} of {', '.join(addresses) or 'loopback'}: end "
+        f"one, or run 'sudo ip addr add 127.0.0.{len(addresses) + 1}/8 dev lo' for another address"
+    )
 
 
 class ControlPort:

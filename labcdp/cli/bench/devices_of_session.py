@@ -22,6 +22,7 @@ from ...drivers.minolta_ls.protocol import MeterMode
 from ...drivers.replay.camera import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.devices import SimulatedBenchFile
+from ...drivers.simulated.gige.control import free_loopback_address
 from ...session import EventRecord, MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 from ..terminal import say
@@ -202,7 +203,7 @@ def simulated_devices(
 def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> tuple[Camera, str]:
     try:
         with ExitStack() as trial:
-            server = trial.enter_context(bench.gige_camera())
+            server = trial.enter_context(bench.gige_camera(free_loopback_address()))
             camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
             _try(camera)
             stack.push(trial.pop_all())

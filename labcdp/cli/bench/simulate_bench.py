@@ -20,6 +20,7 @@ from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.commands import EXAMPLES, parse_schedule
+from ...drivers.simulated.gige.control import free_loopback_address
 from ...session import SessionConfiguration, example_configuration
 from ..options import SIMULATED_BENCH_OPTION
 from ..terminal import JSON_OPTION, print_result, say
@@ -30,7 +31,7 @@ _HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a 
 
 def simulate_bench(
     configuration: Path | None = typer.Argument(None, help="TOML file with the target; default: that of labcdp demo."),
-    address: str = typer.Option("127.0.0.1", help="Loopback address of the camera."),
+    address: str | None = typer.Option(None, help="Loopback address of the camera.", show_default="the first free one"),
     response_s: float = typer.Option(0.8, help="Seconds that a reading of the meter takes.", min=0),
     simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
     seed: int | None = typer.Option(None, help="Random seed of camera and meter noise.", min=0, show_default="0"),
@@ -48,6 +49,7 @@ def simulate_bench(
     else:
         loaded = SessionConfiguration.load(configuration)
     devices = simulated_bench_file(simulated_bench, seed).devices(simulated_bench)
+    address = address or free_loopback_address()
     bench = SimulatedBench(loaded, devices.specimen(_specimen(address)))
     schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
     parse_schedule(schedule, str(faults))

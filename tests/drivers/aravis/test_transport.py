@@ -29,15 +29,16 @@ def test_jumbo_frames_carry_more_up_to_the_cameras_limit():
 
 
 def test_two_cameras_share_their_interface(aravis, monkeypatch):
-    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: _GIGABIT)
-    with (
-        SimulatedGigECamera(SMALL, Ramp()),
-        SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2"),
-        AravisCamera("SIM-1") as first,
-    ):
+    gigabit = replace(_GIGABIT, name="lo")
+    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: gigabit)
+    with SimulatedGigECamera(SMALL, Ramp()), AravisCamera("SIM-1") as first:
         first.snap()
         alone = first.feature("StreamBytesPerSecond")
-        with AravisCamera("SIM-2") as second:
+        # Plugged in later.
+        with (
+            SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2"),
+            AravisCamera("SIM-2") as second,
+        ):
             first.snap()
             second.snap()
             shares = [camera.feature("StreamBytesPerSecond") for camera in (first, second)]

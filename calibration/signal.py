@@ -94,9 +94,11 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
     dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
     net_dn, power = _before_tone(o, dark_dn, pattern_dn2, dark_dn2, noise)
+    # h / V is uniform where (DN - d) / V is not: to first order it varies as this does with another d, over the power.
+    level_dn = dark_dn + (1 - 1 / power) * o.net_dn(dark_dn) / o.mean_inverse_v
     # The dark part of the pattern is known from the dark frames; the rest is sensitivity.
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
-    sensitivity_dn2 = max(pattern_dn2 - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
+    sensitivity_dn2 = max(o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
@@ -113,7 +115,7 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
             dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)
         ),
         pixels_rel=power * sqrt(sensitivity_dn2 / o.n_pixels) / on_axis,
-        slow_rel=power * sqrt(o.nonuniformity_variance_dn2(dark_dn)) / on_axis,
+        slow_rel=power * sqrt(o.nonuniformity_variance_dn2(level_dn)) / on_axis,
         gain_index=index,
     )
 

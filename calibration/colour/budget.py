@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors.budget import budget, budget_exposure_s, in_order, require_positive, split_fit
 from ..findings import BudgetRow
-from ..fit.errors import finite
 from .model import ColourCalibration
 
 #: Sources independent from plane to plane, so that their squares add.
@@ -117,8 +116,8 @@ def _of_patches(
     rows = [BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)]
     if calibration.scatter_rel > 0:
         n = len(calibration.planes[0].residuals)
-        basis = f"scatter of the {n} grey patches in the planes that nothing else explains"
-        dof = finite(calibration.scatter_dof)
+        basis = f"scatter of the {n} grey patches that nothing else explains"
+        dof = calibration.scatter_dof
         rows.append(BudgetRow("patch uniformity", calibration.scatter_rel, "normal", False, "A", basis, dof=dof))
     fits = [plane.responsivity for plane in calibration.planes]
     if all(fit.intercept_dn_s is not None for fit in fits):

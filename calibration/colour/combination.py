@@ -8,6 +8,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fit.scatter import scatter_around_mean
+
 Array = NDArray[np.float64]
 
 _ROUNDS = 30
@@ -152,6 +154,16 @@ def combine(data: ColourData, prior: Prior) -> Combination:
         found = _solve(data, prior, middle)
         low, high = (middle, high) if chi_squared(found) > dof else (low, middle)
     return found
+
+
+def scattered(data: ColourData, weights: Array, grey: NDArray[np.bool_]) -> tuple[ColourData, tuple[float, float]]:
+    """Add the scatter of the grey patches that nothing explains; return it too, with its degrees of freedom.
+
+    Light and readings scatter alike in all colours: what counts is the scatter of their combination, in which the noise
+    of the colours averages.
+    """
+    found = scatter_around_mean((data.relative @ weights - 1)[grey], data.variance(weights, 0.0)[grey])
+    return replace(data, shared_rel=np.hypot(data.shared_rel, found[0])), found
 
 
 def leave_one_out(data: ColourData, prior: Prior, spectral: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import hypot, inf, sqrt
 from typing import Any
 
@@ -44,9 +44,11 @@ class ColourConverter:
         Relative standard uncertainty of a luminance by its colour, per unit of colourfulness, that no weights explain;
         see `labcdp.calibration.colour.mismatch`.
     scatter_rel : float
-        Unexplained relative standard deviation between patches in the planes' fits.
+        Unexplained relative standard deviation between patches, common to all planes.
     range_cd_m2 : (float, float)
         Lowest and highest luminance of the patches.
+    scatter_dof : float or None
+        Degrees of freedom of `scatter_rel`; None if it is known.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class ColourConverter:
     spectral_rel: float
     scatter_rel: float
     range_cd_m2: tuple[float, float]
+    scatter_dof: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         n = len(self.planes)
@@ -76,11 +79,6 @@ class ColourConverter:
     def field_rel(self) -> float:
         """Relative standard uncertainty of slow residuals of the flat field, common to all planes."""
         return max(slow_rel(plane.vignetting) for plane in self.planes)
-
-    @property
-    def scatter_dof(self) -> float:
-        """Degrees of freedom of `scatter_rel`."""
-        return min(plane.responsivity.scatter_dof or inf for plane in self.planes)
 
     @property
     def weight_errors(self) -> NDArray[np.float64]:
@@ -151,7 +149,7 @@ def colour_patch_luminance(
         luminance_cd_m2=luminance,
         random_rel=random_rel,
         scatter_rel=converter.scatter_rel,
-        scatter_dof=converter.scatter_dof,
+        scatter_dof=converter.scatter_dof or inf,
         common=(
             *weight_errors,
             *joined(planes, [float(share) for share in shares]),

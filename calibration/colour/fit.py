@@ -17,12 +17,13 @@ from ...core.spectral.table import SpectralTable
 from ..calibrate import fit
 from ..dark.library import DarkLibrary
 from ..defects import DefectMap
+from ..fit.errors import finite
 from ..fit.intake import group_by_patch
 from ..fit.residuals import held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, PatchResidual, range_of
 from ..setup import Setup
-from .combination import NO_PRIOR, Array, ColourData, Combination, Prior, combine, leave_one_out
+from .combination import NO_PRIOR, Array, ColourData, Combination, Prior, combine, leave_one_out, scattered
 from .conversion import colour_patch_luminance
 from .model import ColourCalibration, CombinationStep
 from .patches import ColourPatches, by_patch, centre_px, colour_patches
@@ -87,10 +88,12 @@ def fit_colour(
     )
     groups = by_patch(observations)
     prior = choose_prior(planes, sensitivities, setup.light)
-    scatter_rel = _scatter_rel(planes, colours_of_planes(planes) @ prior.prior.weights)
-    patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings, scatter_rel)
-    chosen, left_out, ladder = _choose(patches.data, prior.prior)
+    patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings)
+    of_grey = np.array([name in grey for name in patches.names])
+    data, scatter = scattered(patches.data, prior.prior.weights, of_grey)
+    chosen, left_out, ladder = _choose(data, prior.prior)
     calibration = _assemble(planes, chosen, left_out, patches, ladder, prior)
+    calibration = replace(calibration, scatter_rel=scatter[0], scatter_dof=finite(scatter[1]))
     rows, of_held_out = held_out_rows(
         lambda name: colour_patch_luminance(calibration, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
@@ -130,11 +133,6 @@ def _require_planes(
             raise CalibrationError(
                 f"there are no {what} frames of plane {missing[0]}: split every Bayer frame and observe all planes"
             )
-
-
-def _scatter_rel(planes: Sequence[Calibration], weights: Array) -> float:
-    """Scatter of the patches in the combination, by non-uniform patches and readings: common to all planes."""
-    return float(np.abs(weights) @ np.array([plane.responsivity.scatter_rel for plane in planes]))
 
 
 def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
@@ -224,7 +222,7 @@ def _assemble(
         weights=tuple(weights.tolist()),
         weight_covariance=tuple(tuple(row) for row in covariance.tolist()),
         spectral_rel=chosen.spectral_rel,
-        scatter_rel=_scatter_rel(planes, weights),
+        scatter_rel=0.0,
         range_cd_m2=range_of(rows),
         residuals=rows,
         held_out=(),

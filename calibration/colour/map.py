@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 from typing import Any
 
 import numpy as np
@@ -71,7 +71,9 @@ class _Combined:
             self._luminance()[self.inner],
             PixelErrors(
                 lambda: self._random_rel()[self.inner],
-                slow_rel=hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof)),
+                slow_rel=hypot(
+                    converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof or inf)
+                ),
                 slow_cd_m2=np.sqrt(self._sum_of_squares([one.slow_cd_m2 for one in self.maps]))[self.inner],
                 fixed_rel=max(one.fixed_rel for one in self.maps),
                 fixed_cd_m2=lambda: np.sqrt(self._sum_of_squares([one.fixed_cd_m2 for one in self.maps]))[self.inner],

@@ -71,7 +71,6 @@ def colour_patches(
     planes: Sequence[Calibration],
     groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
     readings: Mapping[str, Sequence[Reading]],
-    scatter_rel: float,
 ) -> ColourPatches:
     """Put readings and planes of each patch together.
 
@@ -83,8 +82,6 @@ def colour_patches(
         Observations by patch, then by plane.
     readings : mapping of str to sequence of Reading
         The meter's readings by patch.
-    scatter_rel : float
-        Unexplained relative standard deviation between patches.
 
     Raises
     ------
@@ -110,9 +107,7 @@ def colour_patches(
             findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
             continue
         kept.append((name, reading, tuple(seen)))
-        shared_rel.append(
-            hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), of_field, scatter_rel)
-        )
+        shared_rel.append(hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), of_field))
     if not kept:
         raise CalibrationError(f"no patch is usable in all planes ({left_out_text(left_out)}): acquire other exposures")
     names, joined, all_seen = zip(*kept, strict=True)

@@ -37,18 +37,18 @@ class _Likelihood:
     squares: Array
 
     @classmethod
-    def of(cls, solution: Solution, covariance: Array, pattern: Array) -> _Likelihood:
+    def of(cls, jacobian: Array, residual: Array, covariance: Array, pattern: Array) -> _Likelihood:
         """Of residuals with a known covariance and s^2 times a pattern."""
         from scipy.linalg import solve_triangular
 
         root = np.linalg.cholesky(covariance)
         white = solve_triangular(root, np.eye(len(root)), lower=True)
         # What the parameters leave of the whitened residuals.
-        q, r = np.linalg.qr(white @ solution.jacobian, mode="complete")
-        left = q[:, solution.jacobian.shape[1] :].T @ white
+        q, r = np.linalg.qr(white @ jacobian, mode="complete")
+        left = q[:, jacobian.shape[1] :].T @ white
         values, vectors = np.linalg.eigh(left @ pattern @ left.T)
         constant = 2 * float(np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(r))).sum())
-        return cls(constant, np.maximum(values, 0.0), (vectors.T @ (left @ solution.residual)) ** 2)
+        return cls(constant, np.maximum(values, 0.0), (vectors.T @ (left @ residual)) ** 2)
 
     def deviance(self, size: float) -> float:
         """Minus twice the logarithm."""
@@ -132,6 +132,18 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     return solve(replace(design, **changes), candidate)  # type: ignore[arg-type]
 
 
+def scatter_around_mean(values: Array, variances: Array) -> tuple[float, float]:
+    """Return the standard deviation of values that their variances do not explain, and its degrees of freedom.
+
+    Estimated as that of the patches of a fit; 0 and infinite if the variances suffice.
+    """
+    likelihood = _Likelihood.of(np.ones((values.size, 1)), values, np.diag(variances), np.eye(values.size))
+    size = likelihood.best(1.0)
+    if likelihood.deviance(0.0) - likelihood.deviance(size) < _WORTH:
+        return 0.0, inf
+    return size, likelihood.dof(size, 1.0)
+
+
 def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float, float]:
     """Value, standard uncertainty and degrees of freedom of a further parameter; see `Solution.shift`.
 
@@ -164,7 +176,7 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
 
     def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
         rest = dict.fromkeys(kinds[1:], size)
-        likelihood = _Likelihood.of(solution, _with(solution, rest), pattern)
+        likelihood = _Likelihood.of(solution.jacobian, solution.residual, _with(solution, rest), pattern)
         own = likelihood.best(unit) if kinds else 0.0
         return likelihood.deviance(own), {kind: own, **rest} if kinds else {}
 
@@ -179,7 +191,8 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
 def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:
     """Degrees of freedom of one size, the others known."""
     rest = _with(solution, {other: size for other, size in sizes.items() if other != kind})
-    return _Likelihood.of(solution, rest, _pattern(solution, kind)).dof(sizes[kind], _unit(solution, kind))
+    likelihood = _Likelihood.of(solution.jacobian, solution.residual, rest, _pattern(solution, kind))
+    return likelihood.dof(sizes[kind], _unit(solution, kind))
 
 
 def _with(solution: Solution, sizes: dict[Kind, float]) -> Array:

@@ -1,13 +1,15 @@
 from dataclasses import replace
 from math import hypot, sqrt
 
+import numpy as np
 import pytest
 
 from labcdp.calibration import GainSetting
 from labcdp.calibration.dark.signal import DarkModel
-from labcdp.calibration.frames.nonuniformity import Nonuniformity
+from labcdp.calibration.frames.nonuniformity import Nonuniformity, nonuniformity
 from labcdp.calibration.noise import TemporalNoise
 from labcdp.calibration.signal import net_signal
+from labcdp.core.response import Response
 
 #: Darkness and noise of the simulated camera, exactly known.
 DARK = DarkModel(64.0, 40.0, ((0.0,) * 3,) * 3, 1.5, 0.0, (0.01,))
@@ -46,3 +48,22 @@ def test_the_dark_part_of_a_fixed_pattern_is_an_offset(camera):
     signal = net_signal(patterned, [replace(SETTINGS[0], dark=dark)])
     assert signal.pixels_rel == pytest.approx(4 / sqrt(400) / 120)
     assert signal.dark_nonuniformity_dn == pytest.approx(hypot(0.2, 3 / sqrt(400)))
+
+
+@pytest.mark.parametrize("power", [2.2, 0.5])
+def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera, power):
+    """Uniform light through a lens that darkens by 20 %: h / V is even where DN / V is not."""
+    knots = np.geomspace(20, 3000, 400)
+    tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** power).tolist()))
+    v = np.linspace(1.0, 0.8, 400)
+    net_dn = 1000 * v ** (1 / power)
+    cells = np.arange(400) // 25
+    seen = nonuniformity((net_dn + 64.4) / v, 1 / v, cells)
+    exact = camera.observe("grey", 10.0, 0.01, None)
+    even = replace(exact, signal_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
+    even = replace(even, nonuniformity=seen, temporal_variance_dn2=1e-6)
+    settings = [replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, tone))]
+    signal = net_signal(even, settings)
+    assert signal.slow_rel < 0.002
+    linear = net_signal(even, [replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0))])
+    assert linear.slow_rel > 0.02

@@ -61,6 +61,23 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(smooth
     assert np.mean(covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
 
 
+@pytest.mark.parametrize("sigma", [0.0, 0.7])
+@pytest.mark.parametrize("slope", [0.3, 0.5, 1.0, 2.0])
+def test_uncertainty_does_not_jump_between_pictures_of_an_unchanged_scene(sigma, slope):
+    """Light that rises across a region by about the noise is neither noise in one picture nor light in the next."""
+    rng, mask, repeats = np.random.default_rng(43), np.ones((60, 60), dtype=bool), 60
+    light = slope * np.linspace(-1, 1, 60)[None, :]
+    stated, means = [], []
+    for _ in range(repeats):
+        grain = gaussian_filter(rng.normal(size=(80, 80)), sigma)[10:-10, 10:-10]
+        image = grain / (0.4 if sigma else 1.0)
+        means.append(image.mean())
+        stated.append(sqrt(variance_inflation(image + light, mask) * (image + light).var() / mask.sum()))
+    scatter = np.std(means, ddof=1)
+    assert max(stated) < 5 * scatter
+    assert np.median(stated) > 0.9 * scatter * (1 - 3 / sqrt(2 * repeats))
+
+
 def test_noise_correlated_over_3_x_3_pixels_doubles_to_triples_the_standard_error():
     rng = np.random.default_rng(15)
     results = [cdp_correlated(patches(rng, 3), LEFT, RIGHT, 0.2) for _ in range(60)]

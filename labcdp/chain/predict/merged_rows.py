@@ -211,8 +211,8 @@ class _Merge:
         factors = merge_factors(self.method, self.ladder, first)
         terms = [factor * self._net_dn(one) for factor, one in zip(factors, dense, strict=True)]
         lowest, highest = (sum(float(term[end]) for term in terms) for end in (0, -1))
-        begin, end = np.searchsorted(self.edges[0], [lowest, highest])
         # Few bins are narrower, those of single values among them.
+        begin, end = np.searchsorted(self.edges[0], [lowest, highest])
         widths = np.diff(self.edges[0][max(begin - 1, 0) : end + 1])
         width = max(float(np.quantile(widths, 0.1)) / 2, (highest - lowest) / _MOST_BINS)
         places = [(term - term[0]) / width for term in terms]
@@ -221,12 +221,12 @@ class _Merge:
         product: Any = 1.0
         for place, (_, share) in zip(places, dense, strict=True):
             left = place.astype(np.intp)
-            row, number = np.concatenate([left, left + 1]), np.tile(np.arange(left.size), 2)
-            split = csr_array((np.concatenate([left + 1 - place, place - left]), (row, number)))
+            bins = (np.concatenate([left, left + 1]), np.tile(np.arange(left.size), 2))
+            split = csr_array((np.concatenate([left + 1 - place, place - left]), bins))
             product = product * rfft(np.ascontiguousarray((split @ share).T), fast)
         below = np.zeros((length + 1, dense[0][1].shape[1]))
         np.cumsum(irfft(product, fast)[:, :length].T, axis=0, out=below[1:])
-        return Cumulative(lowest + width * (np.arange(length + 1) - 0.5), below, False)
+        return Cumulative(lowest + width * np.linspace(-0.5, length - 0.5, length + 1), below, False)
 
     def _with_exposure(self, i: int, rest: Cumulative, net_dn: FloatArray, share: FloatArray) -> Cumulative:
         """Merge the given values of exposure `i` into the rest, which it fades out of or not."""

@@ -14,8 +14,8 @@ from ..image import image_array, mask_array, window_of
 from .lags import inflation_of_scores
 from .surfaces import SLOW_DEGREE, Region, region_of
 
-#: Ratio of mean squares above which a change across a region is not noise. Smooth noise exceeds 13 in 1 % of cases.
-_SIGNIFICANT_CHANGE = 30.0
+#: Ratio of mean squares from which on a change across a region is not noise. Smooth noise exceeds 13 in 1 % of cases.
+_USUAL_CHANGE = 36.0
 #: 99 % quantile of the standard normal distribution.
 _Z_99 = 2.33
 #: Relative variance attributed to floating-point rounding.
@@ -66,10 +66,11 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
     within the blocks (E. Carlstein, The use of subseries values for estimating the variance of a general statistic from
     a stationary sequence, Ann. Stat. 14, 1986), by which the first factor is multiplied.
 
-    A slow change across the region, of the light or by vignetting, is the same in each picture, and not noise. The
-    surface of second degree is subtracted where its mean square is 30 times that of the residual in surfaces of the
-    third and fourth degree, in rows, in columns and by its correlation: smooth noise contributes about equally to all
-    of these.
+    A slow change across the region, of the light or by vignetting, is the same in each picture, and not noise. Smooth
+    noise contributes about equally to the surface of second degree and, without it, to surfaces of the third and fourth
+    degree, to rows, to columns and to the correlation. So where the mean square of that surface is R times what these
+    say, the factor is at most max(1, 36 / R) times theirs: a decision at one R would let it jump from picture to
+    picture.
 
     In simulations of regions of 30 x 30 to 300 x 300 pixels, independent noise and noise smoothed by a Gaussian of 0.6
     to 3 px, of large ones to 6 px, the 95 % intervals of means covered the truth in 91 to 99 % of the cases, and of
@@ -111,11 +112,15 @@ def _inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
     without = _Noise.of(rest, region, SLOW_DEGREE + 1, power, less)
     if min(without.square / region.n, less) <= _ROUNDING * variance:
         return 1.0
-    # Sums over lags are slow: the lower bound of the factor often suffices to classify a change as noise.
-    most = _Power(slow.square, slow.rank - 1).mean / (_SIGNIFICANT_CHANGE * without.variance)
-    if most > without.least and most > without.inflation:
-        return _widened(without.inflation, power.freedom, n)
-    return _widened(plain.inflation, all_degrees.rank - 1, n)
+    change = _Power(slow.square, slow.rank - 1).mean / without.variance
+
+    def most(noise: float) -> float:
+        """Largest factor that noise with a factor, and the change on top of it, may have."""
+        return _widened(max(noise, _USUAL_CHANGE * noise**2 / change if change > 0 else noise), power.freedom, n)
+
+    # Sums over lags are slow: the lower bound of the factor often suffices.
+    factor = _widened(plain.inflation, all_degrees.rank - 1, n)
+    return factor if factor <= most(without.least) else min(factor, most(without.inflation))
 
 
 def _centred(image: _Array, mask: NDArray[np.bool_]) -> tuple[_Array, bool]:

@@ -13,6 +13,7 @@ from typing import Any, cast
 from ..core.clock import Clock
 from ..core.errors import LabcdpError
 from ..core.frame import Frame
+from ..core.reading import Reading
 from ..drivers.camera import Camera, IncompleteFrameError, Refused
 from .live import Live
 
@@ -31,6 +32,8 @@ class Progress:
         Statistics of the current exposure, after each frame.
     note : str or None
         Message to the user.
+    reading : (str, Reading) or None
+        Patch and reading, after each one.
     """
 
     step: str
@@ -38,6 +41,7 @@ class Progress:
     total: int
     live: Live | None = None
     note: str | None = None
+    reading: tuple[str, Reading] | None = None
 
 
 Report = Callable[[Progress], None]

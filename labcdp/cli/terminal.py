@@ -14,6 +14,7 @@ import typer
 from ..core.disk.quoting import printable
 from ..core.errors import InputError
 from ..core.finding import unique
+from ..report.digits import significant
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -57,11 +58,8 @@ def say(text: str) -> None:
 
     Control characters quoted from files, names and devices are made harmless.
     """
-    from rich.console import Console
-    from rich.text import Text
-
-    safe = "\n".join(printable(line) for line in text.split("\n"))
-    Console(stderr=True, highlight=False, soft_wrap=True).print(Text(safe))
+    # While bars are shown they stand in for standard error, and print above themselves; they erase what others print.
+    print("\n".join(printable(line) for line in text.split("\n")), file=sys.stderr, flush=True)
 
 
 def print_result(result: Result, as_json: bool) -> None:
@@ -152,6 +150,9 @@ class Bars:
 
         if progress.note is not None:
             say(progress.note)
+        if progress.reading is not None:
+            patch, reading = progress.reading
+            say(f"{patch}: {significant(reading.luminance_cd_m2)} cd/m²")
         if progress.live is not None:
             if self._progress.console.is_terminal:
                 self._progress.live_numbers = progress.live
@@ -162,16 +163,26 @@ class Bars:
             # Shown however soon the next step follows.
             self._progress.refresh()
 
+    def end(self) -> None:
+        """Leave the bars as they are, without live numbers."""
+        self._progress.live_numbers = None
+        if self._progress.live.is_started:
+            self._progress.stop()
+
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Hide the bars during a question to the operator."""
-        started = self._progress.live.is_started
+        before = self._progress
+        started = before.live.is_started
         if started:
-            self._progress.stop()
+            before.live.transient = True
+            before.stop()
         try:
             yield
         finally:
             if started:
+                # Bars that are started again would first erase as many lines as they had: the question and findings.
+                self._progress = _progress(before)
                 self._progress.start()
 
 
@@ -188,16 +199,15 @@ def say_where(page: Address) -> None:
 @contextmanager
 def progress_bars() -> Iterator[Bars]:
     """Show progress bars on standard error while the context lasts."""
-    progress = _progress()
+    bars = Bars(_progress())
     try:
-        yield Bars(progress)
+        yield bars
     finally:
-        progress.live_numbers = None
-        if progress.live.is_started:
-            progress.stop()
+        bars.end()
 
 
-def _progress() -> Any:
+def _progress(before: Any = None) -> Any:
+    """Make bars, like those that were stopped if there are any."""
     from rich.console import Console, RenderableType
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.text import Text
@@ -219,7 +229,14 @@ def _progress() -> Any:
                     yield live_table(live)
 
     columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    return WithLiveNumbers(*columns, console=Console(stderr=True))
+    progress = WithLiveNumbers(*columns, console=Console(stderr=True))
+    if before is not None:
+        progress.live_numbers = before.live_numbers
+        for task in before.tasks:
+            progress.add_task(task.description, total=task.total, completed=int(task.completed))
+            new = progress.tasks[-1]
+            new.start_time, new.stop_time, new.finished_time = task.start_time, task.stop_time, task.finished_time
+    return progress
 
 
 def fraction_of_percent(text: str, name: str) -> float:

@@ -67,7 +67,7 @@ class ReadingRecorder:
             _require_mode(reading, self._session.configuration.meter)
             self._session.add_reading(reading, patch)
             done += 1
-            self._report(Progress("meter readings", done, total))
+            self._report(Progress("meter readings", done, total, reading=(patch, reading)))
 
     def _note_incidents(self, patch: str) -> None:
         for incident in self._meter.incidents[self._incidents_noted :]:

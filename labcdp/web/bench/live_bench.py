@@ -8,13 +8,13 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
-from ...core.reading import Reading, ReadingSeries
+from ...core.reading import ReadingSeries
 from ...core.roi import Roi
 from ...drivers.manual.text import ManualMeter, stated_accuracy
 from ..regions.measurements import Measured
@@ -25,10 +25,9 @@ from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
 from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_point
 from .recording import PageOperator, Recording, with_regions
-from .watched import WatchedMeter
 
 if TYPE_CHECKING:
-    from ...drivers.meter import Meter
+    from ...acquire import Progress
     from ...evaluate.picture.light.picture import PictureConversion
     from ...metrics.regions.pair import PairResult
     from ..server import Server
@@ -161,9 +160,7 @@ class LiveBench:
             meter = ManualMeter(operator.typed, plan.meter.identity, stated_accuracy(plan.meter)).open()
         assert meter is not None, "the page offers no recording without"
         recording = self.recording = Recording(Path(name), plan, operator, self._devices.begun)
-        # What the plan reads is shown like other readings, with what the camera sees in the patch.
-        watched = cast("Meter", WatchedMeter(meter, self._note))
-        self._work(f"Recording {name}", recording.run(self.camera, watched, self._tell, again))
+        self._work(f"Recording {name}", recording.run(self.camera, meter, self._progressed, again))
 
     @property
     def results(self) -> Path | None:
@@ -186,8 +183,12 @@ class LiveBench:
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:
         return self.workspace.image, self.workspace.drawing.rois
 
-    def _note(self, reading: Reading) -> None:
-        self.desk.note(ReadingSeries((reading,)), self.workspace.selected or "")
+    def _progressed(self, progress: Progress) -> None:
+        if progress.reading is not None:
+            # Shown like other readings, with what the camera sees in the patch.
+            patch, reading = progress.reading
+            self.desk.note(ReadingSeries((reading,)), patch)
+        self._tell()
 
     def _tell(self) -> None:
         self._server.call(self.workspace.changed)

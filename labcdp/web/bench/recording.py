@@ -167,7 +167,11 @@ class Recording:
         self.operator.end()
 
     def run(
-        self, camera: LiveCamera, meter: Meter, changed: Callable[[], None], again: Sequence[str] = ()
+        self,
+        camera: LiveCamera,
+        meter: Meter,
+        changed: Callable[[Progress], None],
+        again: Sequence[str] = (),
     ) -> Iterator[str]:
         """Record, calibrate and evaluate; yields what to tell the person meanwhile.
 
@@ -177,7 +181,7 @@ class Recording:
             Lends its camera meanwhile.
         meter : Meter
             Open.
-        changed : function
+        changed : function of the progress
             Called after each frame and reading.
         again : sequence of str
             Parts to record again, see `labcdp.acquire.forget`.
@@ -189,7 +193,7 @@ class Recording:
             if progress.note:
                 self.operator.findings += (progress.note,)
             self.progress = progress
-            changed()
+            changed(progress)
 
         try:
             with no_bare_session(self.folder), self._session() as session:

@@ -14,7 +14,7 @@ from typing import Self, Unpack
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
-from ..camera import Camera, CameraError, CameraLostError, Gap, Refused, StreamStatistics
+from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, Gap, Refused, StreamStatistics
 from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
 from ..host.kernel import overload
 from .connection import Connection
@@ -59,6 +59,8 @@ class AravisCamera(Camera):
         self._connection = Connection(selector, patience_s)
         self._frame_stream: FrameStream | None = None
         self._counted = StreamStatistics()
+        # Of frames since the last change that may have altered it.
+        self._size: tuple[int, int] | None = None
 
     def open(self) -> Self:
         """Connect and take control; reconnects to a lost camera.
@@ -73,7 +75,7 @@ class AravisCamera(Camera):
         if not self._connection.usable:
             self.close()
             self._connection.open()
-            self._counted = StreamStatistics()
+            self._counted, self._size = StreamStatistics(), None
         return self
 
     def close(self) -> None:
@@ -142,6 +144,8 @@ class AravisCamera(Camera):
         """
         self._refuse_while_grabbing("a change of settings")
         given = {name: value for name, value in wanted.items() if value is not None}
+        if not given.keys().isdisjoint(("region", "binning")):
+            self._size = None
         for name in self._connection.retry_after_reconnect(lambda link: change_settings(link, given)):
             self._connection.note_change(name, partial(change_setting, name=name, value=given[name]))
         self._connection.remember_settings()
@@ -182,6 +186,7 @@ class AravisCamera(Camera):
             If a grab is in progress.
         """
         self._refuse_while_grabbing("a change of settings")
+        self._size = None
         write = partial(write_feature, name=name, value=value)
         applied = self._connection.ask(f"feature {name} cannot be set", write)
         self._connection.note_change(name, write)
@@ -226,6 +231,8 @@ class AravisCamera(Camera):
         CameraLostError
             If the camera stops answering, within 3 s after a frame was due; with `patience_s`, if it does not come
             back.
+        CameraSettingError
+            If something else has changed the size of the frames.
         CameraError
             If another grab is in progress, or the camera is closed in the meantime.
         InputError
@@ -257,6 +264,13 @@ class AravisCamera(Camera):
         link = self._connection.link
         with link.using("its settings cannot be read") as camera:
             settings = read_settings(camera)
+        size = (settings.width, settings.height)
+        if self._size not in (None, size):
+            raise CameraSettingError(
+                f"{self.identity} is set to {size[0]} x {size[1]} pixels, not as before: something else has changed "
+                "it; configure the region, or open it again"
+            )
+        self._size = size
         wait_s = settings.longest_wait_s(timeout_s, overload())
         frame_stream = FrameStream(link, settings, self._connection.changed, n, wait_s, on_refused)
         self._frame_stream = frame_stream

@@ -168,13 +168,14 @@ def announce_all(interface: str, timeout_s: float = 1.0) -> list[Announcement]:
     OSError
         If the interface cannot be used.
     """
-    found: dict[bytes, Announcement] = {}
+    # Simulated cameras of one computer share its hardware address.
+    found: dict[tuple[bytes, str], Announcement] = {}
     until_s = time.monotonic() + timeout_s
     with _broadcasting(interface) as client:
         client.sendto(_broadcast(_DISCOVERY, b""), _EVERYBODY)
         while (answer := _wait_for(client, _DISCOVERY, 1, until_s)) is not None:
             if (seen := _announcement(answer)) is not None:
-                found[seen.mac] = seen
+                found[seen.mac, seen.address] = seen
     return list(found.values())
 
 

@@ -15,8 +15,9 @@ from ..core.notebook import html_table
 from ..core.result import InputFile
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
-from ..evaluate.compare.pictures import PictureQuestion
+from ..evaluate.compare.pictures import picture_task
 from ..evaluate.compare.result import answer, compare_result
+from ..evaluate.picture.result import PictureTask
 from ..evaluate.sweep.axis import Axis
 from ..report.cells import text_table
 from ..report.envelope import envelope
@@ -84,11 +85,11 @@ def _of_pictures(
     camera_spec: PathArgument | None = None,
     encoding: Literal["linear", "srgb"] | None = None,
     **stated: Unpack[Stated],
-) -> PictureQuestion:
+) -> PictureTask:
     """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
     require_known(stated, Stated)
     files = {"regions": regions, "calibration": calibration, "camera specification": camera_spec}
-    return PictureQuestion(
+    return picture_task(
         as_path(regions, "regions"),
         conversion_of(calibration, camera_spec, encoding).given(**stated),
         tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),

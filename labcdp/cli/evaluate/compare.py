@@ -10,8 +10,9 @@ import typer
 from ...core.errors import InputError
 from ...evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ...evaluate.compare.page import write_comparison
-from ...evaluate.compare.pictures import PictureQuestion
+from ...evaluate.compare.pictures import picture_task
 from ...evaluate.compare.result import compare_result
+from ...evaluate.picture.result import PictureTask
 from ...evaluate.sweep.axis import parse_axis
 from ..options import parse_changes
 from ..output import Results
@@ -56,7 +57,7 @@ class QuestionOptions:
             fraction_of_percent(self.epsilon or "50%", "--epsilon"),
         )
 
-    def of_pictures(self, light: PictureLightOptions) -> PictureQuestion | None:
+    def of_pictures(self, light: PictureLightOptions) -> PictureTask | None:
         """Return what pictures are asked; None without regions.
 
         Raises
@@ -71,7 +72,7 @@ class QuestionOptions:
             return None
         if self.over or self.changes:
             raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
-        return PictureQuestion(
+        return picture_task(
             self.roi,
             light.conversion(),
             tuple(light.inputs({"regions": self.roi})),

@@ -10,13 +10,13 @@ import numpy as np
 
 from ...chain import Chain
 from ...core.errors import InputError, PredictionError
+from ..picture.result import PictureTask
 from ..sweep.axis import Axis
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Sweep
 from ..sweep.run import run_sweep
 from .difference import Difference, difference
 from .grid import Grid, map_grid, responsivity_grid
-from .pictures import PictureQuestion
 from .rows import Named, values_of
 from .subject import Subject, read_subjects
 
@@ -117,7 +117,7 @@ def compare_subjects(
     sources: Sequence[Any],
     question: Question | None = None,
     progress: Callable[[int, int], None] | None = None,
-    pictures: PictureQuestion | None = None,
+    pictures: PictureTask | None = None,
 ) -> Comparison:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
 
@@ -129,7 +129,7 @@ def compare_subjects(
         What chains are asked; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
-    pictures : PictureQuestion or None
+    pictures : PictureTask or None
         What pictures are asked.
 
     Raises

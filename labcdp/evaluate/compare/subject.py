@@ -21,8 +21,9 @@ from ..bench.calibration.quantities import lens_text, meter_text
 from ..bench.recorded_calibration import calibrate_recorded
 from ..bench.report.result import session_input, session_result
 from ..bench.session import evaluate_session
+from ..picture.result import PictureTask
+from ..picture.tables import ReportedPicture
 from ..sweep.maps.axes import check_map
-from .pictures import PictureQuestion
 
 #: Kinds by the command whose results they are; the file next to results.json that holds them, if not that itself.
 _OF_COMMAND = {
@@ -67,7 +68,7 @@ class Subject:
     simulated: bool
 
 
-def read_subjects(sources: Sequence[Any], pictures: PictureQuestion | None = None) -> tuple[Subject, ...]:
+def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -> tuple[Subject, ...]:
     """Recognise and read what is compared.
 
     Parameters
@@ -75,7 +76,7 @@ def read_subjects(sources: Sequence[Any], pictures: PictureQuestion | None = Non
     sources : sequence
         Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
         are as many subjects.
-    pictures : PictureQuestion or None
+    pictures : PictureTask or None
         How pictures are evaluated.
 
     Raises
@@ -100,7 +101,7 @@ def _names(subjects: Sequence[Subject]) -> list[str]:
     return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
 
 
-def _read(source: Any, pictures: PictureQuestion | None) -> list[Subject]:
+def _read(source: Any, pictures: PictureTask | None) -> list[Subject]:
     if isinstance(source, str | Path):
         if Path(source).suffix.lower() not in _SUFFIXES and Path(source).is_file():
             return _picture(Path(source), pictures)
@@ -144,13 +145,15 @@ def _file(text: str, path: Path) -> list[Subject]:
     raise InputError(f"{text} cannot be compared: {_HINT}")
 
 
-def _picture(path: Path, asked: PictureQuestion | None) -> list[Subject]:
+def _picture(path: Path, asked: PictureTask | None) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
     if asked is None:
         raise InputError(
             f"{path} is compared as a picture: give its regions with --roi, or {_HINT.removeprefix('give ')}"
         )
-    result = asked.evaluate(path)
+    evaluation, _ = asked.made(path, pages=False, surface=False)
+    task = replace(asked, configuration={**asked.configuration, "exposure_s": evaluation.exposure_s})
+    result = task.result([ReportedPicture(1, str(path), "", evaluation)])
     return _results(str(path), path, envelope(result), result.inputs)
 
 

@@ -72,8 +72,11 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
     sums : Sums
         0 at first; are filled.
     """
+    # Arrays of a record are counted as used at each access.
+    (classes, alike, places), counts = pairs, sums.counts
     height, width = dn.shape
-    n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, pairs.places.shape[0]
+    n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, places.shape[0]
+    same, n_alike = classes[65535], 0
     padded = n_pieces * _PIECE
     beside, below = np.zeros(_PIECE, np.uint8), np.zeros(_PIECE, np.uint8)
     # Marks of this row and the one before, with a pixel of nothing at either end, and which pieces hold any.
@@ -89,17 +92,30 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
         for piece in range(n_pieces):
             start, stop = piece * _PIECE, min((piece + 1) * _PIECE, width)
             # The last column and the last row have a neighbour less.
-            n_pairs = min(stop, width - 1) - start, stop - start if y < height - 1 else 0
-            window = rows_of_dn[this, start : start + _PIECE + 1], rows_of_dn[other, start : start + _PIECE]
-            lowest, highest = _classify(window, n_pairs, pairs, (beside, below), sums.counts)
+            n_beside, n_below = min(stop, width - 1) - start, stop - start if y < height - 1 else 0
+            upper, lower = rows_of_dn[this, start : start + _PIECE + 1], rows_of_dn[other, start : start + _PIECE]
+            least, change = _change(upper, lower)
+            empty = change < alike[least]
+            if empty:
+                lowest = highest = same
+                n_alike += n_beside + n_below
+            else:
+                _look_up(upper, upper[1:], classes, beside)
+                _look_up(upper, lower, classes, below)
+                _end(beside, below, n_beside, n_below)
+                lowest, highest = _count(beside, below, counts)
             for n in range(n_contrasts):
-                low, high = pairs.places[n, 0], pairs.places[n, 1]
+                low, high = places[n, 0], places[n, 1]
                 if highest > low and lowest <= high:
                     marked[n, this, piece] = True
+                    if empty:
+                        _fill(beside, below, same, n_beside, n_below)
+                        empty = False
                     _mark(beside, below, low, high, marks[n, this, start + 1 : start + _PIECE + 1])
                 elif marked[n, this, piece]:
                     marked[n, this, piece] = False
-                    marks[n, this, start + 1 : start + _PIECE + 1] = 0
+                    for i in range(start + 1, start + _PIECE + 1):
+                        marks[n, this, i] = 0
         for n in range(n_contrasts):
             row = marks[n, this]
             near, total = _sum_row(row, marks[n, other], marked[n, this], some_rows[n])
@@ -109,31 +125,25 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
         if y % _ROWS == _ROWS - 1 or y == height - 1:
             sums.columns[:] += some_rows[:, :width]
             some_rows[:] = 0
+    for one in range(same):
+        counts[one] += n_alike
 
 
 @compiled
-def _classify(
-    window: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    n_pairs: tuple[int, int],
-    pairs: Pairs,
-    found: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    counts: NDArray[np.int64],
-) -> tuple[np.uint8, np.uint8]:
-    """Find and count the classes of the pairs of a piece beside and below; the lowest and the highest one."""
-    (upper, lower), (beside, below) = window, found
-    least, change = _change(upper, lower)
-    same = pairs.classes[65535]
-    alike = change < pairs.alike[least]
-    if alike:
-        beside[:], below[:] = same, same
-        for one in range(same):
-            counts[one] += n_pairs[0] + n_pairs[1]
-    else:
-        _look_up(upper, upper[1:], pairs.classes, beside)
-        _look_up(upper, lower, pairs.classes, below)
-    # What is no pair is of class 0.
-    beside[n_pairs[0] :], below[n_pairs[1] :] = 0, 0
-    return (same, same) if alike else _count(beside, below, counts)
+def _fill(beside: NDArray[np.uint8], below: NDArray[np.uint8], same: np.uint8, n_beside: int, n_below: int) -> None:
+    """Make all pairs of a piece of one class; what is no pair is of class 0."""
+    # Quicker than slices.
+    for i in range(_PIECE):
+        beside[i], below[i] = same, same
+    _end(beside, below, n_beside, n_below)
+
+
+@compiled
+def _end(beside: NDArray[np.uint8], below: NDArray[np.uint8], n_beside: int, n_below: int) -> None:
+    for i in range(n_beside, _PIECE):
+        beside[i] = 0
+    for i in range(n_below, _PIECE):
+        below[i] = 0
 
 
 @compiled

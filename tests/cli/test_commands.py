@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from labcdp.cli.app import app
+from labcdp.cli.app import app, unwinding
 from labcdp.cli.bench.demo import demonstrate
 from labcdp.cli.commands import all_commands
-from labcdp.cli.ending import unwinding
 from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.spectral.photometry import spectral_weights
 from labcdp.drivers.simulated import SimulatedBenchFile

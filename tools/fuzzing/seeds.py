@@ -194,7 +194,7 @@ def _session(folder: Path) -> None:
 
 
 def _journals(folder: Path) -> None:
-    from labcdp.evaluate.sweep.dataset import VARIABLES
+    from labcdp.evaluate.sweep.run import VARIABLES
 
     head = {"axes": {"a.b": [1, 2, 3]}, "seed": 0}
     sweep = LineJournal.open(folder / "sweep" / "sweep.jsonl", head, "sweep")

@@ -9,10 +9,9 @@ from labcdp.chain.scene import image
 from labcdp.chain.sensor import fixed_pattern
 from labcdp.core.errors import ConfigurationError, InputError
 from labcdp.evaluate.sweep.axis import Axis
-from labcdp.evaluate.sweep.dataset import VARIABLES
 from labcdp.evaluate.sweep.plan import Sweep
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
-from labcdp.evaluate.sweep.run import run_sweep
+from labcdp.evaluate.sweep.run import VARIABLES, run_sweep
 from labcdp.evaluate.sweep.simulation.run import evaluate_pair
 
 CHAIN = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ....calibration.verify.history import CameraHistory
 from ....core.errors import InputError
@@ -12,11 +13,99 @@ from ....output import write_file
 from ....report.cells import cell_text
 from ....report.digits import printable
 from ....report.figure import ReportFigure
+from ....report.figures.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
 from ....report.html import render_page
 from ....report.layout import Card, Page, Section
 from ....report.sheets import result_workbook
-from .figure import history_figure
 from .result import Camera, by_camera, history_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: A value with its half widths of 95 %, without and with what points share; None where it is not known.
+_Value = tuple[float, float, float] | None
+#: Colour of a plane, and shape of its marks.
+_STYLES = {"R": (VERMILLION, "^"), "Gr": (GREEN, "o"), "Gb": (GREEN, "s"), "B": (BLUE, "v")}
+#: Planes measured at one time stand side by side, so far apart, as a share of the time that is shown.
+_APART = 0.012
+
+
+def history_figure(planes: Camera) -> bytes:
+    """Draw responsivity, weights, dark offset, dark rate and K over time, as PNG; planes in their colours."""
+    first = planes[0]
+    responsivity = "responsivity in\nDN s⁻¹ / (cd m⁻²)" if len(planes) == 1 else "change of the\nresponsivity in %"
+    panels: list[tuple[str, list[list[_Value]]]] = [
+        (responsivity, [_responsivities(one, relative=len(planes) > 1) for one in planes]),
+        ("weight in the\nluminance", [[_plain(p.weight) for p in one.points] for one in planes]),
+        ("dark offset in DN", [[_with_u(p.dark_offset_dn) for p in one.points] for one in planes]),
+        ("dark rate in DN/s", [[_with_u(p.dark_rate_dn_s) for p in one.points] for one in planes]),
+        ("K in DN/e⁻", [[_plain(p.k_dn_per_e) for p in one.points] for one in planes]),
+    ]
+    shown = [(label, values) for label, values in panels if any(v is not None for of_plane in values for v in of_plane)]
+    figure = new_figure(8.0, 0.9 + 1.9 * len(shown), "camera" if first.camera.simulated else "")
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, (label, values) in zip(axes, shown, strict=True):
+        for number, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
+            _draw(panel, one, of_plane, number - (len(planes) - 1) / 2)
+        _finish(panel, label)
+    lens = f"{first.lens.model} at f/{first.lens.f_number:g}, {first.gain_db:g} dB"
+    axes[0].set_title(f"{printable(str(first.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
+    axes[-1].set_xlabel("time of measurement (UTC)", fontsize=LABEL_SIZE)
+    _time_axis(axes[-1])
+    return png(figure)
+
+
+def _responsivities(one: CameraHistory, relative: bool) -> list[_Value]:
+    """Responsivities, or what they are above the first one in percent, with which planes can be compared."""
+    known = [p.responsivity for p in one.points]
+    first = next((r[0] for r in known if r), 1.0)
+    scale, less = (100 / first, 100.0) if relative else (1.0, 0.0)
+    return [r and (scale * r[0] - less, scale * r[0] * r[1], scale * r[0] * r[2]) for r in known]
+
+
+def _plain(value: float | None) -> _Value:
+    return None if value is None else (value, 0.0, 0.0)
+
+
+def _with_u(value: tuple[float, float] | None) -> _Value:
+    return value and (value[0], value[1], value[1])
+
+
+def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float) -> None:
+    known = [(p, v) for p, v in zip(one.points, values, strict=True) if v is not None]
+    if not known:
+        return
+    # Days since 1970, as matplotlib counts them.
+    days = [p.measured.timestamp() / 86400 for p in one.points]
+    aside = place * _APART * (days[-1] - days[0])
+    times = [p.measured.timestamp() / 86400 + aside for p, _ in known]
+    colour, mark = _STYLES[one.plane] if one.plane else (BLUE, "o")
+    line = "0.75" if one.plane is None else colour
+    label = None if one.plane is None else f"plane {one.plane}"
+    axes.plot(times, [v[0] for _, v in known], color=line, linewidth=1.0, zorder=1)
+    for number, ((point, (value, own, whole)), time) in enumerate(zip(known, times, strict=True)):
+        edge = "black" if one.plane is None else colour
+        filled = edge if point.verdict is None else "white"
+        axes.errorbar(time, value, yerr=whole, fmt="none", ecolor=colour, elinewidth=1.0, capsize=3.0, zorder=2)
+        axes.errorbar(time, value, yerr=own, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
+        named = label if number == 0 else None
+        axes.plot([time], [value], mark, markersize=6, color=edge, markerfacecolor=filled, zorder=4, label=named)
+
+
+def _finish(axes: Axes, label: str) -> None:
+    finish(axes, "", label, "", loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    axes.margins(x=0.06, y=0.15)
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _time_axis(axes: Axes) -> None:
+    from matplotlib import dates
+
+    # matplotlib's dates have no types.
+    make: Any = dates
+    locator = make.AutoDateLocator(minticks=3, maxticks=8)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(make.ConciseDateFormatter(locator))
 
 
 def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *, force: bool = False) -> None:

@@ -149,7 +149,7 @@ def _fitted(
         measured_spectrum=setup.measured_spectrum,
         meter_scale=scale,
         responsivity=responsivity,
-        response=final.response()[0],
+        response=final.candidate.response(final.parameters[: final.candidate.n_parameters])[0],
         fit_errors=fit_errors(final),
         dark=settings[0].dark,
         noise=settings[0].noise,
@@ -177,7 +177,7 @@ def _final(
     settings = intake.settings
     of_place = fit_tests.vignetting_left(first, vignetting)
     plain = solve(first.design.without_shared(DRIFT), first.candidate)
-    of_glare = fit_tests.glare(plain, plain.response()[1])
+    of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
     design = first.design.with_glare(glare_cd_m2 * (_FREE if of_glare.significant else 1.0))
     stated = solve(design, first.candidate)
@@ -208,8 +208,13 @@ def _versions() -> tuple[tuple[str, str], ...]:
     return (("python", platform.python_version()), *((name, version(name)) for name in ("labcdp", "numpy", "scipy")))
 
 
+def _slope(solution: Solution) -> float:
+    """R of a solution."""
+    return solution.candidate.response(solution.parameters[: solution.candidate.n_parameters])[1]
+
+
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
-    design, responsivity = final.design, final.response()[1]
+    design, responsivity = final.design, _slope(final)
     relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
     scatter_rel, scatter_dof = scatter_of_one(design)
     return ResponsivityFit(

@@ -14,7 +14,7 @@ class FitError:
     Parameters
     ----------
     source : str
-        ``fit``, ``gain`` or ``dark and temperature``.
+        ``fit``, ``gain``, ``linearity`` or ``dark and temperature``.
     net_dn : tuple of float
         Signals above dark, ascending.
     relative : tuple of float

@@ -200,6 +200,7 @@ _BASIS = {
     REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
     "exposure time": "steps of the exposure time that cameras apply",
     "gain": "scatter of the gains around each other",
+    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
     "drift": "readings before and after the frames",
     "flat field": "noise and repeatability of the flat field",
     "glare": "free intercept of the fit",

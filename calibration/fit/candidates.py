@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import log1p
 from typing import NamedTuple
 
@@ -110,26 +110,13 @@ class CandidateModel:
         steps = self.knots_dn[-1] * np.linspace(0, 1, _N_KNOTS)
         return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
 
-    def response(self, parameters: Array, shape: Array) -> tuple[Response, float]:
-        """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2).
-
-        Parameters
-        ----------
-        parameters : ndarray of float
-            b.
-        shape : ndarray of float, shape (k,)
-            Values of the errors of a given shape, which are corrected; empty for a fitted one.
-        """
+    def response(self, parameters: Array) -> tuple[Response, float]:
+        """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2)."""
         top = self.knots_dn[-1]
         if self.kind == "linear":
             return Response(), float(1 / parameters[0])
         if self.bracket is not None:
-            given = self.bracket.response
-            knots, linear = np.array(given.net_dn[1:]), np.array(given.linear_dn[1:])
-            linear = np.maximum.accumulate(linear * (1 - shape @ self.errors(knots)))
-            responsivity = float(knots[0] / linear[0])
-            values = (0.0, *(responsivity * linear).tolist())
-            return replace(given, linear_dn=values), responsivity / float(parameters[0])
+            return self.bracket.response, float(1 / parameters[0])
         if self.kind == "quadratic":
             at_top = top * (1 + parameters[1] / parameters[0])
             return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])

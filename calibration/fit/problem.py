@@ -8,9 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.response import Response
 from .candidates import CandidateModel
-from .design import Array, Design, SharedError
+from .design import Array, Design
 
 _TOLERANCE = 1e-12
 #: Residual, in standard uncertainties, of parameters at which there is no covariance.
@@ -65,27 +64,14 @@ class Solution:
     @property
     def chi_squared(self) -> float:
         """Minimum of the sum of squares."""
-        return float(self.residual @ self.weight @ self.residual)
+        # The scale of a given response is fitted with other weights than these.
+        weight = self.weight if self.candidate.bracket is None else self.left
+        return float(self.residual @ weight @ self.residual)
 
     @property
     def degrees_of_freedom(self) -> int:
         """Observations less parameters."""
         return self.residual.size - self.parameters.size
-
-    @property
-    def of_shape(self) -> Array:
-        """Sensitivity of the errors of a given response to the luminances, shape (k, n); their best values follow.
-
-        These are the conditional means of the shared errors, of which the patches have seen some.
-        """
-        level = np.sqrt(np.abs(self.luminance * self.design.readings))
-        patterns: Array = level * self.candidate.errors(self.design.net_dn) @ self.left
-        return patterns
-
-    def response(self) -> tuple[Response, float]:
-        """Return h, the errors of a given response corrected, and R in DN s^-1 / (cd m^-2)."""
-        found = self.of_shape @ self.residual
-        return self.candidate.response(self.parameters[: self.candidate.n_parameters], found)
 
     def shift(self, pattern: Array) -> tuple[float, float]:
         """Fit one more parameter: the amplitude of `pattern`, shape (n,), in luminances less readings.
@@ -108,7 +94,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     stated widths. All but the parameters enter linearly and are eliminated: what remains is chi^2 = r^T C^-1 r with
     r = luminance - reading and the effective covariance C of `Design.covariance`, at the slopes of the parameters. It
     is minimised by `scipy.optimize.least_squares`. For a straight line and independent errors these are the equations
-    of D. York et al., Am. J. Phys. 72 (2004) 367. The errors of a given response are shared errors, too.
+    of D. York et al., Am. J. Phys. 72 (2004) 367. Errors of a given response are included in the solution's covariance
+    but not in the weights of the fit, which would otherwise favour signals near its reference point.
 
     Parameters
     ----------
@@ -125,14 +112,14 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     from scipy.linalg import cholesky, solve_triangular
     from scipy.optimize import least_squares
 
-    errors = _with_shape(design, candidate)
+    weighting = _weighting(design, candidate)
     start = _start(design, candidate)
     scale = np.maximum(np.abs(start), 1e-3 * np.abs(start[0]))
 
     def standardised(scaled: Array) -> Array:
         parameters = scaled * scale
         luminance, slope, _ = _evaluate(design, candidate, parameters, design.net_dn)
-        covariance = errors.covariance(luminance, slope)
+        covariance = weighting.covariance(luminance, slope)
         if not np.isfinite(covariance).all():
             return np.full(luminance.size, _IMPOSSIBLE)
         try:
@@ -156,11 +143,9 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     return solution
 
 
-def _with_shape(design: Design, candidate: CandidateModel) -> Design:
-    """Add the errors of a given response, which all observations share."""
-    zero = np.zeros(design.net_dn.size)
-    shape = tuple(SharedError("fit", row, zero) for row in candidate.errors(design.net_dn))
-    return replace(design, shared=(*design.shared, *shape)) if shape else design
+def _weighting(design: Design, candidate: CandidateModel) -> Design:
+    """Errors that make the weights: of a given response without those that errors of its shape look like."""
+    return design if candidate.bracket is None else replace(design, shared=())
 
 
 def _typical_rel(solution: Solution) -> float:
@@ -173,11 +158,13 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
     if not candidate.rises(parameters[: candidate.n_parameters]):
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
     luminance, slope, jacobian = _evaluate(design, candidate, parameters, design.net_dn)
-    covariance = _with_shape(design, candidate).covariance(luminance, slope)
+    covariance = design.covariance(luminance, slope)
+    normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
+    by_shape = luminance * candidate.errors(design.net_dn)
+    covariance = covariance + by_shape.T @ by_shape
     weight = np.linalg.inv(covariance)
     columns = weight @ jacobian
-    gain = np.linalg.solve(jacobian.T @ columns, columns.T)
-    left = weight - columns @ gain
+    left = weight - columns @ np.linalg.solve(jacobian.T @ columns, columns.T)
     return Solution(
         design=design,
         candidate=candidate,
@@ -186,7 +173,7 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
         slope=slope,
         residual=luminance - design.readings,
         jacobian=jacobian,
-        gain=gain,
+        gain=np.linalg.solve(normal @ jacobian, normal),
         covariance=covariance,
         weight=weight,
         left=left,

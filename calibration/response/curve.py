@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, log, pi, sqrt
+from math import ceil, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,7 @@ _SEEN = 5
 _LEVELS, _NEAR = 256, 5
 #: Share of the DN range above which noise is small compared with deviations by motion.
 _BRIGHT_SHARE, _MOVED = 0.2, 0.25
-#: Largest difference of a curve's errors between two exposures a factor f = e apart, by simulated brackets of cameras
-#: with sRGB, film and power curves; it grows with the square of ln f.
+#: Error of a curve within a factor e of the exposure, by simulated brackets; it grows with the square of ln f.
 _WITHIN_REL = 0.01
 #: Factor of neighbouring exposures that causes a warning.
 _WIDE_FACTOR = 3.0
@@ -75,20 +74,19 @@ class ResponseCurve:
     def errors(self, net_dn: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Independent relative errors of h for one standard uncertainty each, shape (k, n), at DN of shape (n,).
 
-        The curve is a chain of ratios from exposure to exposure, so what the residual says grows link by link: each
-        error is a ramp over its part of ln h, half a link, and constant outside. Between exposures a smooth curve has a
-        freedom that does not grow: they determine h at a factor f from any signal, so that this error has the period
-        ln f.
+        The curve is a chain of ratios from exposure to exposure, so its error grows link by link: each error is a ramp
+        over its part of ln h, half a link, and constant outside. A link contributes the residual of the curve, and the
+        freedom of a smooth curve within it: the exposures determine h at a factor f from any signal, but not in
+        between.
         """
-        step = float(np.median(np.diff(np.log(self.exposures_s))))
+        steps = np.diff(np.log(self.exposures_s))
+        link_rel = float(np.hypot(self.residual_rel, _WITHIN_REL * np.median(steps) ** 2))
         low, high = (log(float(self.response.linearise(n))) for n in self.range_net_dn)
-        n_links = max((high - low) / step, 1.0)
+        n_links = max((high - low) / float(np.median(steps)), 1.0)
         edges = np.linspace(low, high, min(ceil(_PARTS * n_links), _MOST_ERRORS) + 1)
         at = np.log(self.response.linearise(np.clip(net_dn, *self.range_net_dn)))
-        ramps = np.clip((at - edges[:-1, None]) / np.diff(edges)[:, None], 0, 1)
-        phase = 2 * pi * (at - low) / step
-        within = _WITHIN_REL * step**2 / 2 * np.array([np.cos(phase), np.sin(phase)])
-        return np.vstack([self.residual_rel * sqrt(n_links / len(ramps)) * ramps, within])
+        ramps: NDArray[np.float64] = np.clip((at - edges[:-1, None]) / np.diff(edges)[:, None], 0, 1)
+        return link_rel * sqrt(n_links / ramps.shape[0]) * ramps
 
 
 def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCurve:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..core.disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
 from ..core.errors import CalibrationError, InputError
 from .frames.statistics import FrameStatistics
+from .rounding import ROUNDING_DN2
 
 #: Robust standard deviations from the median beyond which a pixel of the dark image is hot. None of five million normal
 #: pixels is expected there.
@@ -141,7 +142,7 @@ def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) ->
         net = light.image_dn - dark.image_dn
         around = _median_around(net)
         typical = float(np.median(net))
-        if typical < 5 * sqrt(dark.typical_variance_dn2 + 1 / 12):
+        if typical < 5 * sqrt(dark.typical_variance_dn2 + ROUNDING_DN2):
             raise CalibrationError(
                 f"the light frames are {typical:.3g} DN above the dark ones, too little to find dead pixels: light the "
                 "sensor to half of its saturation"
@@ -173,7 +174,7 @@ def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
         float(np.quantile(statistics.image_dn, 0.99)) / max(float(np.median(statistics.image_dn)), 1e-9), 1.0
     )
     limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, dof)) / dof
-    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, 1 / 12)
+    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, ROUNDING_DN2)
     return noisy
 
 

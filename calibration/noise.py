@@ -15,7 +15,8 @@ from ..core.response import Response
 from .dark.signal import DarkModel
 from .frames.observations import PatchObservation
 from .photon_transfer import FIT_SHARE, weighted_gain
-from .signal_limits import MAX_CLIPPED_SHARE, ROUNDING_DN2
+from .rounding import ROUNDING_DN2
+from .signal_limits import MAX_CLIPPED_SHARE
 
 #: Rounds of weights of a fit with a tone curve.
 _ROUNDS = 3

@@ -8,6 +8,7 @@ between two DN the mean lies.
 from __future__ import annotations
 
 from functools import cache
+from math import exp, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,21 @@ class Range(NamedTuple):
     def root(self) -> Range:
         """Range of the square root."""
         return Range(float(np.sqrt(self.least)), float(np.sqrt(self.largest)))
+
+
+def quantisation_variance_dn2(variance_dn2: float) -> float:
+    """Variance by rounding to whole DN of the mean of any number of pixels.
+
+    Noise dithers the rounding. With normal noise of standard deviation s DN the mean of rounded values is off by a
+    Fourier series in the mean, with variance sum_k exp(-4 pi^2 k^2 s^2) / (2 pi^2 k^2) over all offsets (B. Widrow
+    and I. Kollar, Quantization Noise, 2008); exp(-4 pi^2 s^2) / 12 bounds it and is exact without noise.
+
+    Parameters
+    ----------
+    variance_dn2 : float
+        Variance of the rounded values over pixels and frames, which includes about 1/12 DN^2 of rounding.
+    """
+    return ROUNDING_DN2 * exp(-4 * pi**2 * max(variance_dn2 - ROUNDING_DN2, 0.0))
 
 
 def rounded_moments(means_dn: FloatArray, variance_dn2: float) -> tuple[FloatArray, FloatArray]:

@@ -10,10 +10,10 @@ from ..core.finding import Finding, info
 from ..core.response import Response
 from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation
-from .frames.statistics import quantisation_variance_dn2
 from .gains import GainSetting, index_of_gain
 from .noise import TemporalNoise
-from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, ROUNDING_DN2
+from .rounding import ROUNDING_DN2, quantisation_variance_dn2
+from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 
 #: Codes of findings about exposures that are left out.
 _CODES: dict[Reason, str] = {

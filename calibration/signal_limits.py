@@ -4,5 +4,3 @@
 MAX_CLIPPED_SHARE = 0.001
 #: Standard uncertainties above which a patch is brighter than the dark signal.
 MIN_NET_SIGNAL = 3.0
-#: Variance by rounding to whole DN.
-ROUNDING_DN2 = 1 / 12

@@ -17,7 +17,7 @@ from ...core.finding import Finding, FindingValue, info
 from ..defects import DefectMap
 from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
-from ..frames.statistics import quantisation_variance_dn2
+from ..rounding import quantisation_variance_dn2
 from .curve import DOUBLING_REL, TYPICAL_DOUBLING_C
 from .signal import fit_dark
 

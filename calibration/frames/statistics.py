@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp, pi
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..rounding import quantisation_variance_dn2
 
 
 @dataclass(frozen=True)
@@ -224,18 +225,3 @@ def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_mea
     filled = counts > 0
     means = sums[:, filled] / counts[filled] - frame_means[:, None]
     return float(means.var(axis=0, ddof=1).mean())
-
-
-def quantisation_variance_dn2(variance_dn2: float) -> float:
-    """Variance by rounding to whole DN of the mean of any number of pixels.
-
-    Noise dithers the rounding. With normal noise of standard deviation s DN the mean of rounded values is off by a
-    Fourier series in the mean, with variance sum_k exp(-4 pi^2 k^2 s^2) / (2 pi^2 k^2) over all offsets (B. Widrow
-    and I. Kollar, Quantization Noise, 2008); exp(-4 pi^2 s^2) / 12 bounds it and is exact without noise.
-
-    Parameters
-    ----------
-    variance_dn2 : float
-        Variance of the rounded values over pixels and frames, which includes about 1/12 DN^2 of rounding.
-    """
-    return exp(-4 * pi**2 * max(variance_dn2 - 1 / 12, 0.0)) / 12

@@ -71,7 +71,7 @@ def _taken(path: Path, output: Path) -> int:
             holder = printable(os.pread(descriptor, _MOST_BYTES, 0).decode(errors="replace")) or "another process"
             os.close(descriptor)
             raise InputError(
-                f"{output} is in use by another labcdp rois ({holder}): end that one first, or give another --output"
+                f"{output} is in use by another labcdp ({holder}): end that one first, or give another region file"
             ) from error
         except OSError as error:
             os.close(descriptor)
@@ -88,7 +88,7 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 
 def _impossible(path: Path, output: Path, error: OSError) -> InputError:
-    return InputError(f"{output} cannot be locked ({path.name}: {error.strerror}): give --output in another folder")
+    return InputError(f"{output} cannot be locked ({path.name}: {error.strerror}): give one in another folder")
 
 
 def _tell(descriptor: int, text: str) -> None:

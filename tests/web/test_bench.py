@@ -19,7 +19,7 @@ from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, MeterConfiguration
 from labcdp.web.bench.desk import MeterDesk
-from labcdp.web.bench.images import better_exposure_s, sharpness
+from labcdp.web.bench.images import better_exposure_s, fit_exposure, sharpness
 from labcdp.web.bench.live_camera import Live, LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question
@@ -135,6 +135,21 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
         exposure_s = better_s
     mean = 64 + 2e5 * exposure_s
     assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / highest < 0.91
+
+
+def test_the_exposure_fits_the_regions_that_are_inside_the_image(bench: SimulatedBench) -> None:
+    camera = LiveCamera(bench.in_process_camera(), {"exposure_s": 0.0002})
+    camera.start()
+    try:
+        camera.look()
+        frame = wait_for(camera, lambda live: live.frame is not None).frame
+        height, width = frame.shape
+        rois = [RectangleShape("all", 0, 0, width, height).rois()[0], RectangleShape("out", width, 0, 9, 9).rois()[0]]
+        assert list(fit_exposure(camera, lambda: rois)) == [""]
+        dn = camera.live.frame.dn
+        assert 0.69 < np.quantile(dn, 0.99) / 4095 < 0.91
+    finally:
+        camera.stop()
 
 
 def test_no_exposure_is_better_where_the_camera_has_none() -> None:

@@ -124,7 +124,7 @@ def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_en
     board(tmp_path / "board.png")
     for arguments in ((picture,), (tmp_path / "board.png", "--detect", "checkerboard", "--no-page")):
         assert (
-            f"{output} is in use by another labcdp rois (process {served.process.pid}, http://127.0.0.1:{served.port})"
+            f"{output} is in use by another labcdp (process {served.process.pid}, http://127.0.0.1:{served.port})"
         ) in refused(*arguments, "-o", output)
     assert served.url.partition("token=")[2] not in (tmp_path / ".r.json.lock").read_text()
     served.stop(signal.SIGKILL)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from threading import Thread
@@ -249,7 +250,12 @@ def fit_exposure(camera: LiveCamera, rois: Callable[[], Sequence[Roi]]) -> Itera
         if live.frame is None or live.settings is None:
             break
         frame = live.frame
-        inside = [roi.select(frame.dn) for roi in rois()] or [frame.dn.ravel()]
+        inside = []
+        for roi in rois():
+            # Some may be outside a smaller part of the sensor.
+            with suppress(InputError):
+                inside.append(roi.select(frame.dn))
+        inside = inside or [frame.dn.ravel()]
         brightest = max(inside, key=lambda values: float(values.mean()))
         better_s = better_exposure_s(brightest, frame.exposure_s, frame.saturation_dn, live.exposure_range_s)
         if better_s is None:

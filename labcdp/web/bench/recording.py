@@ -205,7 +205,7 @@ class Recording:
                 self.report = _report(session)
         except LabcdpError as error:
             kept = f"; {self.folder} holds what was recorded" if self.folder.exists() else ""
-            self.outcome = f"{str(error)[:1].upper()}{str(error)[1:]}{kept}"
+            self.outcome = f"Stopped: {error}{kept}"
         else:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -119,3 +120,24 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(tmp_path: Pa
         folder.mkdir()
         (folder / "frame.tif").hardlink_to(files[row.frame_number])
         assert_same(video_of(folder, rois, calibration=tmp_path / "calibration.json"), picture)
+
+
+def test_versions_of_more_bits_differ_by_their_quantisation(tmp_path: Path) -> None:
+    """Noise of 6 DN of 8 bits dithers the rounding, which adds 1/12 DN² to the variance, and nothing to the mean."""
+    noise = np.random.default_rng(4).normal(size=(80, 120))
+    light = np.where(np.arange(120) < 50, 150.2, 60.7) + 6 * noise
+    pairs = {}
+    for bits in (8, 12, 16):
+        pixels = np.rint(light * 2 ** (bits - 8)).astype(np.uint8 if bits == 8 else np.uint16)
+        np.save(path := tmp_path / f"{bits}.npy", pixels)
+        pairs[bits] = picture_of(path, (BRIGHT, DARK), None, "linear")
+    finest = pairs.pop(16)
+    for bits, pair in pairs.items():
+        step = 2.0 ** (8 - bits)
+        # A rounded mean scatters by sqrt(1/12 / n) of a step; a CDP is that of values shifted by up to half a step.
+        scatter = step * sqrt(1 / 12 / 720) * hypot(1, 150.2 / 60.7) / 60.7
+        assert pair.contrast.value == pytest.approx(finest.contrast.value, abs=4 * scatter)
+        assert pair.a.snr.value == pytest.approx(finest.a.snr.value, rel=0.02 * step + 1e-4)
+        for one, fine in zip(pair.results, finest.results, strict=True):
+            assert one.result.cdp == pytest.approx(fine.result.cdp, abs=0.05 * step)
+            assert one.standard_uncertainty == pytest.approx(fine.standard_uncertainty, rel=0.1 * step, abs=1e-4)

@@ -72,8 +72,7 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
     sums : Sums
         0 at first; are filled.
     """
-    # Arrays of a record are counted as used at each access.
-    (classes, alike, places), counts = pairs, sums.counts
+    (classes, alike, places), counts = pairs, sums.counts  # once: each access counts a reference
     height, width = dn.shape
     n_pieces, n_contrasts = (width + _PIECE - 1) // _PIECE, places.shape[0]
     same, n_alike = classes[65535], 0
@@ -114,14 +113,8 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
                     _mark(beside, below, low, high, marks[n, this, start + 1 : start + _PIECE + 1])
                 elif marked[n, this, piece]:
                     marked[n, this, piece] = False
-                    for i in range(start + 1, start + _PIECE + 1):
-                        marks[n, this, i] = 0
-        for n in range(n_contrasts):
-            row = marks[n, this]
-            near, total = _sum_row(row, marks[n, other], marked[n, this], some_rows[n])
-            sums.near[n] += near
-            sums.rows[n, y] = total
-            sums.sides[n, y, 0], sums.sides[n, y, 1], sums.sides[n, y, 2] = row[1], row[width - 1], row[width]
+                    _clear(marks[n, this, start + 1 : start + _PIECE + 1])
+        _sum_rows(y, width, marks, marked, some_rows, sums)
         if y % _ROWS == _ROWS - 1 or y == height - 1:
             sums.columns[:] += some_rows[:, :width]
             some_rows[:] = 0
@@ -139,11 +132,31 @@ def _fill(beside: NDArray[np.uint8], below: NDArray[np.uint8], same: np.uint8, n
 
 
 @compiled
+def _clear(marks: NDArray[np.uint8]) -> None:
+    for i in range(_PIECE):
+        marks[i] = 0
+
+
+@compiled
 def _end(beside: NDArray[np.uint8], below: NDArray[np.uint8], n_beside: int, n_below: int) -> None:
     for i in range(n_beside, _PIECE):
         beside[i] = 0
     for i in range(n_below, _PIECE):
         below[i] = 0
+
+
+@compiled
+def _sum_rows(
+    y: int, width: int, marks: NDArray[np.uint8], marked: NDArray[np.bool_], columns: NDArray[np.uint8], sums: Sums
+) -> None:
+    """Add what the marks of a row give for each contrast."""
+    this, other = y % 2, 1 - y % 2
+    for n in range(marks.shape[0]):
+        row = marks[n, this]
+        near, total = _sum_row(row, marks[n, other], marked[n, this], columns[n])
+        sums.near[n] += near
+        sums.rows[n, y] = total
+        sums.sides[n, y, 0], sums.sides[n, y, 1], sums.sides[n, y, 2] = row[1], row[width - 1], row[width]
 
 
 @compiled

@@ -19,6 +19,21 @@ def test_preset_loads_and_runs(name: str) -> None:
     assert all(np.isfinite(signal.luminance_cd_m2).all() for signal in run.values())
 
 
+@pytest.mark.parametrize("name", [one for one in preset_names() if "the converter ends just" in preset_text(one)])
+def test_converter_ends_before_the_full_well_where_the_preset_says_so(name: str) -> None:
+    for _, sensor in Chain.load(name).sensors:
+        assert isinstance(sensor, Sensor)
+        assert sensor.saturation_dn() == 2**sensor.bits - 1
+
+
+def test_merge_takes_no_full_pixel_for_the_scene() -> None:
+    """Where pixels are full below the converter's end, read noise must not make a full pixel count."""
+    wanted = {"sensor.full_well_e": 8000.0, "sensor.k_dn_per_e": 0.3, "scene.luminance_cd_m2": 1e9}
+    merged = list(Chain.load("split-pixel").with_(**wanted).run(seed=2).values())[-1]
+    assert merged.saturated is not None
+    assert merged.saturated.all()
+
+
 def test_thesis_preset_has_the_values_of_its_tables() -> None:
     chain = Chain.load("thesis-2018")
     sensor = chain.sensors[0][1]

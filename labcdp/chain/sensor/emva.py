@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,6 +83,9 @@ class Sensor:
         If a value is out of its range.
     """
 
+    #: Standard deviations of a full pixel between its full well and the DN from which it counts as saturated.
+    SPREADS_BELOW_FULL: ClassVar[float] = 6.0
+
     pixel_pitch_m: float
     width: int
     height: int
@@ -153,12 +156,14 @@ class Sensor:
         return hypot(self.system_gain_dn_per_e(gain_db) * self.read_noise_e, sqrt(QUANTISATION_VARIANCE_DN2))
 
     def saturation_dn(self, gain_db: float = 0.0) -> float:
-        """DN from which a pixel counts as saturated: the converter's end, or the full well less 4 sigma.
+        """DN from which a pixel counts as saturated: the converter's end, or below the full well.
 
-        A full pixel still has the noise of reading and its offset; all but 3 in 100 000 lie above the limit.
+        A full pixel still has the noise of reading and its offset; all but 1 in 10^9 lie above the limit. A merge takes
+        those below for pixels that are not full.
         """
         spread_e = sqrt(self.read_noise_e**2 + self.dsnu_e**2 + self.column_dsnu_e**2 + self.row_dsnu_e**2)
-        full_dn = self.black_level_dn + self.system_gain_dn_per_e(gain_db) * (self.full_well_e - 4 * spread_e)
+        full_e = self.full_well_e - self.SPREADS_BELOW_FULL * spread_e
+        full_dn = self.black_level_dn + self.system_gain_dn_per_e(gain_db) * full_e
         return float(min(2**self.bits - 1, full_dn))
 
     def electrons_per_lx_s(self, spectrum: str) -> float:

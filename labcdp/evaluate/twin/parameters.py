@@ -288,10 +288,11 @@ def _full_well(
             "dark frames"
         )
     if frame.saturation_dn < last_dn:
-        # A sensor counts as saturated 4 standard deviations below its full well.
+        # A sensor counts as saturated some standard deviations below its full well.
         parts = (noise.read_noise_dn, noise.dsnu_dn, noise.column_dsnu_dn, noise.row_dsnu_dn)
         spread_dn = hypot(*(part.value for part in parts))
-        return Quantity((room_dn + 4 * spread_dn) / k, nan, "e-", "from the saturation the frames state")
+        full_dn = room_dn + Sensor.SPREADS_BELOW_FULL * spread_dn
+        return Quantity(full_dn / k, nan, "e-", "from the saturation the frames state")
     if found.saturation_limit == "full well" and isfinite(found.full_well_e.value):
         return found.full_well_e
     if found.saturation_limit != "converter":

@@ -99,11 +99,11 @@ def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
 
 
 def picture(values: NDArray[Any]) -> bytes:
-    """Draw the values of a stage as a grey PNG, from the lowest to the highest."""
+    """Draw the values of a stage as a grey PNG, from the lowest to the highest; equal ones as white, unless 0."""
     import cv2
 
     low, high = float(values.min()), float(values.max())
-    grey = np.zeros(values.shape, np.uint8)
+    grey = np.full(values.shape, 255 if low > 0 else 0, np.uint8)
     if high > low:
         grey = np.rint((values - low) * (255 / (high - low))).astype(np.uint8)
     times = max(1, _PICTURE_SIDE // max(grey.shape))

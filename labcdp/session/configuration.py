@@ -99,7 +99,7 @@ class ContrastConfiguration(Table):
 
     bright: Text = Field(description="the name of a patch")
     dark: Text = Field(description="the name of a patch")
-    contrast: Positive = Field(le=99, description="a Weber contrast above 0 to 99, as a fraction (1.0 is 100 %)")
+    contrast: Positive = Field(description="a Weber contrast above 0, as a fraction (1.0 is 100 %)")
     epsilon: Fraction = Field(0.5, description="a fraction above 0, up to 1")
     # CDP from which the contrast counts as detected.
     cdp_limit: Fraction = Field(0.9, description="a probability above 0, up to 1")

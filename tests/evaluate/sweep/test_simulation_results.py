@@ -3,12 +3,14 @@
 import json
 from io import BytesIO
 
+import numpy as np
 import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.chain import Chain
 from labcdp.core.table import Column, Table
+from labcdp.evaluate.sweep.simulation.figures import picture
 from labcdp.evaluate.sweep.simulation.report import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, result
 from labcdp.evaluate.sweep.simulation.run import evaluate_run
@@ -138,3 +140,11 @@ luminances_cd_m2 = [0.0, 10.0]
     )
     assert [code for code, *_ in codes(black)] == ["contrast-to-detect-infinite"]
     assert codes(black, contrast=1.0) == []
+
+
+def test_picture_of_a_saturated_stage_is_white():
+    import cv2
+
+    for value, grey in ((4095, 255), (0, 0)):
+        drawn = cv2.imdecode(np.frombuffer(picture(np.full((4, 4), value)), np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert np.all(drawn == grey)

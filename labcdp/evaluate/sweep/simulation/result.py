@@ -95,11 +95,10 @@ def answer(detection: Table, final: Sequence[str], contrast: float | None = None
     ]
     # What a merge of exposures brings back is not lost.
     left = [max(row[name] for row in known[place:]) for place in range(len(known))]
-    steps = zip(known, pairwise(left), strict=False)
-    losses = [(before - after, row["stage"], before) for row, (before, after) in steps]
-    loss, stage, still = max(losses, default=(0.0, "", 0.0))
+    losses = [(before - after, row["stage"]) for row, (before, after) in zip(known, pairwise(left), strict=False)]
+    loss, stage = max(losses, default=(0.0, ""))
     of = "" if len(found) == 1 else f"Lowest of {len(found)}: "
-    costs = f"; behind {stage} it is still {still:.3f}, then most is lost" if loss >= _LOSS else ""
+    costs = f"; the largest loss comes behind {stage}" if loss >= _LOSS else ""
     asked = lowest.get("contrast", contrast)
     what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
     sentence = f"{of}{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"

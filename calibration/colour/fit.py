@@ -83,26 +83,24 @@ def fit_colour(
     for plane in PLANES:
         group_by_patch(observations[plane], readings, held_out)
     grey, findings = one_spectrum(observations, darks, [name for name in readings if name not in held_out])
-    planes = _fit_planes(
-        observations, darks, {name: readings[name] for name in grey}, setup, defects or {}, dark_libraries or {}
-    )
+    of_grey_patches = {name: readings[name] for name in grey}
+    planes = _fit_planes(observations, darks, of_grey_patches, setup, defects or {}, dark_libraries or {})
     groups = by_patch(observations)
     prior = choose_prior(planes, sensitivities, setup.light)
     patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings)
     of_grey = np.array([name in grey for name in patches.names])
     data, scatter = scattered(patches.data, prior.prior.weights, of_grey)
     chosen, left_out, ladder = _choose(data, prior.prior)
-    calibration = _assemble(planes, chosen, left_out, patches, ladder, prior)
-    calibration = replace(calibration, scatter_rel=scatter[0], scatter_dof=finite(scatter[1]))
+    fitted = _assemble(planes, chosen, left_out, patches, ladder, prior)
+    calibration = replace(fitted, scatter_rel=scatter[0], scatter_dof=finite(scatter[1]))
     rows, of_held_out = held_out_rows(
         lambda name: colour_patch_luminance(calibration, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
-    findings += [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
-    findings += of_held_out
-    log_findings(_log, findings)
-    return replace(calibration, held_out=rows, findings=unique(findings))
+    of_fit = [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
+    log_findings(_log, all_findings := [*findings, *of_fit, *of_held_out])
+    return replace(calibration, held_out=rows, findings=unique(all_findings))
 
 
 def _fit_planes(

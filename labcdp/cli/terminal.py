@@ -17,7 +17,19 @@ from ..core.finding import unique
 from ..report.digits import significant
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from ..acquire import Live, PatchNumbers
+    from ..acquire import Progress as AcquisitionProgress
+    from ..core.result import Result
+    from ..web.server import Address
+
+#: Loggers whose warnings are shown at once; those of the calibration are in its result.
+_SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
+#: Width in characters to which texts in a table may be wrapped.
+_TEXT_WIDTH = 24
+#: Rows of a table that are printed.
+_MOST_ROWS = 40
 
 
 def live_line(live: Live) -> str:
@@ -57,22 +69,6 @@ def live_table(live: Live) -> Any:
 
 def _extremes(live: Live, key: Callable[[PatchNumbers], float]) -> tuple[PatchNumbers, PatchNumbers]:
     return min(live.patches, key=key), max(live.patches, key=key)
-
-
-if TYPE_CHECKING:
-    from rich.text import Text
-
-    from ..acquire import Live
-    from ..acquire import Progress as AcquisitionProgress
-    from ..core.result import Result
-    from ..web.server import Address
-
-#: Loggers whose warnings are shown at once; those of the calibration are in its result.
-_SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
-#: Width in characters to which texts in a table may be wrapped.
-_TEXT_WIDTH = 24
-#: Rows of a table that are printed.
-_MOST_ROWS = 40
 
 
 class _Say(logging.Handler):

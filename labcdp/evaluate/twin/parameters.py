@@ -291,11 +291,10 @@ def _full_well(
         # A sensor counts as saturated some standard deviations below its full well.
         parts = (noise.read_noise_dn, noise.dsnu_dn, noise.column_dsnu_dn, noise.row_dsnu_dn)
         spread_dn = hypot(*(part.value for part in parts))
-        full_dn = room_dn + Sensor.SPREADS_BELOW_FULL * spread_dn
-        return Quantity(full_dn / k, nan, "e-", "from the saturation the frames state")
+        full_e = (room_dn + Sensor.SPREADS_BELOW_FULL * spread_dn) / k
+        return Quantity(full_e, nan, "e-", "from the saturation the frames state")
     if found.saturation_limit == "full well" and isfinite(found.full_well_e.value):
         return found.full_well_e
-    if found.saturation_limit != "converter":
-        # Else the characterisation says so.
+    if found.saturation_limit != "converter":  # Else the characterisation says so.
         findings.append(info("twin-full-well-lower-limit"))
     return Quantity(_BEYOND * room_dn / k, nan, "e-", "a lower limit: the converter ends first")

@@ -91,16 +91,16 @@ def fit_colour(
     of_grey = np.array([name in grey for name in patches.names])
     data, scatter = scattered(patches.data, prior.prior.weights, of_grey)
     chosen, left_out, ladder = _choose(data, prior.prior)
-    fitted = _assemble(planes, chosen, left_out, patches, ladder, prior)
-    calibration = replace(fitted, scatter_rel=scatter[0], scatter_dof=finite(scatter[1]))
+    calibration = _assemble(planes, chosen, left_out, patches, ladder, prior, scatter)
     rows, of_held_out = held_out_rows(
         lambda name: colour_patch_luminance(calibration, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
-    of_fit = [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
-    log_findings(_log, all_findings := [*findings, *of_fit, *of_held_out])
-    return replace(calibration, held_out=rows, findings=unique(all_findings))
+    findings += [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
+    findings += of_held_out
+    log_findings(_log, findings)
+    return replace(calibration, held_out=rows, findings=unique(findings))
 
 
 def _fit_planes(
@@ -187,6 +187,7 @@ def _assemble(
     patches: ColourPatches,
     ladder: tuple[CombinationStep, ...],
     prior: ColourPrior,
+    scatter: tuple[float, float],
 ) -> ColourCalibration:
     to_colour = colours_of_planes(planes)
     weights = to_colour @ chosen.weights
@@ -220,7 +221,8 @@ def _assemble(
         weights=tuple(weights.tolist()),
         weight_covariance=tuple(tuple(row) for row in covariance.tolist()),
         spectral_rel=chosen.spectral_rel,
-        scatter_rel=0.0,
+        scatter_rel=scatter[0],
+        scatter_dof=finite(scatter[1]),
         range_cd_m2=range_of(rows),
         residuals=rows,
         held_out=(),

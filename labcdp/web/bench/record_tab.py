@@ -14,7 +14,8 @@ from ..regions.page import Page
 from .live_bench import LiveBench
 from .recording import Question
 
-#: In the browser: what answers a question has the focus once it is shown, so that Enter goes on, except while typing.
+#: In the browser: give the focus to the answer of a question once it is shown, so that Enter answers it, except while
+#: somebody types elsewhere.
 _FOCUS = """
 let focused = document.activeElement
 while (focused?.shadowRoot?.activeElement)

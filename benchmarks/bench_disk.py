@@ -22,7 +22,7 @@ from pathlib import Path
 
 from bench_grab import ADDRESS, camera
 
-from labcdp.acquire.recording.writer import FrameWriter
+from labcdp.acquire.recording import FrameWriter
 from labcdp.core.clock import SystemClock
 from labcdp.drivers import CameraError, open_camera
 from labcdp.session import Session, SessionConfiguration, example_session

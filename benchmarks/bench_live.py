@@ -27,8 +27,8 @@ import psutil
 from numpy.typing import NDArray
 
 from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.gige.device import FORMATS, Wanted
-from labcdp.drivers.simulated.gige.genicam import standard_features
+from labcdp.drivers.simulated.device import FORMATS, Wanted
+from labcdp.drivers.simulated.genicam import standard_features
 from labcdp.regions import RectangleShape, save_regions
 
 ADDRESS = "127.0.0.1"

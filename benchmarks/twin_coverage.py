@@ -39,8 +39,8 @@ from labcdp.core.errors import LabcdpError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.minolta_ls.protocol import LS110, parse_reading
-from labcdp.drivers.simulated.meter.meter import MeterErrorModel, SimulatedLS
-from labcdp.drivers.simulated.misfortune import Drifts
+from labcdp.drivers.simulated.faults import Drifts
+from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.target import SimulatedTarget
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import Corrections

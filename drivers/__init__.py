@@ -9,7 +9,7 @@ from .camera import Camera, CameraError
 from .camera_settings import CameraSettings
 from .meter import Meter, MeterError
 from .minolta_ls.meter import DRIVERS, MinoltaLS, MinoltaLS100, MinoltaLS110, find_meter_ports
-from .replay.camera import ReplayCamera, ReplayMeter
+from .replay import ReplayCamera, ReplayMeter
 
 __all__ = [
     "AravisCamera",

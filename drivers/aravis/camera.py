@@ -16,12 +16,11 @@ from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, Gap, Refused, StreamStatistics
 from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
-from ..host.kernel import overload
-from .connection import Connection
+from ..computer import overload
+from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, not_understood, read_feature, readable_features, write_feature
 from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c
 from .settings import configure as change_settings
-from .snapshot import require_kept, take_snapshot
 from .stream import FrameStream
 
 #: One day; longer waits overflow Aravis' microseconds.

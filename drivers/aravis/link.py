@@ -10,8 +10,8 @@ from typing import Any
 
 from ...core.frame import CameraIdentity
 from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFoundError, CameraSettingError
+from ..computer import shut_down, udp_socket_numbers
 from ..device import on_error
-from ..host.kernel import shut_down, udp_socket_numbers
 from . import gvcp
 from .features import bring_to_known_state
 from .library import CameraInfo, aravis, camera_errors, device_text, gerror

@@ -10,9 +10,9 @@ from typing import Any, NoReturn, Self
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
+from ..computer import enlarge_receive_buffer, has_packet_sockets, raise_priority
 from ..device import on_error
-from ..host.kernel import enlarge_receive_buffer, has_packet_sockets, raise_priority
-from ..host.stream import StreamFacts, stream_causes
+from ..network import StreamFacts, stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link

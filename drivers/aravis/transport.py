@@ -8,8 +8,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from ..host.kernel import may_open_packet_sockets, raise_receive_limit, receive_buffer_limit
-from ..host.network import Interface, interface_to, interfaces
+from ..computer import may_open_packet_sockets, raise_receive_limit, receive_buffer_limit
+from ..network import Interface, interface_to, interfaces
 from . import gvcp
 from .features import available, writable
 from .library import aravis

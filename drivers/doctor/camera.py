@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import json
+import platform
+import re
+import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
 
 from ..aravis.camera import AravisCamera
-from ..aravis.features import readable_features
-from ..aravis.library import CameraInfo
+from ..aravis.connection import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
+from ..aravis.features import not_understood, readable_features
+from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import Link, connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
-from ..aravis.snapshot import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
 from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamStatistics
 from ..camera_settings import CameraSettings, FeatureValue
-from ..host.finding import Finding, size
-from ..host.network import GIGABIT_MBIT_S, Interface, interface_to, network_finding
-from ..host.stream import packet_size_finding
+from ..device import Finding, size
+from ..meter import MeterError
+from ..minolta_ls.meter import DRIVERS
+from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_finding, packet_size_finding
+from .computer import aravis_facts
+from .meter import MeterModel
 
 #: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
@@ -271,3 +280,52 @@ def _frames(facts: CameraFacts) -> Finding:
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
     remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
     return Finding.judged("frames", text, remedy if facts.refused else None)
+
+
+def camera_files(info: CameraInfo) -> dict[str, bytes]:
+    """Read a camera without changing it.
+
+    Returns
+    -------
+    dict of str to bytes
+        Its GenICam description (XML), and its features with what labcdp knows of them (JSON), by file name.
+
+    Raises
+    ------
+    CameraError
+        If it is absent or busy.
+    """
+    with closing(connect(info, prepare=False)) as link:
+        writable = take_snapshot(link)
+        with link.using("it cannot be read") as camera:
+            features = dict(readable_features(camera))
+            xml = genicam_xml(camera)
+    about = {
+        "camera": asdict(info),
+        "versions": {
+            "labcdp": version("labcdp"),
+            "packages": dict(aravis_facts().packages or {}),
+            "Python": platform.python_version(),
+            "system": platform.platform(),
+        },
+        "features": features,
+        "writable": list(writable),
+        "not understood": list(not_understood(writable)),
+    }
+    name = "camera-" + re.sub(r"\W", "_", info.serial or info.address)
+    text = json.dumps(about, indent=1, default=repr)
+    return {f"{name}.json": text.encode(), f"{name}.xml": xml}
+
+
+def meter_files(port: str, model: MeterModel, timeout_s: float = 6.0) -> dict[str, bytes]:
+    """Set a meter's modes, measure once and read its display; return the transcript of the bytes by file name.
+
+    Errors of the meter are part of the transcript.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "meter.jsonl")
+        with suppress(MeterError), DRIVERS[model](port, timeout_s=timeout_s, transcript=path) as meter:
+            for use in (meter.measure, meter.read_held):
+                with suppress(MeterError):
+                    use()
+        return {path.name: path.read_bytes()} if path.exists() else {}

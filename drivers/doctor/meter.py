@@ -9,7 +9,7 @@ import stat
 from dataclasses import dataclass
 from typing import Literal
 
-from ..host.finding import Finding, State
+from ..device import Finding, State
 from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 

@@ -2,10 +2,10 @@
 
 from .bench import SimulatedBench
 from .devices import BenchDevices, SimulatedBenchFile
-from .gige.camera import SimulatedDevice, SimulatedGigECamera
+from .gige_camera import SimulatedDevice, SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter.meter import SimulatedLS
-from .meter.pty import PtyMeter
+from .meter import SimulatedLS
+from .pty import PtyMeter
 
 __all__ = [
     "BenchDevices",

@@ -14,16 +14,14 @@ from ...core.errors import ConfigurationError
 from ...session import SessionConfiguration
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 from ..minolta_ls.protocol import LSDataSheet
-from .commands import Scheduled, parse_command, parse_schedule
+from .device import SimulatedDevice
 from .devices import BenchDevices
-from .gige.camera import SimulatedGigECamera
-from .gige.device import SimulatedDevice
-from .gige.genicam import standard_features
+from .faults import Drifts, Misfortune, Scheduled, parse_command, parse_schedule
+from .genicam import standard_features
+from .gige_camera import SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter.meter import SimulatedLS
-from .meter.port import InProcessPort
-from .meter.pty import PtyMeter
-from .misfortune import Drifts, Misfortune
+from .meter import InProcessPort, SimulatedLS
+from .pty import PtyMeter
 from .target import SimulatedTarget
 
 __all__ = ["BenchDevices", "SimulatedBench"]

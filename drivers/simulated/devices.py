@@ -14,9 +14,9 @@ from ...core.disk import read_toml
 from ...core.errors import ConfigurationError
 from ...session.bench_tables import FeatureName, NotNegative, Number, Positive, Table, Text, Whole
 from ...session.validation import validated
-from .gige.device import SENSOR_BITS
-from .gige.genicam import Naming, feature
-from .meter.meter import MeterErrorModel
+from .device import SENSOR_BITS
+from .genicam import Naming, feature
+from .meter import MeterErrorModel
 
 #: Texts that fit into a camera's registers of 32 and 16 bytes.
 _Name = Annotated[Text, Field(max_length=31)]

@@ -14,7 +14,6 @@ from ..drivers.camera_settings import FeatureValue
 from ..drivers.meter import Meter
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
-from .before import check_devices, check_plan, check_room, prepare_camera
 from .checks import (
     CheckFinding,
     check_darkness,
@@ -24,16 +23,17 @@ from .checks import (
     check_repeats,
     check_scatter,
 )
-from .control import Control, Progress, Report
+from .control import Control, HandNeededError, LensCap, Operator, Progress, Report
+from .frames import FrameRecorder
 from .live import measured_black_dn
-from .operator import HandNeededError, LensCap, Operator
-from .recording.frames import FrameRecorder
-from .recording.readings import ReadingRecorder
-from .search import LONGEST_S, Look, choose_exposures, measure_rates
-from .steps import (
+from .plan import (
     CHECK,
     Unit,
     before_and_after,
+    check_devices,
+    check_plan,
+    check_room,
+    prepare_camera,
     readings_wanted,
     records_of,
     remaining,
@@ -41,6 +41,8 @@ from .steps import (
     units,
     was_checked,
 )
+from .recording import ReadingRecorder
+from .search import LONGEST_S, Look, choose_exposures, measure_rates
 
 _log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.in_process import InProcessCamera
-from labcdp.drivers.simulated.meter.meter import MeterErrorModel
+from labcdp.drivers.simulated.meter import MeterErrorModel
 from labcdp.session import Session, SessionConfiguration, example_session
 
 SHAPE = (400, 480)

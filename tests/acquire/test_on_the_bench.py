@@ -12,7 +12,7 @@ from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraLostError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
-from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
+from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 
 TWO = ["P12", "lower left"]
 #: Of very different luminance.

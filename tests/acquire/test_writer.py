@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from labcdp.acquire.recording.writer import FrameWriter
+from labcdp.acquire.recording import FrameWriter
 from labcdp.core.clock import SystemClock
 from labcdp.core.errors import SessionError
 from labcdp.core.frame import CameraIdentity, Frame

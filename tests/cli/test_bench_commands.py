@@ -15,8 +15,8 @@ import pytest
 import serial
 
 from labcdp.chain import Chain
-from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.gige.genicam import Address
+from labcdp.drivers.simulated.genicam import Address
+from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 from labcdp.session import SessionConfiguration, example_session
 
 from .conftest import results_of, rows_of

@@ -9,7 +9,7 @@ from labcdp.acquire import CheckFinding, Control, Progress
 from labcdp.cli.bench.operators import Console, ConsoleOperator, Keys
 from labcdp.cli.terminal import progress_bars, say
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.manual.text import MeterAccuracy, typed_reading
+from labcdp.drivers.manual import MeterAccuracy, typed_reading
 
 
 def screen(written: str) -> list[str]:

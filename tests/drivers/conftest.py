@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.gige.genicam import standard_features
+from labcdp.drivers.simulated.genicam import standard_features
+from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 
 
 class Ramp:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.acquire.imports.files import import_session
+from labcdp.acquire.import_files import import_session
 from labcdp.calibration import Setup, patch_luminance
 from labcdp.calibration.colour.conversion import colour_patch_luminance
 from labcdp.calibration.colour.fit import fit_colour

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from jsonschema import Draft202012Validator
 
-from labcdp.acquire.imports.files import import_session
+from labcdp.acquire.import_files import import_session
 from labcdp.calibration import save
 from labcdp.calibration.verify.file import save_verification
 from labcdp.core.errors import CalibrationError

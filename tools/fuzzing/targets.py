@@ -109,8 +109,7 @@ def _spectrum(_: Path, file: Path) -> Any:
 
 def _readings(_: Path, file: Path) -> Any:
     from labcdp.core.reading import MeterIdentity
-    from labcdp.drivers.manual.csv import CsvMeter
-    from labcdp.drivers.manual.text import MeterAccuracy
+    from labcdp.drivers.manual import CsvMeter, MeterAccuracy
 
     with CsvMeter(file, MeterIdentity("Other", "1"), MeterAccuracy(0.02, 0.001, 1)) as meter:
         return {patch: [reading.to_dict() for reading in found] for patch, found in meter.readings.items()}
@@ -118,7 +117,7 @@ def _readings(_: Path, file: Path) -> Any:
 
 def _faults(_: Path, file: Path) -> Any:
     from labcdp.core.disk import read_text
-    from labcdp.drivers.simulated.commands import parse_schedule
+    from labcdp.drivers.simulated.faults import parse_schedule
 
     return repr(parse_schedule(read_text(file, "a schedule of faults", 2**20), "faults.txt"))
 

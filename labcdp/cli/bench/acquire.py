@@ -12,7 +12,7 @@ import typer
 
 from ...acquire import AcquisitionStoppedError, Control, Left, Unattended, forget, is_complete
 from ...acquire import acquire as run
-from ...acquire.before import holds_something, no_bare_session
+from ...acquire.plan import holds_something, no_bare_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.errors import InputError, SessionError
 from ...core.quantity import Quantity, quantity_table

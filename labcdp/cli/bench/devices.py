@@ -17,8 +17,8 @@ from ...core.quantity import Quantity, quantity_table
 from ...core.reading import ReadingSeries
 from ...core.result import Result
 from ...core.table import Column, Table, uncertain, uncertain_values
-from ...drivers.aravis.addresses import set_address as change_address
 from ...drivers.aravis.camera import AravisCamera
+from ...drivers.aravis.gvcp import set_address as change_address
 from ...drivers.aravis.library import discover
 from ...drivers.camera import CameraError
 from ...drivers.meter import measure_series

@@ -13,16 +13,15 @@ from ...core.disk import read_text
 from ...core.errors import InputError
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, CameraError, IncompleteFrameError
-from ...drivers.manual.csv import CsvMeter
-from ...drivers.manual.text import ManualMeter, stated_accuracy
+from ...drivers.manual import CsvMeter, ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
+from ...drivers.minolta_ls.line import NamedPort, Port
 from ...drivers.minolta_ls.meter import DRIVERS
-from ...drivers.minolta_ls.port import NamedPort, Port
 from ...drivers.minolta_ls.protocol import MeterMode
-from ...drivers.replay.camera import ReplayCamera, ReplayMeter
+from ...drivers.replay import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.control import free_loopback_address
 from ...drivers.simulated.devices import SimulatedBenchFile
-from ...drivers.simulated.gige.control import free_loopback_address
 from ...session import EventRecord, MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 from ..terminal import say

@@ -22,13 +22,12 @@ from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
 from ...drivers.camera import CameraError
-from ...drivers.doctor.camera import check_camera
-from ...drivers.doctor.collect import camera_files, meter_files
-from ...drivers.doctor.host import host_facts, host_findings, no_camera_finding
+from ...drivers.computer import firewall
+from ...drivers.device import Finding
+from ...drivers.doctor.camera import camera_files, check_camera, meter_files
+from ...drivers.doctor.computer import host_facts, host_findings, no_camera_finding
 from ...drivers.doctor.meter import check_meter
-from ...drivers.host.finding import Finding
-from ...drivers.host.kernel import firewall
-from ...drivers.host.network import interfaces
+from ...drivers.network import interfaces
 from ...output import check_file, write_file
 from ...report.envelope import envelope_json
 from ..options import METER_MODEL_OPTION

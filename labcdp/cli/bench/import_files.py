@@ -7,8 +7,7 @@ from shlex import quote
 
 import typer
 
-from ...acquire.imports.check import ImportFile
-from ...acquire.imports.files import import_session
+from ...acquire.import_files import ImportFile, import_session
 from ...core.errors import InputError
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import typer
 
-from ...acquire.before import prepare_camera
+from ...acquire.plan import prepare_camera
 from ...core.errors import InputError
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import Result

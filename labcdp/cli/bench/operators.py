@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from typing import Any, Self
 
 from ...acquire import CheckFinding, Control, Operator
-from ...acquire.operator import AskedOperator
+from ...acquire.control import AskedOperator
 from ...core.errors import DeviceError
-from ...drivers.manual.csv import CsvMeter
+from ...drivers.manual import CsvMeter
 from ...session import ReadingRecord, Session
 from ..terminal import Bars, say
 

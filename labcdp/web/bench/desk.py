@@ -13,7 +13,7 @@ from ...acquire import Operator
 from ...core.errors import LabcdpError
 from ...core.reading import MeterIdentity, Reading, ReadingSeries
 from ...core.roi import Roi
-from ...drivers.manual.text import MeterAccuracy, stated_accuracy, typed_reading
+from ...drivers.manual import MeterAccuracy, stated_accuracy, typed_reading
 from ...drivers.meter import Meter, MeterError, MeterLostError
 from ...metrics.regions.region import result_of_region
 from ...report.digits import Z_95

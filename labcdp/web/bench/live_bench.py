@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError, LabcdpError
 from ...core.reading import ReadingSeries
 from ...core.roi import Roi
-from ...drivers.manual.text import ManualMeter, stated_accuracy
+from ...drivers.manual import ManualMeter, stated_accuracy
 from ..regions.measurements import Measured
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace

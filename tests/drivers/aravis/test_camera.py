@@ -14,9 +14,9 @@ from labcdp.drivers.aravis.connection import Connection
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, FREE_RUN, CameraSettings
-from labcdp.drivers.host.kernel import overload
-from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.computer import overload
+from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.in_process import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, Ramp, features
 

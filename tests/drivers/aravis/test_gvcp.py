@@ -6,7 +6,7 @@ import pytest
 
 from labcdp.core.errors import InputError
 from labcdp.drivers.aravis import gvcp
-from labcdp.drivers.aravis.addresses import set_address
+from labcdp.drivers.aravis.gvcp import set_address
 from labcdp.drivers.camera import CameraNotFoundError
 
 

@@ -14,7 +14,7 @@ from labcdp.drivers import open_camera
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraLostError, CameraSettingError
 from labcdp.drivers.camera_settings import Region
-from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.simulated.in_process import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, features
 

@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.frames import BufferPool, Loan, pool_size
-from labcdp.drivers.simulated.gige.camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 
 from ..conftest import Ramp
 

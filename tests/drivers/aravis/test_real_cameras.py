@@ -11,7 +11,7 @@ import pytest
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.camera_settings import CameraSetup
-from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features
 

@@ -7,8 +7,8 @@ from labcdp.core.frame import Readout
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraSettingError, FrameTimeoutError
 from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER, Region, Trigger
-from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
-from labcdp.drivers.simulated.gige.genicam import standard_features
+from labcdp.drivers.simulated.genicam import standard_features
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp
 

@@ -6,9 +6,9 @@ import pytest
 from labcdp.drivers.aravis import transport as aravis_transport
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.transport import TransportFacts, TransportPlan, plan_transport
-from labcdp.drivers.host.network import Interface
-from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
-from labcdp.drivers.simulated.gige.genicam import standard_features
+from labcdp.drivers.network import Interface
+from labcdp.drivers.simulated.genicam import standard_features
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp
 

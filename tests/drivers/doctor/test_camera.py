@@ -12,7 +12,7 @@ from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.doctor.camera import CameraFacts, camera_findings, check_camera
-from labcdp.drivers.host.network import Interface, interfaces
+from labcdp.drivers.network import Interface, interfaces
 
 ETH = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=9000, speed_mbit_s=1000)
 MANTA = CameraFacts(

@@ -10,13 +10,24 @@ from pathlib import Path
 
 import pytest
 
+from labcdp.drivers import computer as kernel
 from labcdp.drivers.aravis.library import aravis
-from labcdp.drivers.doctor.host import FRAME_BYTES, HostFacts, PortUser, host_facts, host_findings, udp_port_users
+from labcdp.drivers.device import Finding
+from labcdp.drivers.doctor.computer import (
+    FRAME_BYTES,
+    NEEDED,
+    AravisFacts,
+    HostFacts,
+    PortUser,
+    aravis_facts,
+    aravis_finding,
+    debian_packages,
+    host_facts,
+    host_findings,
+    udp_port_users,
+)
 from labcdp.drivers.doctor.meter import SerialPortFacts, serial_port_finding
-from labcdp.drivers.doctor.packages import NEEDED, AravisFacts, aravis_facts, aravis_finding, debian_packages
-from labcdp.drivers.host import kernel
-from labcdp.drivers.host.finding import Finding
-from labcdp.drivers.host.network import Interface
+from labcdp.drivers.network import Interface
 
 KEEP = "echo net.core.rmem_max=33554432 | sudo tee /etc/sysctl.d/90-camera.conf"
 

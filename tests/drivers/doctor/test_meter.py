@@ -3,9 +3,9 @@
 import pytest
 import serial
 
+from labcdp.drivers.device import Finding
 from labcdp.drivers.doctor.meter import check_meter
-from labcdp.drivers.host.finding import Finding
-from labcdp.drivers.simulated.meter.pty import PtyMeter
+from labcdp.drivers.simulated.pty import PtyMeter
 
 #: Seconds to wait for an answer; a pseudo-terminal answers at once.
 SOON_S = 5.0

@@ -9,7 +9,7 @@ from ipaddress import IPv4Interface
 
 import pytest
 
-from labcdp.drivers.host.network import Interface, interface_findings, interface_to, interfaces, network_finding
+from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
 
 needs_own_network = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ip") is None, reason="making network interfaces needs root and ip"
@@ -76,9 +76,7 @@ def test_the_way_to_a_camera_is_the_kernels(veth):
 def test_the_speed_of_the_link_is_read():
     if subprocess.run(["unshare", "--net", "--mount", "true"], capture_output=True).returncode != 0:
         pytest.skip("a mount namespace cannot be had here")
-    code = (
-        "from labcdp.drivers.host.network import interfaces;print({one.name: one.speed_mbit_s for one in interfaces()})"
-    )
+    code = "from labcdp.drivers.network import interfaces;print({one.name: one.speed_mbit_s for one in interfaces()})"
     script = (
         "mount -t sysfs none /sys || exit 77; ip link set lo up; ip link add sp0 type veth peer name sp1; "
         'ip link set sp0 up; ip link set sp1 up; ip addr add 10.1.0.1/24 dev sp0; cat /sys/class/net/sp0/speed; "$@"'

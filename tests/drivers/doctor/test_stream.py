@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.drivers.camera import StreamStatistics
-from labcdp.drivers.host.finding import Finding
-from labcdp.drivers.host.network import Interface
-from labcdp.drivers.host.stream import StreamFacts, causes_at, stream_causes
+from labcdp.drivers.device import Finding
+from labcdp.drivers.network import Interface, StreamFacts, causes_at, stream_causes
 
 #: A 16-bit frame of a Manta G-505.
 FRAME = 2452 * 2056 * 2

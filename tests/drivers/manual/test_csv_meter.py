@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError, LabcdpError
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.manual.csv import CsvMeter
-from labcdp.drivers.manual.text import MeterAccuracy
+from labcdp.drivers.manual import CsvMeter, MeterAccuracy
 from labcdp.drivers.meter import MeterError
 
 METER = MeterIdentity("L 1003", "4711")

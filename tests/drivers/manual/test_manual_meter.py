@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.manual.text import ManualMeter, MeterAccuracy, parse_written
+from labcdp.drivers.manual import ManualMeter, MeterAccuracy, parse_written
 from labcdp.drivers.meter import MeterError
 
 METER = MeterIdentity("L 1003", "4711", "2026-01-15")

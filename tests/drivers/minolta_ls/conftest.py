@@ -9,8 +9,8 @@ import pytest
 
 from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.meter.port import InProcessPort
-from labcdp.drivers.simulated.meter.pty import PtyMeter
+from labcdp.drivers.simulated.meter import InProcessPort
+from labcdp.drivers.simulated.pty import PtyMeter
 
 #: Short for a test, long for two threads on one machine.
 TIMEOUT_S = 0.4

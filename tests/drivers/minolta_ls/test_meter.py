@@ -19,12 +19,11 @@ from labcdp.drivers.meter import (
     MeterReportedError,
     MeterTimeoutError,
 )
+from labcdp.drivers.minolta_ls.line import NamedPort
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.minolta_ls.protocol import MeterMode
-from labcdp.drivers.simulated.meter.meter import SimulatedLS
-from labcdp.drivers.simulated.meter.port import Fault
-from labcdp.drivers.simulated.meter.pty import PtyMeter
+from labcdp.drivers.simulated.meter import Fault, SimulatedLS
+from labcdp.drivers.simulated.pty import PtyMeter
 
 from .conftest import TIMEOUT_S
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import MeterError, MeterProtocolError, MeterReportedError
 from labcdp.drivers.minolta_ls.protocol import LS100, LS110, parse_acknowledgement, parse_reading
-from labcdp.drivers.simulated.meter.meter import format_number
+from labcdp.drivers.simulated.meter import format_number
 
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
 NOON = datetime(2018, 6, 1, 12, tzinfo=UTC)

@@ -13,8 +13,7 @@ from labcdp.drivers.meter import (
     measure_series,
 )
 from labcdp.drivers.minolta_ls.protocol import MeterMode
-from labcdp.drivers.simulated.meter.meter import SimulatedLS
-from labcdp.drivers.simulated.meter.port import Fault
+from labcdp.drivers.simulated.meter import Fault, SimulatedLS
 
 from .conftest import TIMEOUT_S
 

@@ -11,7 +11,7 @@ from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.drivers.camera import CameraError, CameraSettingError, StreamStatistics
 from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.meter import MeterError
-from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
+from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 from labcdp.session import Session, SessionConfiguration
 
 BENCH = """

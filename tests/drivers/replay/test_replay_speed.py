@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.clock import SimulatedClock
-from labcdp.drivers.replay.camera import ReplayCamera, ReplayMeter
-from labcdp.drivers.replay.meter import Pace
+from labcdp.drivers.replay import Pace, ReplayCamera, ReplayMeter
 from labcdp.session import Session, SessionConfiguration
 
 from .test_replay import BENCH, NOON, frame, reading, timedelta

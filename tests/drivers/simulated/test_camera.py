@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.drivers.simulated.gige.camera import SimulatedGigECamera
-from labcdp.drivers.simulated.gige.genicam import standard_features
-from labcdp.drivers.simulated.link import NO_TROUBLE, CameraTrouble
+from labcdp.drivers.simulated.genicam import standard_features
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
+from labcdp.drivers.simulated.in_process import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, Ramp
 

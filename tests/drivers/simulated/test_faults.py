@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.drivers.simulated.commands import EXAMPLES, Command, Scheduled, parse_command, parse_schedule
+from labcdp.drivers.simulated.faults import EXAMPLES, Command, Scheduled, parse_command, parse_schedule
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.drivers.simulated.meter.meter import MeterErrorModel, SimulatedLS, format_number
+from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS, format_number
 
 
 def ask(engine, *commands):

@@ -9,8 +9,8 @@ import pytest
 import serial
 
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.meter.meter import SimulatedLS
-from labcdp.drivers.simulated.meter.pty import PtyMeter
+from labcdp.drivers.simulated.meter import SimulatedLS
+from labcdp.drivers.simulated.pty import PtyMeter
 
 SETTINGS = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "timeout": 2}
 

@@ -7,7 +7,7 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.drivers.simulated.gige.control import free_loopback_address
+from labcdp.drivers.simulated.control import free_loopback_address
 
 
 def test_two_cameras_and_two_meters_work_at_once_until_no_address_is_free(aravis, small_configuration):

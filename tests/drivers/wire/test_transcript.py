@@ -11,11 +11,10 @@ import pytest
 import serial
 
 from labcdp.core.errors import InputError
+from labcdp.drivers.minolta_ls.line import NamedPort
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.minolta_ls.port import NamedPort
-from labcdp.drivers.simulated.meter.meter import SimulatedLS
-from labcdp.drivers.simulated.meter.port import Fault
-from labcdp.drivers.simulated.meter.pty import PtyMeter
+from labcdp.drivers.simulated.meter import Fault, SimulatedLS
+from labcdp.drivers.simulated.pty import PtyMeter
 
 TIMEOUT_S = 0.4
 OPENING = [

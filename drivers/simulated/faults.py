@@ -1,18 +1,194 @@
-"""Misfortune: applies faults and drifts to the devices of a simulated bench, and ends them after their duration."""
+"""Fault commands of the simulated bench, for schedules and typed commands."""
 
 from __future__ import annotations
 
 import logging
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from difflib import get_close_matches
+from typing import Final, Literal
 
 from ...core.clock import Clock, SimulatedClock
-from .commands import Command, Scheduled
-from .link import CameraTrouble, TroubledCamera
-from .meter.meter import SimulatedLS
-from .meter.port import Fault, FaultyMeter
+from ...core.disk.quoting import MOST_QUOTED, quoted
+from ...core.errors import ConfigurationError
+from .in_process import CameraTrouble, TroubledCamera
+from .meter import Fault, FaultyMeter, SimulatedLS
+
+
+@dataclass(frozen=True)
+class Command:
+    """One fault, or the end of all.
+
+    Parameters
+    ----------
+    kind : str
+        First words of the command: a fault of the camera (see `CameraTrouble`), ``temperature``, ``light``, ``meter``
+        with what happens to it, or ``recover``.
+    value : float or str
+        Share of lost packets; change in degrees Celsius, or of the current light as a fraction; bytes of a truncated
+        reply; seconds of delay; error code or unit of the meter.
+    duration_s : float or None
+        How long it lasts, None until ``recover``; for a drift the time of the change, None for a step.
+    """
+
+    kind: str
+    value: float | str = 0.0
+    duration_s: float | None = None
+
+    @property
+    def number(self) -> float:
+        """The value as a number."""
+        return float(self.value)
+
+
+@dataclass(frozen=True)
+class Scheduled:
+    """A command with its time.
+
+    Parameters
+    ----------
+    at_s : float
+        Seconds from the start of the schedule.
+    command : Command
+        The command.
+    """
+
+    at_s: float
+    command: Command
+
+
+_SECONDS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
+_NUMBER: Final = r"[0-9]{1,9}(?:\.[0-9]{1,12})?"
+_TIME: Final = rf"(?P<time>{_NUMBER}) ?(?P<time_unit>ms|s|min|h)"
+_LASTS: Final = rf"(?: for {_TIME})?"
+_WITHIN: Final = rf"(?: in {_TIME})?"
+
+#: The register of the temperature reaches from -40 to 125 degrees Celsius.
+_LARGEST_CHANGE_C: Final = 80
+
+#: The error codes of the meter's manual.
+METER_CODES: Final = ("ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
+
+
+def _share(text: str) -> float:
+    if float(text) > 100:
+        raise ValueError(f"{float(text):g}% is more than all packets")
+    return float(text) / 100
+
+
+def _light(text: str) -> float:
+    if float(text) < -100:
+        raise ValueError(f"{float(text):g}% leaves no light")
+    return float(text) / 100
+
+
+def _change_c(text: str) -> float:
+    if abs(float(text)) > _LARGEST_CHANGE_C:
+        raise ValueError(f"{float(text):g} C is out of range (at most {_LARGEST_CHANGE_C} C)")
+    return float(text)
+
+
+#: Kind of a command, the pattern of what follows it, how its value is read, and an example.
+_RULES: Final[tuple[tuple[str, str, Callable[[str], float | str], str], ...]] = (
+    ("lose", rf" (?P<value>{_NUMBER}) ?%{_LASTS}", _share, "lose 5% for 20 s"),
+    *((kind, _LASTS, float, f"{kind} for 3 s") for kind in ("freeze", "stall")),
+    ("vanish", _LASTS, float, "vanish for 5 s"),
+    *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size")),
+    ("second controller", _LASTS, float, "second controller for 4 s"),
+    ("temperature", rf" (?P<value>[+-]{_NUMBER}) ?c{_WITHIN}", _change_c, "temperature +8 C in 10 min"),
+    ("light", rf" (?P<value>[+-]{_NUMBER}) ?%{_WITHIN}", _light, "light -5% in 1 h"),
+    ("meter", rf" (?P<value>{'|'.join(METER_CODES).lower()})", str.upper, "meter ER10"),
+    ("meter truncate", " (?P<value>[0-9]{1,2})", int, "meter truncate 7"),
+    ("meter delay", f" {_TIME}", float, "meter delay 3 s"),
+    ("meter garble", "", float, "meter garble"),
+    ("meter unit", " (?P<value>fl|cd/m2)", lambda text: "fL" if text == "fl" else text, "meter unit fL"),
+    *((kind, "", float, kind) for kind in ("meter drop", "meter remote")),
+    ("meter unplug", _LASTS, float, "meter unplug for 2 s"),
+    ("recover", "", float, "recover"),
+)
+
+#: An example of each command.
+EXAMPLES: Final = tuple(example for *_, example in _RULES)
+
+_AT: Final = re.compile(rf"at {_TIME} (?P<command>.*)")
+
+
+def parse_command(text: str) -> Command:
+    """Parse one command, for example ``lose 5% for 20 s``; case and blanks are ignored.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is invalid; the message gives an example of the closest command.
+    """
+    words = " ".join(text.lower().split())
+    for kind, pattern, value, example in _RULES:
+        if match := re.fullmatch(kind + pattern, words, re.ASCII):
+            found = match.groupdict()
+            try:
+                return Command(kind, value(found.get("value") or "0"), _seconds(match))
+            except ValueError as error:
+                raise ConfigurationError(f"{quoted(text.strip())}: {error}: write for example {example!r}") from None
+    raise ConfigurationError(f"{quoted(text.strip())} is not a known fault: write for example {_nearest(words)!r}")
+
+
+def parse_schedule(text: str, source: str = "schedule") -> tuple[Scheduled, ...]:
+    """Parse a schedule: lines such as ``at 1 min vanish for 5 s``, in any order; ``#`` starts a comment.
+
+    Parameters
+    ----------
+    text : str
+        The lines; one without ``at`` runs immediately.
+    source : str
+        Name of the schedule in messages.
+
+    Returns
+    -------
+    tuple of Scheduled
+        By time.
+
+    Raises
+    ------
+    ConfigurationError
+        If a line is invalid, with its number and a valid example.
+    """
+    scheduled = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = " ".join(line.partition("#")[0].split())
+        if not words:
+            continue
+        try:
+            scheduled.append(_scheduled(words))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{source}, line {number}: {error}") from None
+    return tuple(sorted(scheduled, key=lambda item: item.at_s))
+
+
+def _scheduled(words: str) -> Scheduled:
+    timed = words.lower().startswith("at ")
+    if not timed:
+        return Scheduled(0.0, parse_command(words))
+    match = _AT.fullmatch(words.lower())
+    if match is None:
+        raise ConfigurationError(
+            f"{quoted(words)} has no time after 'at': write for example 'at 10 s lose 5% for 20 s'"
+        )
+    return Scheduled(_seconds(match) or 0.0, parse_command(match["command"]))
+
+
+def _seconds(match: re.Match[str]) -> float | None:
+    found = match.groupdict()
+    return None if found.get("time") is None else float(found["time"]) * _SECONDS[found["time_unit"]]
+
+
+def _nearest(words: str) -> str:
+    """Return the example most similar to a text."""
+    lowered = {example.lower(): example for example in EXAMPLES}
+    same_word = [example for example in lowered if words and example.split()[0] == words.split()[0]]
+    close = get_close_matches(words[:MOST_QUOTED], same_word or list(lowered), n=1, cutoff=0.0)
+    return lowered[close[0]]
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,17 @@ from contextlib import closing
 from dataclasses import asdict, replace
 from typing import Any
 
-from ...core.clock import Clock
-from ...core.errors import SessionError
-from ...core.frame import Frame
-from ...core.roi import Roi
-from ...drivers.camera import Camera, CameraLostError
-from ...drivers.camera_settings import CameraSettings
-from ...session import Role, Session
-from ..control import Control, Progress, Report, Schedule, noted, take_frames
-from ..live import Live, LiveNumbers, PatchNumbers, measured_black_dn
-from ..steps import frames_at, remaining, same_exposure, shown_patches
-from .writer import FrameWriter
+from ..core.clock import Clock
+from ..core.errors import SessionError
+from ..core.frame import Frame
+from ..core.roi import Roi
+from ..drivers.camera import Camera, CameraLostError
+from ..drivers.camera_settings import CameraSettings
+from ..session import Role, Session
+from .control import Control, Progress, Report, Schedule, noted, take_frames
+from .live import Live, LiveNumbers, PatchNumbers, measured_black_dn
+from .plan import frames_at, remaining, same_exposure, shown_patches
+from .recording import FrameWriter
 
 _log = logging.getLogger(__name__)
 

@@ -14,8 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Self
 
-from ....core.errors import DeviceError, InputError
-from .port import CRLF, FaultyMeter, MeterEngine
+from ...core.errors import DeviceError, InputError
+from .meter import CRLF, FaultyMeter, MeterEngine
 
 #: Interval at which an idle port is prepared for the next program.
 _IDLE_S: Final = 0.2

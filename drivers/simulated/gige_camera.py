@@ -17,14 +17,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from ...aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
-from ...aravis.library import aravis
-from ...camera import CameraError
-from ...device import Device
-from ..link import NO_TROUBLE, CameraTrouble
+from ..aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
+from ..aravis.library import aravis
+from ..camera import CameraError
+from ..device import Device
 from .control import ControlPort, SecondController, check_free
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import Address, description
+from .in_process import NO_TROUBLE, CameraTrouble
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 

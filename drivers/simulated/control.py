@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Final
 
-from ...aravis import gvcp
-from ...aravis.gvcp import GVCP_PORT
-from ...camera import CameraError
-from ...host.kernel import own_udp_sockets
-from ...host.network import interfaces
+from ..aravis import gvcp
+from ..aravis.gvcp import GVCP_PORT
+from ..camera import CameraError
+from ..computer import own_udp_sockets
+from ..network import interfaces
 
 #: Socket options of Linux (asm-generic/socket.h) that Python's socket module has no names for.
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27

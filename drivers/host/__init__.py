@@ -1,1 +1,0 @@
-"""Properties of computer and network relevant for a camera stream, with remedies."""

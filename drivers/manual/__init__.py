@@ -1,1 +1,0 @@
-"""Readings typed by hand or read from a file."""

@@ -1,1 +1,0 @@
-"""A recorded session as devices."""

@@ -1,1 +1,0 @@
-"""Sessions imported from files of other programs."""

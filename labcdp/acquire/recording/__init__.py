@@ -1,1 +1,0 @@
-"""Recording of frames and readings into a session."""

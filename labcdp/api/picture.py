@@ -19,8 +19,8 @@ from ..core.luminance import LuminanceMap
 from ..core.notebook import html_table
 from ..evaluate.picture.light.picture import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
-from ..files.picture.picture import Picture
-from ..files.picture.read import read_picture
+from ..files.picture import Picture
+from ..files.read import read_picture
 from ..metrics import Epsilon
 from ..report.findings import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois

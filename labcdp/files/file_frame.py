@@ -12,9 +12,9 @@ from ..core.disk import read_bytes
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.pixel_format import PixelFormat
-from .formats.png_jpeg import PNG, read_png
-from .formats.stored_image import MAX_PIXELS
-from .formats.tiff import TIFF, read_tiff
+from .png_jpeg import PNG, read_png
+from .stored_image import MAX_PIXELS
+from .tiff import TIFF, read_tiff
 
 #: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
 _PIXEL_BYTES, _OTHER_BYTES = 32, 64_000_000

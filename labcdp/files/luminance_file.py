@@ -18,8 +18,8 @@ from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
 from ..output import write_file
-from .formats.exr import exr_channels, exr_header
-from .formats.stored_image import MAX_PIXELS, require_size
+from .exr import exr_channels, exr_header
+from .stored_image import MAX_PIXELS, require_size
 
 #: Value of the key ``format`` of the metadata of every file, and the version this program writes and reads.
 FORMAT, VERSION = "labcdp-luminance", 1

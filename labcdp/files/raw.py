@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.frame import COLOUR_FILTERS, Frame
+from .exif import ExifFacts, gain_db_of_iso, read_exif
 from .file_frame import FileDefaults, FileFrame, camera_of, exposure_of, picture_bytes
-from .formats.exif import ExifFacts, gain_db_of_iso, read_exif
-from .formats.stored_image import MAX_PIXELS, require_size
+from .stored_image import MAX_PIXELS, require_size
 
 #: Photometric interpretation of a picture behind a colour filter array (Adobe DNG 1.7, chapter 3).
 _BEHIND_CFA = 32803

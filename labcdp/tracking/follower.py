@@ -8,14 +8,13 @@ from math import dist, hypot, isfinite
 
 from ..core.finding import Finding
 from ..core.roi import Roi
-from .align.alignment import Fit
-from .align.template import Template
-from .align.view import view_around
+from .alignment import Fit
 from .geometry import Matrix, carried, local_scale, shift
 from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, Shape
 from .scene import SceneNow
 from .sight import Sight
-from .tracker import Followed, TrackedRoi
+from .template import Followed, Template, TrackedRoi
+from .view import view_around
 
 #: Fall of the quality in one frame up to which a place near the expected one is believed.
 _STEADY = 0.08

@@ -9,14 +9,119 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.finding import Finding
 from ..core.roi import Roi
-from .align.template import is_background, make_template, plain_template
 from .follower import Follower
-from .geometry import Matrix, inverse
-from .resting import Resting
+from .geometry import Matrix, carried, inverse
+from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
 from .sight import Sight, scale_of
-from .tracker import NotFollowedError, TrackedRoi
+from .template import Followed, NotFollowedError, Template, TrackedRoi, is_background, make_template, plain_template
+from .view import view_around
+
+#: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
+_OFF_NOISE, _OFF_LIGHT = 6.0, 0.12
+#: Change of the region's brightness against that of the scene between two frames that only another thing explains.
+_SUDDEN = 0.2
+#: Frames in a row in which its surroundings are clearly seen elsewhere before it is taken for a thing that moves.
+_MOVES_FOR = 3
+
+
+class Resting(Followed):
+    """Keeps a region that has no structure of its own at its place in the scene.
+
+    Its place is that of the scene's points; what comes before it is noticed by the pixels that differ from the others,
+    or by a sudden change of all. If what surrounds it is meanwhile clearly seen elsewhere, it was a plain part of a
+    thing that moves, and is followed from then on.
+
+    Parameters
+    ----------
+    template : Template
+        The region.
+    scene : SceneNow
+        The first frame.
+    mover : Follower or None
+        Follows the region with its surroundings, if these are enough.
+    """
+
+    def __init__(self, template: Template, scene: SceneNow, mover: Follower | None) -> None:
+        super().__init__(template)
+        self._mover, self._moving = mover, 0
+        self._rest, self._then = template.to_image, scene
+        self._inside = template.inside
+        own = template.values.ravel()[self._inside]
+        self._texture = own - np.median(own)
+        self._light = float(np.median(own)), scene.light
+
+    @property
+    def seen(self) -> bool:
+        """Whether the place is known and free in this frame."""
+        return not self.result.lost
+
+    def follow(self, sight: Sight, scene: SceneNow) -> None:
+        """Look whether it is to be seen in the next frame."""
+        if self._moving < _MOVES_FOR:
+            self._look(sight, scene)
+        if self._mover is None:
+            return
+        self._mover.follow(sight, scene)
+        if self._moving < _MOVES_FOR:
+            clear = self.result.lost and not self._mover.result.lost and self._mover.result.quality >= GOOD
+            self._moving = self._moving + 1 if clear else 0
+        if self._moving >= _MOVES_FOR:
+            self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
+
+    def _look(self, sight: Sight, scene: SceneNow) -> None:
+        if scene.change == "blank":
+            self._lose(self._finding("tracking-frame-blank"), 0.0)
+            return
+        motion = scene.moved_since(self._then)
+        if motion is None:
+            self._lose(self._finding("tracking-scene-changed", found_share=0.0), 0.0)
+            return
+        self._to_image = motion @ self._rest
+        roi = carried(self._first, self.motion)
+        height, width = sight.shape
+        x0, y0, x1, y1 = roi.bounds
+        view = view_around(sight, self._template, self._to_image, 2.0)
+        if view is None:
+            self._lose(self._finding("tracking-region-gone"), 0.0)
+            return
+        if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
+            self._lose(self._finding("tracking-region-at-border"), 0.0)
+            return
+        own = view.under(self._to_image, self._template.shape)[self._inside]
+        covered = self._covered(own, scene)
+        if covered > COVERED_MOST:
+            self._lose(self._finding("tracking-region-covered", covered_share=covered), 1 - covered, roi)
+            return
+        self._light = float(np.median(own)), scene.light
+        self.result = TrackedRoi(roi, 1 - covered, False)
+
+    def look_again(self, sight: Sight, scene: SceneNow, predicted: list[Matrix]) -> None:
+        """Search it, if it is known to move."""
+        if self._moving >= _MOVES_FOR and self._mover is not None and not self._mover.seen:
+            self._mover.look_again(sight, scene, predicted)
+            self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
+
+    def learn(self, sight: Sight) -> None:
+        """Learn how what surrounds it looks."""
+        if self._mover is not None:
+            self._mover.learn(sight)
+
+    def _covered(self, own: NDArray[np.float32], scene: SceneNow) -> float:
+        """Share of its pixels before which something else is."""
+        light, of_scene = self._light
+        middle = float(np.median(own))
+        noise = self._template.noise_dn
+        expected = light * scene.light / max(of_scene, 1e-6)
+        if abs(middle - expected) > _SUDDEN * expected + _OFF_NOISE * noise:
+            return 1.0
+        most = _OFF_NOISE * noise + _OFF_LIGHT * middle
+        return float(np.mean(np.abs(own - middle - self._texture * (middle / max(self._light[0], 1e-6))) > most))
+
+    def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
+        self.result = TrackedRoi(self.result.roi if roi is None else roi, quality, True, (reason,))
 
 
 class FollowingTracker:

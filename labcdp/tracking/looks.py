@@ -8,11 +8,11 @@ from math import dist, inf, isfinite
 
 import numpy as np
 
-from .align.alignment import Aligner, Fit
-from .align.template import Template
-from .align.view import view_around
+from .alignment import Aligner, Fit
 from .geometry import Matrix, box_of, local_scale, moved, scaling, shape_change, shift
 from .sight import Sight, candidates, look_at
+from .template import Template
+from .view import view_around
 
 #: Quality below which a region is lost, from which it is found again, and at which no other guess is tried.
 LOST_BELOW, FOUND_FROM, GOOD = 0.55, 0.8, 0.85

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .following import FollowingTracker
-from .tracker import TrackedRoi
+from .template import TrackedRoi
 
 #: Pixels around a region at rest that are compared with the first frame.
 _MARGIN_PX = 8

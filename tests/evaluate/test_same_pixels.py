@@ -21,7 +21,7 @@ from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
-from labcdp.files.picture.read import read_picture
+from labcdp.files.read import read_picture
 from labcdp.metrics.regions.pair import PairResult, evaluate_pair
 from labcdp.session import Session
 

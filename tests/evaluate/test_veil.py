@@ -19,7 +19,7 @@ from labcdp.evaluate.picture.edges.edges import EdgeKind
 from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.sweep.simulation.run import evaluate_run
-from labcdp.files.picture.read import read_picture
+from labcdp.files.read import read_picture
 from labcdp.metrics.regions.pair import evaluate_pair
 
 GLARES = (0.0, 0.3, 1.0, 4.0)

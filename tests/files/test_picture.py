@@ -19,8 +19,8 @@ from labcdp.core.finding import info, warning
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.pixel_format import PIXEL_FORMATS
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
-from labcdp.files.formats.exr import luminance_weights
-from labcdp.files.picture.read import picture_paths
+from labcdp.files.exr import luminance_weights
+from labcdp.files.read import picture_paths
 from labcdp.session.frame_file import frame_to_tiff
 
 from .png_bytes import png

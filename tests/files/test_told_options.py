@@ -13,7 +13,8 @@ from labcdp.core.errors import InputError
 from labcdp.core.finding import warning
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.files import PictureOptions, read_image, read_picture
-from labcdp.files.video.open import Selection, frames_of, open_video
+from labcdp.files.video.open import frames_of, open_video
+from labcdp.files.video.selection import Selection
 from labcdp.session import example_session
 from labcdp.session.frame_file import frame_to_tiff
 

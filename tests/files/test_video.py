@@ -12,7 +12,7 @@ from PIL import Image
 from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.files import PictureOptions, read_picture
-from labcdp.files.formats.colour import luminance_dn
+from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import frames_of, left_out, open_video, video_paths
 from labcdp.files.video.selection import Chooser, Position, Selection
 from labcdp.report.findings import finding_text

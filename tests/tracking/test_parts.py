@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labcdp.core.roi import Roi
-from labcdp.tracking.align.alignment import Aligner
-from labcdp.tracking.align.template import make_template, place_uncertainty_px
-from labcdp.tracking.align.view import view_around
+from labcdp.tracking.alignment import Aligner
 from labcdp.tracking.geometry import carried, inverse, shift, transform
 from labcdp.tracking.scene import SceneWatch, common_motion
 from labcdp.tracking.sight import Sight, candidates, look_at, noise_dn
+from labcdp.tracking.template import make_template, place_uncertainty_px
+from labcdp.tracking.view import view_around
 
 from .simulated import pose
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from labcdp.evaluate.picture.light.picture import picture_conversion
-from labcdp.files.picture.read import read_picture
+from labcdp.files.read import read_picture
 from labcdp.metrics import cdp
 from labcdp.metrics.regions.pair import evaluate_pair
 from labcdp.regions import EllipseShape, PolygonShape, load_regions, rois_of

@@ -9,7 +9,7 @@ import pytest
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.light.picture import picture_conversion
-from labcdp.files.formats.colour import decoded_table
+from labcdp.files.stored_image import decoded_table
 from labcdp.files.video.selection import Position
 from labcdp.regions import load_regions
 from labcdp.session import Session, example_session

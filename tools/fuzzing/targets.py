@@ -144,8 +144,8 @@ def _regions(_: Path, file: Path) -> Any:
 
 
 def _picture(_: Path, file: Path) -> Any:
-    from labcdp.files.picture.picture import PictureOptions
-    from labcdp.files.picture.read import read_picture
+    from labcdp.files.picture import PictureOptions
+    from labcdp.files.read import read_picture
 
     options = PictureOptions(max_pixels=MAX_PIXELS)
     if file.suffix == ".raw":
@@ -248,7 +248,7 @@ def _emva_image(_: Path, file: Path) -> Any:
 
 
 def _video(_: Path, file: Path) -> Any:
-    from labcdp.files.picture.picture import PictureOptions
+    from labcdp.files.picture import PictureOptions
     from labcdp.files.video.open import open_video
 
     frames = []

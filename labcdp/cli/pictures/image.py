@@ -13,7 +13,7 @@ from ...core.errors import InputError
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
-from ...files.picture.read import picture_paths
+from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
 from ..options import contrasts_or_measured, parse_pair, parse_tolerance

@@ -13,8 +13,8 @@ from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from ...evaluate.picture.edges.page import write_contrast_map
 from ...evaluate.picture.edges.result import MapSource, map_result
 from ...evaluate.picture.light.picture import PictureConversion
-from ...files.picture.picture import Picture
-from ...files.picture.read import read_picture
+from ...files.picture import Picture
+from ...files.read import read_picture
 from ..output import Results
 from ..terminal import fraction_of_percent
 from .picture_options import PictureLightOptions

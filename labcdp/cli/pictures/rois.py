@@ -15,7 +15,7 @@ from ...core.finding import Finding, info
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...evaluate.picture.light.picture import PictureConversion
-from ...files.picture.read import read_picture
+from ...files.read import read_picture
 from ...files.video.selection import Position
 from ...output.file import is_same_file
 from ...regions import Shape, load_regions, new_shapes

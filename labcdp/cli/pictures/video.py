@@ -13,13 +13,13 @@ import typer
 
 from ...core.errors import LabcdpError
 from ...core.result import Result
-from ...evaluate.video.archive.evaluate import archive_tasks, evaluate_archive, require_same_archive
-from ...evaluate.video.archive.result import archive_result, write_archive
+from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
+from ...evaluate.video.archive_page import archive_result, write_archive
+from ...evaluate.video.archive_run import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.checks import require_same_evaluation, video_configuration
 from ...evaluate.video.dataset import VideoRows
 from ...evaluate.video.evaluate import Part, evaluated_parts
-from ...evaluate.video.report.annotated import AnnotatedVideo, FrameImages
-from ...evaluate.video.report.page import write_video
+from ...evaluate.video.page import write_video
 from ...evaluate.video.settings import Observer, VideoSettings, make_reference
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder

@@ -21,8 +21,8 @@ from ...core.table import Column, Table
 from ...drivers.simulated.devices import SimulatedBenchFile
 from ...evaluate.picture.light.camera_specification import CameraSpecification
 from ...evaluate.sweep.maps.axes import check_map
-from ...files.picture.read import read_picture
 from ...files.raw import PlaneClipping, planes_of
+from ...files.read import read_picture
 from ...files.video.open import VIDEO_SUFFIXES, open_video
 from ...output import LIST_FILE
 from ...regions import load_regions, rois_of

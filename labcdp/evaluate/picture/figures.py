@@ -30,7 +30,7 @@ from .tables import combined, neighbour_name
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
-    from ...files.picture.picture import Picture
+    from ...files.picture import Picture
     from ...metrics import DetectionResult
     from .image import ImageEvaluation
 

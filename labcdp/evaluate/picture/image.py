@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ...core.finding import Finding, info, unique, warning
 from ...core.luminance import LuminanceMap
 from ...core.roi import Roi
-from ...files.picture.picture import Picture
+from ...files.picture import Picture
 from ...metrics import ContrastDistribution, contrast_histogram
 from ...metrics.regions.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .neighbours import NeighbourEvaluation, Rectangle, evaluate_neighbours

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.finding import Finding, error, unique
 from ...core.result import InputFile, Result
-from ...files.picture.read import read_picture
+from ...files.read import read_picture
 from ...regions import load_regions
 from ...report.envelope import envelope_json
 from ...report.sheets import result_workbook
@@ -23,7 +23,7 @@ from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
-    from ...files.picture.picture import Picture
+    from ...files.picture import Picture
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1

@@ -25,8 +25,7 @@ from ..picture.light.picture import PictureConversion
 from ..picture.neighbours import neighbour_contrast
 from .dataset import FINDINGS, NOTE, OF_CONTRAST, OF_FRAME, OF_REGION, as_json, names
 from .findings import note_of, recorded, restored, saturation
-from .frame.light_table import light_by_dn
-from .frame.neighbours import NeighbourTables
+from .neighbours import NeighbourTables, light_by_dn
 from .settings import ReferenceContrast, VideoSettings
 
 #: Keys of a row that are no variables.

@@ -17,8 +17,8 @@ import numpy as np
 from ...core.disk import file_sha256, require_regular
 from ...core.errors import InputError
 from ...core.frame import Frame
-from ..picture.picture import unused_options
-from ..picture.read import PictureOptions, frame_of_pixels
+from ..picture import unused_options
+from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
 from .source import Entry, VideoSource, require_frames

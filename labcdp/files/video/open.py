@@ -9,7 +9,7 @@ from pathlib import Path
 from ...core.errors import InputError, LabcdpError
 from ...core.finding import Finding, warning
 from ...core.frame import Frame
-from ..picture.read import PictureOptions
+from ..picture import PictureOptions
 from .selection import Chooser, Selection
 from .source import Entry, VideoFrame, VideoSource, size_differs
 
@@ -82,7 +82,7 @@ def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
 
 def left_out(folder: Path) -> list[Path]:
     """Folders with images in a folder of video files: `video_paths` leaves them out."""
-    from ..picture.read import STATED_SUFFIXES
+    from ..read import STATED_SUFFIXES
 
     folders = sorted(one for one in folder.iterdir() if one.is_dir())
     return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]

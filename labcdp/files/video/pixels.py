@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
-from ..formats.colour import ENCODING_NAMES, Encoding, light_tables, luminance_dn
-from ..formats.stored_image import grey_if_colourless, orientation_of_matrix, upright
+from ..stored_image import (
+    ENCODING_NAMES,
+    Encoding,
+    grey_if_colourless,
+    light_tables,
+    luminance_dn,
+    orientation_of_matrix,
+    upright,
+)
 
 # Codes of ITU-T H.273: transfer characteristics (table 3) and matrix coefficients (table 4) with weights of R and B.
 _UNSTATED = 2

@@ -19,11 +19,11 @@ from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
 from ...session import FrameRecord, Session
 from ..file_frame import picture_bytes
-from ..formats.colour import decoded_table
-from ..formats.tiff import count_pictures
-from ..picture.frame import guessed_scale
-from ..picture.picture import Picture, PictureOptions, contradictions, overridden_frame
-from ..picture.read import picture_paths, read_page, read_picture
+from ..frame import guessed_scale
+from ..picture import Picture, PictureOptions, contradictions, overridden_frame
+from ..read import picture_paths, read_page, read_picture
+from ..stored_image import decoded_table
+from ..tiff import count_pictures
 from .source import Entry, VideoSource, require_frames
 
 #: Largest number in a name that can be one of a frame; others are times or dates.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.finding import Finding, warning
 from ...core.frame import Frame
-from ..formats.colour import Encoding
+from ..stored_image import Encoding
 
 
 @dataclass(frozen=True, eq=False)

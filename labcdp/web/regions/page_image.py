@@ -21,7 +21,7 @@ from .shape_edit import ImageSize
 if TYPE_CHECKING:
     from ...core.frame import Frame
     from ...evaluate.picture.light.picture import PictureConversion
-    from ...files.picture.picture import Picture
+    from ...files.picture import Picture
 
 #: Text for an invalid pixel under the pointer.
 _REASONS = {

@@ -6,7 +6,7 @@ import pytest
 
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.light.picture import picture_conversion
-from labcdp.files.picture.read import PictureOptions, read_picture
+from labcdp.files.read import PictureOptions, read_picture
 from labcdp.metrics.regions.pair import evaluate_pair, evaluate_region
 from labcdp.metrics.regions.rounding import rounding_uncertainty_dn
 

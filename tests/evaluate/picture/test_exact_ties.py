@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.light.picture import picture_conversion
-from labcdp.files.picture.read import PictureOptions, read_picture
+from labcdp.files.read import PictureOptions, read_picture
 from labcdp.metrics import cdp_neighbours
 from labcdp.regions import RectangleShape
 

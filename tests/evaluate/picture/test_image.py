@@ -13,7 +13,7 @@ from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.files.picture.picture import Picture
+from labcdp.files.picture import Picture
 from labcdp.metrics import cdp, cdp_neighbours_range
 
 SHAPE = (60, 90)

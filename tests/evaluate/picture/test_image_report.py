@@ -23,7 +23,7 @@ from labcdp.evaluate.picture.page import overview_page, picture_page
 from labcdp.evaluate.picture.result import image_result, picture_files, summary_files
 from labcdp.evaluate.picture.surface import MOST_POINTS, surface_page
 from labcdp.evaluate.picture.tables import ReportedPicture
-from labcdp.files.picture.picture import Picture
+from labcdp.files.picture import Picture
 from labcdp.report.envelope import envelope_json, schema
 from labcdp.report.sheets import result_workbook
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from labcdp.core.errors import LabcdpError
-from labcdp.evaluate.video.archive.evaluate import archive_tasks, evaluate_task
-from labcdp.evaluate.video.archive.record import RECORD, ArchiveTask, finished_values, record_finished
+from labcdp.evaluate.video.archive_record import RECORD, ArchiveTask, finished_values, record_finished
+from labcdp.evaluate.video.archive_run import archive_tasks, evaluate_task
 from labcdp.output import ResultsFolder
 
 SETTINGS = {"contrasts": [1.0], "epsilon": 0.5}

@@ -22,7 +22,7 @@ from labcdp.core.computer import cluster as dask_cluster
 from labcdp.core.computer.cluster import TlsFiles
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.archive.evaluate import ArchiveResult, VideoOutcome, Workers, archive_tasks, evaluate_archive
+from labcdp.evaluate.video.archive_run import ArchiveResult, VideoOutcome, Workers, archive_tasks, evaluate_archive
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 

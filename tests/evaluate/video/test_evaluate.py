@@ -21,10 +21,10 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
-from labcdp.evaluate.video.frame.neighbours import NeighbourTables
+from labcdp.evaluate.video.neighbours import NeighbourTables
 from labcdp.evaluate.video.rows import evaluate_frame_pair
 from labcdp.evaluate.video.settings import VideoSettings
-from labcdp.files.picture.read import PictureOptions, frame_of_pixels, read_picture
+from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
 from labcdp.metrics.regions.pair import evaluate_pair

@@ -14,9 +14,9 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
+from labcdp.evaluate.video import page as video_page
 from labcdp.evaluate.video.frame_findings import runs
-from labcdp.evaluate.video.report import page as video_page
-from labcdp.evaluate.video.report.page import write_video
+from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions

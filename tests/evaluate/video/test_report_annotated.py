@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labcdp.core.finding import warning
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.report.annotated import AnnotatedVideo, FrameImages, annotated_picture
+from labcdp.evaluate.video.annotated import AnnotatedVideo, FrameImages, annotated_picture
 from labcdp.tracking import TrackedRoi
 
 ROW = {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ....core.frame import Frame
 from ....core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ....core.vignetting import Vignetting
-from ....files.formats.colour import Encoding, decoded_table, looked_up
+from ....files.stored_image import Encoding, decoded_table, looked_up
 
 if TYPE_CHECKING:
     from .camera_specification import CameraSpecification

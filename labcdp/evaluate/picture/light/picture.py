@@ -14,9 +14,9 @@ from ....core.finding import Finding, info, warning
 from ....core.frame import Frame
 from ....core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ....core.pixel_format import PIXEL_FORMATS
-from ....files.formats.colour import Encoding
-from ....files.picture.picture import Picture
-from ....files.picture.read import PictureOptions
+from ....files.picture import Picture
+from ....files.read import PictureOptions
+from ....files.stored_image import Encoding
 from .dn_light import relative_light, specified_light
 
 if TYPE_CHECKING:

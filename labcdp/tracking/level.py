@@ -8,7 +8,7 @@ from math import isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Matrix, around, inverse, scaling
+from .geometry import Matrix, around, inverse, scaling
 from .template import Template, gradients
 from .view import View
 

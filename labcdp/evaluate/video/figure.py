@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.result import Result
-from ....core.table import Z_95
-from ....report.digits import shortened
-from ....report.figures.drawing import (
+from ...core.result import Result
+from ...core.table import Z_95
+from ...report.digits import shortened
+from ...report.figures.drawing import (
     BLUE,
     GREEN,
     LABEL_SIZE,
@@ -23,12 +23,13 @@ from ....report.figures.drawing import (
     png,
     taken_literally,
 )
-from ..frame_findings import period_s, runs, times_s
-from ..result import DETECTED_CDP, contrast_name
+from .frame_findings import period_s, runs, times_s
+from .result import DETECTED_CDP, contrast_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import Dataset
+
 
 #: Points of a curve; of more the noise hides the course.
 _MOST_POINTS = 500

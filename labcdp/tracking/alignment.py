@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Matrix
+from .geometry import Matrix
 from .level import GainOffset, Level, Seen
 from .template import Template, gradients
 from .view import View

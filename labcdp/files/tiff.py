@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk import parse_json
-from ...core.disk.tiff import open_tiff, require_pixels
-from ...core.errors import InputError
-from ...core.finding import Finding, info
-from .colour import BT709_LUMINANCE, Encoding
+from ..core.disk import parse_json
+from ..core.disk.tiff import open_tiff, require_pixels
+from ..core.errors import InputError
+from ..core.finding import Finding, info
 from .exif import ExifFacts, read_exif
-from .stored_image import StoredImage, real_numbers, require_size, whole_numbers, without_alpha
+from .stored_image import (
+    BT709_LUMINANCE,
+    Encoding,
+    StoredImage,
+    real_numbers,
+    require_size,
+    whole_numbers,
+    without_alpha,
+)
 
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3

@@ -13,21 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.finding import info, warning
-from ...core.frame import CameraIdentity, Frame
-from ..file_frame import FileDefaults, camera_of, picture_bytes
-from ..formats.arrays import NPY, read_dump, read_npy
-from ..formats.colour import luminance_dn
-from ..formats.exr import EXR, exr_text, read_exr
-from ..formats.png_jpeg import JPEG, PNG, read_jpeg, read_png
-from ..formats.stored_image import StoredImage
-from ..formats.tiff import TIFF, is_of_a_sensor, read_tiff, tiff_text
-from ..luminance_file import FORMAT as LUMINANCE
-from ..luminance_file import read_luminance
-from ..raw import read_raw
+from ..core.errors import InputError
+from ..core.finding import info, warning
+from ..core.frame import CameraIdentity, Frame
+from .exr import EXR, exr_text, read_exr
+from .file_frame import FileDefaults, camera_of, picture_bytes
 from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, Scale, frame_of_pixels, make_frame, scale_of
+from .luminance_file import FORMAT as LUMINANCE
+from .luminance_file import read_luminance
 from .picture import Picture, PictureOptions, with_overrides
+from .png_jpeg import JPEG, NPY, PNG, read_dump, read_jpeg, read_npy, read_png
+from .raw import read_raw
+from .stored_image import StoredImage, luminance_dn
+from .tiff import TIFF, is_of_a_sensor, read_tiff, tiff_text
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 

@@ -8,17 +8,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ....core.finding import error
-from ....core.result import InputFile, Result
-from ....core.table import Column, Table
-from ....output import Destination, write_files
-from ....report.envelope import envelope_json
-from ....report.html import render_page
-from ....report.layout import Card, Links, Page, Section, State
-from ....report.sheets import result_workbook
-from ..frame_findings import LOST
-from ..result import CONTRASTS, REGIONS
-from .evaluate import ArchiveResult, VideoOutcome
+from ...core.finding import error
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table
+from ...output import Destination, write_files
+from ...report.envelope import envelope_json
+from ...report.html import render_page
+from ...report.layout import Card, Links, Page, Section, State
+from ...report.sheets import result_workbook
+from .archive_run import ArchiveResult, VideoOutcome
+from .frame_findings import LOST
+from .result import CONTRASTS, REGIONS
 
 _VIDEO = Column("video", "video", meaning="Name of the folder of its results.")
 _VIDEOS = (

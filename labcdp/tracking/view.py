@@ -9,8 +9,8 @@ from math import ceil, floor, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Matrix, box_of, local_scale, shift
-from ..sight import Sight, smooth
+from .geometry import Matrix, box_of, local_scale, shift
+from .sight import Sight, smooth
 from .template import Template
 
 _FROM_CORNER, _TO_CORNER = shift(-0.5, -0.5), shift(0.5, 0.5)

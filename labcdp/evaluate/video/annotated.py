@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.errors import InputError
-from ....output.file import cannot_be_written, put_in_place, temporary_name, write_file
-from ....report.digits import fixed
-from ..findings import note_of
+from ...core.errors import InputError
+from ...output.file import cannot_be_written, put_in_place, temporary_name, write_file
+from ...report.digits import fixed
+from .findings import note_of
 
 if TYPE_CHECKING:
-    from ....tracking import TrackedRoi
+    from ...tracking import TrackedRoi
+
 
 #: Colours of the first and of the other regions, of a lost one, and of text, as OpenCV has them: blue, green, red.
 _REGIONS = ((0, 159, 230), (233, 180, 86), (115, 158, 0))

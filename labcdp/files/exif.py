@@ -10,8 +10,8 @@ from math import isfinite, log10
 from pathlib import Path
 from typing import Any
 
-from ...core.disk.tiff import MOST_PAGES, require_end
-from ...core.errors import InputError
+from ..core.disk.tiff import MOST_PAGES, require_end
+from ..core.errors import InputError
 
 #: ISO speed that counts as a gain of 0 dB.
 _ISO_OF_0_DB = 100.0

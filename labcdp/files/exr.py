@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk import parse_json, shortened
-from ...core.errors import InputError
-from ...core.finding import Finding, info
-from .colour import BT709_LUMINANCE
-from .stored_image import StoredImage, decoder_messages, real_numbers, require_size
+from ..core.disk import parse_json, shortened
+from ..core.errors import InputError
+from ..core.finding import Finding, info
+from .stored_image import BT709_LUMINANCE, StoredImage, decoder_messages, real_numbers, require_size
 
 EXR = b"\x76\x2f\x31\x01"
 #: Channels of a picture of the largest size, and of any.

@@ -11,12 +11,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from ....core.disk import open_regular, read_json, validated_as
-from ....core.disk.json_text import results_json
-from ....core.errors import InputError
-from ....output import ResultsFolder
-from ....output.file import is_temporary
-from ....output.file_list import read_list
+from ...core.disk import open_regular, read_json, validated_as
+from ...core.disk.json_text import results_json
+from ...core.errors import InputError
+from ...output import ResultsFolder
+from ...output.file import is_temporary
+from ...output.file_list import read_list
 
 #: Name of the record in the folder of a video's results.
 RECORD = "finished.json"

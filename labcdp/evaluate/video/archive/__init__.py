@@ -1,1 +1,0 @@
-"""Folders of videos on all cores or a cluster."""

@@ -1,1 +1,0 @@
-"""CDP of one frame, at the speed of a video."""

@@ -1,1 +1,0 @@
-"""Pictures: what a file says, and the frame that it gives."""

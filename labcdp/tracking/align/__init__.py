@@ -1,1 +1,0 @@
-"""Alignment of a region with the first frame."""

@@ -17,8 +17,7 @@ import numpy as np
 
 from labcdp.calibration.emva import INDEX_NAME, characterise_data_set, load_index
 from labcdp.calibration.emva.images import read_image
-from labcdp.evaluate.camera.page import write_characterisation
-from labcdp.evaluate.camera.result import result
+from labcdp.evaluate.camera.result import result, write_characterisation
 
 REFERENCE = "EMVA1288_ReferenceSet_001_CCD_12Bit"
 REPEATS = 3

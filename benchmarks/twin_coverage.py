@@ -43,14 +43,13 @@ from labcdp.drivers.simulated.faults import Drifts
 from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.target import SimulatedTarget
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import Corrections
-from labcdp.evaluate.bench.dark import with_dark_frames
+from labcdp.evaluate.bench.corrections import Corrections, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.twin.evaluate import TwinEvaluation, twin_session
 from labcdp.evaluate.twin.pair import SAMPLING, TwinPair
-from labcdp.evaluate.twin.report.verdict import signal_findings
-from labcdp.evaluate.twin.signal import KINDS
+from labcdp.evaluate.twin.regions import KINDS
+from labcdp.evaluate.twin.result import signal_findings
 from labcdp.session import Session, SessionConfiguration
 
 WIDTH, HEIGHT = 400, 300

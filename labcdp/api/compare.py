@@ -15,8 +15,8 @@ from ..core.notebook import html_table
 from ..core.result import InputFile
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
-from ..evaluate.compare.pictures import picture_task
 from ..evaluate.compare.result import answer, compare_result
+from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
 from ..evaluate.sweep.axis import Axis
 from ..report.cells import text_table

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..core.notebook import html_table, number
 from ..core.result import InputFile
-from ..evaluate.bench.report.result import session_result
 from ..evaluate.bench.session import SessionEvaluation
+from ..evaluate.bench.session_result import session_result
 from ..report.envelope import envelope
 from ..report.findings import warning_texts
 from .variables import OF_CDP, cdp_values, columns, described

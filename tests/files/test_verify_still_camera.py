@@ -13,7 +13,7 @@ from labcdp.calibration.verify.file import save_verification
 from labcdp.core.errors import CalibrationError
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.verify import verify_session
+from labcdp.evaluate.bench.verification import verify_session
 from labcdp.report.envelope import schema
 from labcdp.session import Session, SessionConfiguration
 

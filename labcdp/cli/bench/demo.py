@@ -16,13 +16,12 @@ from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.devices import SimulatedBenchFile
 from ...evaluate.bench.calibrate import calibrate_session
-from ...evaluate.bench.calibration.page import write_calibration_report
-from ...evaluate.bench.calibration.result import calibration_result
+from ...evaluate.bench.calibration_page import write_calibration_report
+from ...evaluate.bench.calibration_result import calibration_result
 from ...evaluate.bench.observe import observe_session
-from ...evaluate.bench.report.figures import draw_figures
-from ...evaluate.bench.report.page import write_results
-from ...evaluate.bench.report.result import session_input, session_result
 from ...evaluate.bench.session import evaluate_session
+from ...evaluate.bench.session_page import draw_figures, write_results
+from ...evaluate.bench.session_result import session_input, session_result
 from ...output import ResultsFolder
 from ...session import Session, SessionConfiguration, example_configuration
 from ..output import FORCE_OPTION, OPEN_OPTION, output_option, results_folder, show_page

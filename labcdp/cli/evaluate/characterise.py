@@ -9,10 +9,9 @@ import typer
 from ...calibration.emva import INDEX_NAME, Characterisation, index_path
 from ...core.errors import InputError
 from ...core.result import InputFile
-from ...evaluate.bench.report.result import session_input
+from ...evaluate.bench.session_result import session_input
 from ...evaluate.camera.characterise import characterise_index, characterise_session
-from ...evaluate.camera.page import write_characterisation
-from ...evaluate.camera.result import result
+from ...evaluate.camera.result import result, write_characterisation
 from ...session import Session
 from ..output import Results
 from ..terminal import progress_bars

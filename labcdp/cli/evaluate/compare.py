@@ -10,8 +10,8 @@ import typer
 from ...core.errors import InputError
 from ...evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ...evaluate.compare.page import write_comparison
-from ...evaluate.compare.pictures import picture_task
 from ...evaluate.compare.result import compare_result
+from ...evaluate.compare.subject import picture_task
 from ...evaluate.picture.result import PictureTask
 from ...evaluate.sweep.axis import parse_axis
 from ..options import parse_changes

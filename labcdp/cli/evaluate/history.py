@@ -17,8 +17,7 @@ from ...calibration.verify.result import Verification
 from ...core.disk import read_json, real_path
 from ...core.errors import InputError
 from ...core.result import InputFile
-from ...evaluate.bench.history.page import write_history
-from ...evaluate.bench.history.result import history_result
+from ...evaluate.bench.history import history_result, write_history
 from ..output import FORCE_OPTION, OPEN_OPTION, output_file, show_page
 from ..terminal import JSON_OPTION, print_result, say
 

@@ -17,17 +17,22 @@ from ...core.disk import read_json
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Result
 from ...evaluate.bench.calibrate import calibrate_session
-from ...evaluate.bench.calibration.page import write_calibration_report
-from ...evaluate.bench.calibration.result import calibration_result
+from ...evaluate.bench.calibration_page import write_calibration_report
+from ...evaluate.bench.calibration_result import calibration_result
 from ...evaluate.bench.certificate import calibration_certificate
-from ...evaluate.bench.corrections import PlaneCorrections, calibration_for, corrections_of
-from ...evaluate.bench.flat import UniformLight, require_same_optics
+from ...evaluate.bench.corrections import (
+    PlaneCorrections,
+    UniformLight,
+    calibration_for,
+    corrections_of,
+    require_same_optics,
+)
 from ...evaluate.bench.observe import ObservedSession, observe_session
 from ...evaluate.bench.recorded import certificate_of
 from ...evaluate.bench.recorded_calibration import calibrate_recorded
-from ...evaluate.bench.report.page import write_results
-from ...evaluate.bench.report.result import session_input, session_result
 from ...evaluate.bench.session import SessionEvaluation, evaluate_session
+from ...evaluate.bench.session_page import write_results
+from ...evaluate.bench.session_result import session_input, session_result
 from ...output import ResultsFolder
 from ...report.envelope import SCHEMA, envelope_json
 from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session

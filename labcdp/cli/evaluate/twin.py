@@ -14,12 +14,12 @@ from ...evaluate.bench.calibrate import calibrate_session
 from ...evaluate.bench.corrections import calibration_for, corrections_of
 from ...evaluate.bench.observe import observe_session
 from ...evaluate.bench.recorded import certificate_of
-from ...evaluate.bench.report.result import session_input
+from ...evaluate.bench.session_result import session_input
 from ...evaluate.camera.characterise import characterise_session
 from ...evaluate.twin.evaluate import TwinEvaluation, twin_session
+from ...evaluate.twin.page import write_twin
 from ...evaluate.twin.parameters import require_monochrome
-from ...evaluate.twin.report.page import write_twin
-from ...evaluate.twin.report.result import twin_result
+from ...evaluate.twin.result import twin_result
 from ...session import Session
 from ..output import Results
 from ..terminal import fraction_of_percent, progress_bars, say

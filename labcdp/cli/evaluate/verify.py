@@ -18,10 +18,9 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...evaluate.bench.certificate import verification_certificate
 from ...evaluate.bench.observe import ObservedSession
-from ...evaluate.bench.report.result import session_input
-from ...evaluate.bench.report.verification import verification_result
 from ...evaluate.bench.session import mismatch
-from ...evaluate.bench.verify import verify_session
+from ...evaluate.bench.session_result import session_input
+from ...evaluate.bench.verification import verification_result, verify_session
 from ...report.envelope import envelope_json
 from ...session import MeterCertificate, Session, SessionConfiguration
 from ..bench.acquire import record

@@ -17,11 +17,11 @@ from ...report.figures.maps import close_picture
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Facts, State
 from ...session import ConditionsConfiguration, Session
-from .calibration.budget import PATCH_PIXELS, budget_at
-from .calibration.quantities import lens_text, meter_text, range_text, responsivity, traceability
+from .calibration_result import PATCH_PIXELS, budget_at
 from .observe import ObservedSession
-from .report.verification import decision_rule, verified_patches
-from .target_map import target_map
+from .quantities import lens_text, meter_text, range_text, responsivity, traceability
+from .session import target_map
+from .verification import decision_rule, verified_patches
 
 _STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
 _COMBINED = (

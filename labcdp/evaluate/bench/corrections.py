@@ -1,22 +1,26 @@
-"""What is corrected in frames before a patch is measured: vignetting, defects, the dark pattern."""
+"""Corrections of frames before patches are measured: vignetting, defects and the dark pattern."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.region import of_region
-from ...calibration.dark.library import DarkLibrary
-from ...calibration.defects import DefectMap
+from ...calibration.dark.library import DarkLibrary, dark_library
+from ...calibration.defects import DefectMap, find_defects
+from ...calibration.flat.field import MeasuredVignetting, measure_vignetting
+from ...calibration.frames.measure import MeasuredFrames, measure_whole
 from ...calibration.frames.observations import CameraState
 from ...calibration.frames.planes import plane_of
-from ...core.finding import Finding
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, info
 from ...core.frame import Readout
+from ...core.response import Response
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration
-from .recorded import planes_of
+from .recorded import Report, SessionReader, by_exposure, lens_of, planes_of
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
@@ -88,3 +92,163 @@ def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
     """Natural vignetting of the session's lens for each plane: what is known without a measurement."""
     states = _states(session)
     return {plane: Corrections(natural_vignetting(session.configuration, state)) for plane, state in states.items()}
+
+
+def with_dark_frames(
+    corrections: PlaneCorrections, sessions: Sequence[Session], report: Report = lambda _done, _total: None
+) -> dict[str | None, Corrections]:
+    """Add what the dark frames of sessions show: hot and noisy pixels, and the pattern of the dark signal.
+
+    The pattern is added only where taking it off leaves less than it removes at an exposure of the light frames, and
+    only if all sessions have one gain, as it grows with the gain.
+
+    Parameters
+    ----------
+    corrections : mapping of (str or None) to Corrections
+        By colour plane, None for a monochrome sensor; those of another source of dark frames are replaced.
+    sessions : sequence of Session
+        Sessions of one camera; dark frames at several temperatures determine the temperature dependence.
+    report : callable
+        Called with the number of frames read, and of all.
+
+    Raises
+    ------
+    SessionError
+        If a file is missing or altered.
+    CalibrationError
+        If frames of one exposure differ in camera or setting.
+    """
+    reader = SessionReader(report, len(corrections) * sum(len(session.frames("dark")) for session in sessions))
+    light_s = sorted({t for session in sessions for t in by_exposure(session, "light")})
+    result: dict[str | None, Corrections] = {}
+    for plane, own in corrections.items():
+        darks = [
+            measure_whole(reader.frames(session, records, plane))
+            for session in sessions
+            for records in by_exposure(session, "dark").values()
+        ]
+        defects, of_defects = _defects(own, darks)
+        library, of_library = _library(darks, defects, light_s)
+        findings = (*own.findings, *of_defects, *of_library)
+        result[plane] = replace(own, defects=defects, dark_library=library, findings=findings)
+    return result
+
+
+def _defects(own: Corrections, darks: Sequence[MeasuredFrames]) -> tuple[DefectMap | None, list[Finding]]:
+    repeated = [dark for dark in darks if dark.statistics.n_frames > 1]
+    if not repeated:
+        return own.defects, []
+    # Hot pixels show best in the longest dark signal.
+    found = find_defects(max(repeated, key=lambda dark: dark.exposure_s).statistics)
+    if found.n_pixels == 0:
+        return own.defects, []
+    return found if own.defects is None else own.defects.joined(found), [info("hot-pixels", count=found.n_pixels)]
+
+
+def _library(
+    darks: Sequence[MeasuredFrames], defects: DefectMap | None, light_s: Sequence[float]
+) -> tuple[DarkLibrary | None, list[Finding]]:
+    if not any(dark.statistics.n_frames > 1 for dark in darks) or len({dark.state.gain_db for dark in darks}) > 1:
+        return None, []
+    library = dark_library(darks, defects)
+    worth = [t for t in light_s if library.worth_applying(t)]
+    return library if worth else None, [library.verdict(max(worth or light_s))]
+
+
+@dataclass(frozen=True, eq=False)
+class UniformLight:
+    """Frames of a uniform source, by colour plane, None for a monochrome sensor.
+
+    Parameters
+    ----------
+    lights, darks : mapping of (str or None) to list of MeasuredFrames
+        One for each exposure.
+    source_nonuniformity_rel : float
+        Relative standard uncertainty of the source's uniformity.
+    """
+
+    lights: Mapping[str | None, Sequence[MeasuredFrames]]
+    darks: Mapping[str | None, Sequence[MeasuredFrames]]
+    source_nonuniformity_rel: float
+
+    @classmethod
+    def read(
+        cls, session: Session, source_nonuniformity_rel: float, report: Report = lambda _done, _total: None
+    ) -> UniformLight:
+        """Read a session recorded as any other, with a uniform source that fills the image instead of the target.
+
+        Parameters
+        ----------
+        session : Session
+            The session.
+        source_nonuniformity_rel : float
+            Relative standard uncertainty of the source's uniformity.
+        report : callable
+            Called with the number of frames read, and of all.
+
+        Raises
+        ------
+        CalibrationError
+            If frames of one exposure differ in camera or setting.
+        SessionError
+            If a file is missing or altered.
+        """
+        planes = planes_of(session)
+        reader = SessionReader(report, len(planes) * len(session.frames()))
+        lights, darks = (
+            {plane: [measure_whole(reader.frames(session, records, plane)) for records in groups] for plane in planes}
+            for groups in (by_exposure(session, "light").values(), by_exposure(session, "dark").values())
+        )
+        return cls(lights, darks, source_nonuniformity_rel)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of a plane."""
+        return next(iter(self.lights.values()))[0].state.image_shape
+
+    @property
+    def corrections(self) -> dict[str | None, Corrections]:
+        """Vignetting of a linear camera, and defects; raises CalibrationError as `measure_vignetting`."""
+        result = {}
+        for plane, lights in self.lights.items():
+            vignetting = self._vignetting(plane, Response())
+            unclipped = [light for light in lights if light.statistics.clipped.mean() < 0.01] or lights
+            # Hot pixels show best in the longest dark signal, dead ones in the brightest light.
+            defects = find_defects(
+                max(self.darks[plane], key=lambda s: s.exposure_s).statistics,
+                max(unclipped, key=lambda s: s.statistics.mean_dn).statistics,
+            )
+            findings = (vignetting.reason, *vignetting.findings)
+            result[plane] = Corrections(vignetting.chosen, defects, findings=findings)
+        return result
+
+    def linearised(self, responses: Mapping[str | None, Response]) -> dict[str | None, AnyVignetting]:
+        """Vignetting of a camera with these responses."""
+        return {plane: self._vignetting(plane, response).chosen for plane, response in responses.items()}
+
+    def _vignetting(self, plane: str | None, response: Response) -> MeasuredVignetting:
+        return measure_vignetting(self.lights[plane], self.darks[plane], self.source_nonuniformity_rel, response)
+
+
+def require_same_optics(session: Session, flat: Session) -> None:
+    """Refuse a flat field of another camera or lens.
+
+    Raises
+    ------
+    CalibrationError
+        If camera, image size, region of the sensor, pixel format, lens or f-number differ.
+    """
+    mine, theirs = (one.load(one.frames()[0]) for one in (session, flat))
+    readouts = (mine.readout, theirs.readout)
+    for what, a, b in (
+        ("camera", str(mine.camera), str(theirs.camera)),
+        ("image size", f"{mine.shape[1]} x {mine.shape[0]}", f"{theirs.shape[1]} x {theirs.shape[0]}"),
+        ("region of the sensor", *(str(one) if all(readouts) else "" for one in readouts)),
+        ("pixel format", mine.pixel_format, theirs.pixel_format),
+        ("lens", str(lens_of(session.configuration)), str(lens_of(flat.configuration))),
+    ):
+        if a != b:
+            raise CalibrationError(
+                f"the {what} of the flat field's session is {b}, that of the session {a}: record the flat field with "
+                "the same camera and lens"
+            )

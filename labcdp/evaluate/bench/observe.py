@@ -19,8 +19,7 @@ from ...core.frame import Frame
 from ...core.reading import Reading
 from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
-from .corrections import Corrections, PlaneCorrections, corrections_of_lens
-from .dark import with_dark_frames
+from .corrections import Corrections, PlaneCorrections, corrections_of_lens, with_dark_frames
 from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, regions_without
 
 

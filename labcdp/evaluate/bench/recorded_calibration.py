@@ -17,9 +17,7 @@ from ...core.response import Response
 from ...core.vignetting import AnyVignetting
 from ...session import FrameRecord, MeterCertificate, Session
 from .calibrate import calibrate_session
-from .corrections import Corrections, PlaneCorrections, corrections_of_lens
-from .dark import with_dark_frames
-from .flat import UniformLight
+from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
 from .observe import ObservedSession, observe_session
 from .recorded import Report, by_exposure, by_patch
 

@@ -41,8 +41,14 @@ from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...session import Session
-from .frames import SessionFrames, measure_session
-from .light import patch_deviations, patch_linearity, photometric_responsivity, quantum_efficiency_estimate
+from .frames import (
+    SessionFrames,
+    measure_session,
+    patch_deviations,
+    patch_linearity,
+    photometric_responsivity,
+    quantum_efficiency_estimate,
+)
 
 #: Dark signal farther away in temperature than this, in kelvin, is reported.
 _SAME_TEMPERATURE_K = 2.0

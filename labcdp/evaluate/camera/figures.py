@@ -25,8 +25,7 @@ from ...report.figures.drawing import (
     one_two_five,
     png,
 )
-from .light import patch_deviations
-from .result import is_series
+from .frames import patch_deviations
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,6 +51,11 @@ _CAPTIONS = {
 _POINTS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 4, "linestyle": "none"}
 _DASHED: dict[str, Any] = {"linewidth": 1.0, "linestyle": "dashed"}
 _BARS: dict[str, Any] = {"fmt": "o", "color": "black", "markersize": 4, "capsize": 2.0}
+
+
+def is_series(found: Characterisation) -> bool:
+    """Whether the points are one series over photons, not the patches of a session."""
+    return all(point.photons is not None for point in found.series)
 
 
 def signal_figures(found: Characterisation) -> list[ReportFigure]:

@@ -1,9 +1,10 @@
-"""A characterisation as a result: its quantities, and the series they rest on."""
+"""A characterisation as a result, and its files: page, spreadsheet, numbers and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import isfinite, log, log10
+from pathlib import Path
 
 from ...calibration import DarkObservation
 from ...calibration.dark.uncertainty import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
@@ -13,7 +14,14 @@ from ...calibration.emva.series import SeriesPoint
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain
-from ..bench.calibration.quantities import RESPONSIVITY
+from ...output import Destination, write_files
+from ...report.cells import cell_text
+from ...report.figure import ReportFigure
+from ...report.files import result_files
+from ...report.layout import SIMULATED, Card, Facts, Page, Section
+from ..bench.quantities import RESPONSIVITY
+from .figures import signal_figures
+from .nonuniformity import spatial_figures
 
 #: Quantities in the order they are shown, with what they are called.
 _NAMES = {
@@ -51,11 +59,6 @@ _UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": 
 _RATIOS = ("snr_max", "dynamic_range")
 #: 20 log10, as EMVA 1288 states ratios in decibels.
 _DB = 20.0
-
-
-def is_series(found: Characterisation) -> bool:
-    """Whether the points are one series over photons, not the patches of a session."""
-    return all(point.photons is not None for point in found.series)
 
 
 def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile] = ()) -> Result:
@@ -163,3 +166,78 @@ def _darks(points: Sequence[DarkObservation]) -> Table:
         Column("n_frames", "frames", meaning="Frames that are averaged."),
     )  # fmt: skip
     return Table.of_items("dark_signal", "Dark signal", columns, points, detail=True)
+
+
+#: Quantities on the cards, with a second one where there is one.
+_CARDS = (
+    ("k_dn_per_e", ""),
+    ("dark_noise_e", "dark_current_e_s"),
+    ("full_well_e", "snr_max_db"),
+    ("dynamic_range_db", ""),
+    ("prnu_rel", "dsnu_e"),
+    ("quantum_efficiency", "responsivity"),
+    ("linearity_error_rel", ""),
+)
+_NO_COMPLIANCE = (
+    "This is a measurement with the standard's definitions, not a declaration of compliance with it: light source and "
+    "procedure were not checked. U comes from the statistics of the fits: the temporal noise of the points, widened "
+    "where the points scatter more than it explains."
+)
+
+
+def write_characterisation(found: Characterisation, result: Result, folder: Destination) -> list[Path]:
+    """Write a characterisation into a folder as `write_files` takes it.
+
+    Everything is made before the first file is written; InputError is raised if one cannot be written.
+
+    Returns
+    -------
+    list of Path
+        results.json, report.html, results.xlsx and figures/*.png.
+    """
+    signal, spatial = signal_figures(found), spatial_figures(found)
+    page = _page(found, result, signal, spatial)
+    return write_files(folder, "characterise", result_files(result, page, [*signal, *spatial]))
+
+
+def _page(found: Characterisation, result: Result, signal: list[ReportFigure], spatial: list[ReportFigure]) -> Page:
+    table = result.table("characterisation")
+    size = f"{found.image_shape[1]} x {found.image_shape[0]} pixels, {found.bits} bits"
+    facts = [
+        ("Source", found.source),
+        ("Camera", found.camera or "not stated by the data set"),
+        ("Images", size if found.gain_db is None else f"{size}, gain {found.gain_db:g} dB"),
+        ("Temperature", "not known" if found.temperature_c is None else f"{found.temperature_c:.1f} °C"),
+        ("Definitions", found.definition),
+    ]
+    return Page(
+        "characterisation after EMVA 1288",
+        result.title,
+        ", ".join(part for part in (found.camera, size) if part),
+        SIMULATED if found.simulated else "",
+        tuple(_cards(result)),
+        (signal[0], table.only("quantity", "value", "expanded_value", "unit")),
+        result.findings,
+        (
+            Section("How the values were found", (_NO_COMPLIANCE, table.only("quantity", "meaning")), collapsed=True),
+            Section("Signal and noise", signal[1:]),
+            *([Section("Non-uniformity", spatial)] if spatial else []),
+            Section("Series and provenance", (result.table("series"), result.table("dark_signal"), Facts(facts)), True),
+        ),
+    )
+
+
+def _cards(result: Result) -> Iterator[Card]:
+    table = result.table("characterisation")
+    rows = {row["key"]: row for row in table.rows()}
+    for key, beside in _CARDS:
+        if key in rows:
+            value, plus_minus, expanded = cell_text(table.column("value"), rows[key]).partition(" ± ")
+            lines = []
+            if beside in rows:
+                other = rows[beside]
+                lines.append(f"{other['quantity']} {cell_text(table.column('value'), other)} {other['unit']}")
+            unit = rows[key]["unit"]
+            detail = f"{plus_minus.strip()} {expanded} {unit}, U (95 %)" if expanded else ""
+            name = rows[key]["quantity"]
+            yield Card(f"{name[:1].upper()}{name[1:]}", f"{value} {unit}".strip(), detail, tuple(lines))

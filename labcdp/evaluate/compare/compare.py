@@ -15,8 +15,7 @@ from ..sweep.axis import Axis
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Sweep
 from ..sweep.run import run_sweep
-from .difference import Difference, difference
-from .grid import Grid, map_grid, responsivity_grid
+from .grid import Difference, Grid, difference, map_grid, responsivity_grid
 from .rows import Named, values_of
 from .subject import Subject, read_subjects
 

@@ -19,8 +19,7 @@ from ..sweep.maps.ranges import End
 from ..sweep.report.labels import axis_name, axis_unit, ends_text, plain
 from ..sweep.report.result import ranges_table
 from .compare import Compared, Comparison
-from .difference import Uncertain
-from .grid import Grid
+from .grid import Grid, Uncertain
 from .subject import Subject
 
 #: Share of values without a difference that differ significantly by chance.

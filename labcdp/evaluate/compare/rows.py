@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 
 from ...calibration.verify.history import histories
 from ...core.errors import InputError
-from ..bench.calibration.quantities import RESPONSIVITY
-from .difference import Uncertain
+from ..bench.quantities import RESPONSIVITY
+from .grid import Uncertain
 from .subject import Subject, damaged
 
 #: Part of the uncertainty that other values may have, too: by what identifies it, the share of the variance.

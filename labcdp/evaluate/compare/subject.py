@@ -13,14 +13,17 @@ from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json
 from ...core.errors import InputError
 from ...core.result import InputFile, Result
+from ...regions import load_regions, rois_of
 from ...report.envelope import SCHEMA, envelope
 from ...report.netcdf import read_dataset
 from ...session import Session
 from ...session.journal_text import JOURNAL
-from ..bench.calibration.quantities import lens_text, meter_text
+from ..bench.quantities import lens_text, meter_text
 from ..bench.recorded_calibration import calibrate_recorded
-from ..bench.report.result import session_input, session_result
 from ..bench.session import evaluate_session
+from ..bench.session_result import session_input, session_result
+from ..picture.image import ImageRequest
+from ..picture.light.picture import PictureConversion
 from ..picture.result import PictureTask
 from ..picture.tables import ReportedPicture
 from ..sweep.maps.axes import check_map
@@ -223,3 +226,15 @@ def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile
         "measured": f"{calibration.provenance.measured:%Y-%m-%d %H:%M}",
     }
     return Subject("calibration", name, calibration, inputs, settings, camera.simulated)
+
+
+def picture_task(
+    regions: Path,
+    conversion: PictureConversion,
+    inputs: tuple[InputFile, ...],
+    contrasts: tuple[float, ...] | None = None,
+    epsilon: float = 0.5,
+) -> PictureTask:
+    """Return the task for pictures of one region file; the parameters are those of `PictureTask` and `ImageRequest`."""
+    request = ImageRequest(contrasts, epsilon, rois_of(load_regions(regions)))
+    return PictureTask(request, conversion, {"conversion": conversion.description, "epsilon": epsilon}, inputs, regions)

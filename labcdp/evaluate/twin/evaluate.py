@@ -21,8 +21,7 @@ from .corrected import CorrectedTwin
 from .pair import Judgement, PairAsked, TwinPair, compare_pair
 from .parameters import TwinParameters, require_monochrome, twin_parameters
 from .prediction import RegionPrediction, TwinRegion, predict_regions
-from .regions import SeenRegion, regions_of, seen_regions
-from .signal import TwinPatch, twin_patch
+from .regions import SeenRegion, TwinPatch, regions_of, seen_regions, twin_patch
 
 #: Fewest patches that can be compared.
 _PAIR = 2

@@ -227,9 +227,9 @@ def _report(session: Session) -> Path:
     from ...calibration import save
     from ...evaluate.bench.calibrate import calibrate_session
     from ...evaluate.bench.observe import observe_session
-    from ...evaluate.bench.report.page import write_results
-    from ...evaluate.bench.report.result import session_input, session_result
     from ...evaluate.bench.session import evaluate_session
+    from ...evaluate.bench.session_page import write_results
+    from ...evaluate.bench.session_result import session_input, session_result
     from ...output import ResultsFolder
 
     observed = observe_session(session)

@@ -12,8 +12,7 @@ from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import corrections_of
-from labcdp.evaluate.bench.flat import UniformLight, require_same_optics
+from labcdp.evaluate.bench.corrections import UniformLight, corrections_of, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.session import Session

@@ -8,11 +8,10 @@ import pytest
 from labcdp.calibration import load, save
 from labcdp.core.luminance import Invalid
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_lens
-from labcdp.evaluate.bench.dark import with_dark_frames
+from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_lens, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.report.result import session_result
 from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session_result import session_result
 from labcdp.report.envelope import envelope
 from labcdp.session import Session
 

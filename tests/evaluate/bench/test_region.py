@@ -8,11 +8,10 @@ import pytest
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Readout
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import calibration_for, corrections_of
-from labcdp.evaluate.bench.flat import require_same_optics
+from labcdp.evaluate.bench.corrections import calibration_for, corrections_of, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
-from labcdp.evaluate.bench.verify import verify_session
+from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
 
 from .synthetic import START, configuration, frame, record

@@ -13,7 +13,7 @@ import labcdp
 from labcdp.calibration.errors.expanded import expanded_rel
 from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
-from labcdp.evaluate.bench.report.result import session_result
+from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import Question, compare_subjects
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.core.table import Z_95
-from labcdp.evaluate.compare.difference import Uncertain, difference
+from labcdp.evaluate.compare.grid import Uncertain, difference
 
 
 def symmetric(value, u, **common):

@@ -14,15 +14,15 @@ from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.finding import info
 from labcdp.core.response import Response
 from labcdp.core.vignetting import FlatField
-from labcdp.evaluate.twin.chain import twin_chain_text
 from labcdp.evaluate.twin.corrected import CorrectedTwin
 from labcdp.evaluate.twin.evaluate import twin_session
 from labcdp.evaluate.twin.noise import noise_of_characterisation
+from labcdp.evaluate.twin.page import twin_chain_text
 from labcdp.evaluate.twin.pair import SAMPLING, sampling_variance
 from labcdp.evaluate.twin.parameters import require_monochrome, twin_parameters
 from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
-from labcdp.evaluate.twin.report.verdict import signal_findings, verdict
-from labcdp.evaluate.twin.signal import KINDS, predicted_signal
+from labcdp.evaluate.twin.regions import KINDS, predicted_signal
+from labcdp.evaluate.twin.result import signal_findings, verdict
 from labcdp.metrics import Distribution, cdp
 from labcdp.metrics.contrast import TargetContrast
 from labcdp.metrics.pairs import tally_pairs

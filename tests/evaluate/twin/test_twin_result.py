@@ -7,9 +7,8 @@ from jsonschema import validate
 from openpyxl import load_workbook
 
 from labcdp.chain import Chain
-from labcdp.evaluate.twin.report.page import write_twin
-from labcdp.evaluate.twin.report.result import twin_result
-from labcdp.evaluate.twin.report.verdict import verdict
+from labcdp.evaluate.twin.page import write_twin
+from labcdp.evaluate.twin.result import twin_result, verdict
 from labcdp.report.envelope import schema
 
 

@@ -4,9 +4,9 @@ import pytest
 
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.report.page import write_results
-from labcdp.evaluate.bench.report.result import session_result
 from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session_page import write_results
+from labcdp.evaluate.bench.session_result import session_result
 from labcdp.session import ContrastConfiguration, Session
 
 from ..synthetic import again

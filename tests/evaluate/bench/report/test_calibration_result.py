@@ -13,9 +13,8 @@ from labcdp.calibration.errors.budget import budget, combined
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
 from labcdp.core.finding import Finding, info, warning
 from labcdp.core.response import Response
-from labcdp.evaluate.bench.calibration.budget import PATCH_PIXELS
-from labcdp.evaluate.bench.calibration.page import calibration_page
-from labcdp.evaluate.bench.calibration.result import calibration_result
+from labcdp.evaluate.bench.calibration_page import calibration_page
+from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
 from labcdp.report.envelope import envelope, schema
 from labcdp.report.html import render_page
 from labcdp.report.sheets import result_workbook

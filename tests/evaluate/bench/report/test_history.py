@@ -9,8 +9,7 @@ from openpyxl import load_workbook
 from labcdp.calibration.verify.history import histories
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
-from labcdp.evaluate.bench.history.page import write_history
-from labcdp.evaluate.bench.history.result import by_camera, history_result, history_title
+from labcdp.evaluate.bench.history import by_camera, history_result, history_title, write_history
 from labcdp.report.envelope import envelope, schema
 
 

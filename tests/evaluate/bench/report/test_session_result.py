@@ -14,10 +14,9 @@ from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
 from labcdp.core.finding import info, warning
-from labcdp.evaluate.bench.calibration.result import summarised
-from labcdp.evaluate.bench.report.figures import ReportFigures
-from labcdp.evaluate.bench.report.page import session_page, write_results
-from labcdp.evaluate.bench.report.result import session_result
+from labcdp.evaluate.bench.calibration_result import summarised
+from labcdp.evaluate.bench.session_page import ReportFigures, session_page, write_results
+from labcdp.evaluate.bench.session_result import session_result
 from labcdp.output import LIST_FILE
 from labcdp.report.envelope import envelope, schema
 from labcdp.report.figure import ReportFigure

@@ -1,22 +1,23 @@
-"""The comparison of a camera and its twin as labelled tables."""
+"""The comparison of a camera and its twin as labelled tables, and its verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from math import comb
 from operator import attrgetter
 from typing import Any
 
-from ....core.finding import unique
-from ....core.quantity import quantity_table
-from ....core.result import InputFile, Result
-from ....core.table import Column, Table, uncertain
-from ...bench.calibration.quantities import lens_text, meter_text
-from ...camera.result import stated
-from ..evaluate import TwinEvaluation
-from ..pair import TwinPair
-from ..signal import KINDS, TwinPatch
-from .verdict import signal_findings, verdict
+from ...calibration.fit.significance import critical_value
+from ...core.finding import Finding, info, unique, warning
+from ...core.quantity import quantity_table
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table, uncertain
+from ..bench.quantities import lens_text, meter_text
+from ..camera.result import stated
+from .evaluate import TwinEvaluation
+from .pair import TwinPair
+from .regions import KINDS, TwinPatch
 
 #: Parameters, by their names in a chain file.
 _NAMES = {
@@ -168,3 +169,30 @@ def _provenance(evaluation: TwinEvaluation) -> Table:
         ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
     ]
     return Table.of_facts("provenance", "Provenance", rows)
+
+
+#: Significance level of the number of differing pairs, and expected share of pairs that differ by chance.
+_CHANCE, _EXPECTED = 0.01, 0.05
+
+
+def verdict(evaluation: TwinEvaluation) -> Finding:
+    """Return whether the twin describes the camera, by the CDPs and by the signals of the patches."""
+    differing = evaluation.count("differ")
+    n = differing + evaluation.count("agree")
+    counts: dict[str, float] = {"decided": n, "differing": differing, "by_chance": _EXPECTED * n}
+    chance = sum(comb(n, k) * _EXPECTED**k * (1 - _EXPECTED) ** (n - k) for k in range(differing, n + 1))
+    if differing and chance < _CHANCE:
+        return warning("twin-differs", **counts)
+    if any(signal_findings(evaluation)):
+        return warning("twin-signals-differ", **counts)
+    return info("twin-describes-camera", **counts) if n else warning("twin-undecided", **counts)
+
+
+def signal_findings(evaluation: TwinEvaluation) -> Iterator[Finding]:
+    """Yield a warning for each kind of signal in which a patch deviates by more than by chance in 1 % of sessions."""
+    limit = critical_value(len(KINDS) * len(evaluation.patches))
+    for kind, name in KINDS.items():
+        z = {patch.name: z for patch in evaluation.patches if (z := patch.z[kind]) is not None and abs(z) > limit}
+        if z:
+            worst = max(z, key=lambda patch: abs(z[patch]))
+            yield warning("signal-differs", name, patches=list(z), worst=worst, z=z[worst])

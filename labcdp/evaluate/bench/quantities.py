@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
-from ....calibration import AnyCalibration, Calibration, CameraState, LensIdentity
-from ....calibration.colour.model import ColourCalibration
-from ....calibration.errors.expanded import expanded_rel
-from ....calibration.gains import GainSetting
-from ....calibration.meter import MeterScale
-from ....core.quantity import Quantity
-from ....core.reading import MeterIdentity
-from ....core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
-from ....report.digits import exposures, fixed, minute, significant
-from ....session import LensConfiguration
+from ...calibration import AnyCalibration, Calibration, CameraState, LensIdentity
+from ...calibration.colour.model import ColourCalibration
+from ...calibration.errors.expanded import expanded_rel
+from ...calibration.gains import GainSetting
+from ...calibration.meter import MeterScale
+from ...core.quantity import Quantity
+from ...core.reading import MeterIdentity
+from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
+from ...report.digits import exposures, fixed, minute, significant
+from ...session import LensConfiguration
 
 #: Unit of a responsivity.
 RESPONSIVITY = "DN s⁻¹ / (cd m⁻²)"

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
-from ....core.finding import Finding, info, unique
-from ....core.result import InputFile, Result
-from ....core.table import Column, Table, uncertain
-from ....report.digits import day, exposures, minute
-from ....session import Session
-from ..calibration.quantities import lens_text, meter_text
-from ..calibration.result import calibration_tables, summarised
-from ..contrast import ContrastRow
-from ..patch import PatchRow
-from ..session import SessionEvaluation
+from ...core.finding import Finding, info, unique
+from ...core.result import InputFile, Result
+from ...core.table import Column, Table, uncertain
+from ...report.digits import day, exposures, minute
+from ...session import Session
+from .calibration_result import calibration_tables, summarised
+from .quantities import lens_text, meter_text
+from .rows import ContrastRow, PatchRow
+from .session import SessionEvaluation
 
 #: A contrast and its CDP: the columns of `ContrastRow`.
 _CONTRASTS = (

@@ -1,1 +1,0 @@
-"""Page, spreadsheet and figures of a calibration."""

@@ -1,1 +1,0 @@
-"""All calibrations of a camera over time."""

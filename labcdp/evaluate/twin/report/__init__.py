@@ -1,1 +1,0 @@
-"""Page and spreadsheet of a twin."""

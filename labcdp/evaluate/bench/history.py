@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from ...calibration.verify.history import CameraHistory, HistoryPoint
 from ...core.errors import InputError
@@ -18,8 +20,9 @@ from ...report.digits import minute, printable
 from ...report.figure import ReportFigure
 from ...report.figures.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
 from ...report.html import render_page
-from ...report.layout import Card, Page, Section
+from ...report.layout import Card, Page, Section, State
 from ...report.sheets import result_workbook
+from ..columns import with_expanded
 from .quantities import RESPONSIVITY
 
 if TYPE_CHECKING:
@@ -28,6 +31,27 @@ if TYPE_CHECKING:
 
 #: A camera with a lens and a setting: its planes, or the one history of a monochrome sensor.
 Camera: TypeAlias = tuple[CameraHistory, ...]
+#: A value with its half widths of 95 %, without and with what points share; None where it is not known.
+_Value: TypeAlias = "tuple[float, float, float] | None"
+#: Colour of a plane, and shape of its marks.
+_STYLES = {"R": (VERMILLION, "^"), "Gr": (GREEN, "o"), "Gb": (GREEN, "s"), "B": (BLUE, "v")}
+#: Verdict on a change, and its colour.
+_STATES: dict[str, tuple[str, State]] = {"yes": ("changed", "bad"), "no": ("within U", "good")}
+#: Planes measured at one time stand side by side, so far apart, as a share of the time that is shown.
+_APART = 0.012
+
+
+class _Row(NamedTuple):
+    """A row of a table: a camera by its number and title, one of its planes, and a point of it."""
+
+    number: int
+    camera: str
+    history: CameraHistory
+    point: HistoryPoint
+
+    @property
+    def plane(self) -> str:
+        return self.history.plane or ""
 
 
 def by_camera(found: Sequence[CameraHistory]) -> list[Camera]:
@@ -58,70 +82,76 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
     """
     cameras = by_camera(found)
     title = "History of one camera" if len(cameras) == 1 else f"History of {len(cameras)} cameras or settings"
+    last, rows = [], []
+    for number, planes in enumerate(cameras, start=1):
+        own = [_Row(number, history_title(planes), one, point) for one in planes for point in one.points]
+        last += [_Row(number, history_title(planes), one, one.points[-1]) for one in planes]
+        # By time, and those of one measurement together.
+        rows += sorted(own, key=lambda row: (row.point.measured, row.point.source))
+    first = (
+        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1),
+        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras)),
+    )
+    tables = (_changes(first, last), _history(first, rows))
     simulated = any(planes[0].camera.simulated for planes in cameras)
-    tables = (_cameras(cameras), _history(cameras))
     return Result("history", title, tables, _findings(found), inputs=tuple(inputs), simulated=simulated)
 
 
-def _cameras(cameras: Sequence[Camera]) -> Table:
+def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
+    """Return the change of each plane; the rows are of its last point."""
+
+    def changed(row: _Row) -> str | None:
+        change = row.history.change_rel
+        return None if change is None else "yes" if abs(change[0]) > change[1] else "no"
+
     columns = (
-        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1,
-               value=lambda row: row[0]),
-        Column("camera", "camera", "", "Model and serial number, lens and setting.",
-               value=lambda row: history_title(row[1])),
-        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras),
-               value=lambda row: row[2].plane or ""),
-        Column("n_points", "points", "", "Calibrations and verifications.", value=lambda row: len(row[2].points)),
-        Column("first", "first", "", "Time of the first one.", value=lambda row: minute(row[2].points[0].measured)),
-        Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row[2].points[-1].measured)),
-        Column("change_rel", "change of R", "%", "Of the responsivity from first to last.", expanded="expanded_rel",
-               value=lambda row: row[2].change_rel and row[2].change_rel[0]),
-        Column("expanded_rel", "U of change", "%", "U (95 %); the scale of one meter cancels.", shown=False,
-               value=lambda row: row[2].change_rel and row[2].change_rel[1]),
-        Column("changed", "changed", "", "Whether the change is more than its U.",
-               value=lambda row: row[2].change_rel and _changed(*row[2].change_rel)),
+        first[0],
+        Column("camera", "camera", "", "Model and serial number, lens and setting."),
+        first[1],
+        Column("n_points", "points", "", "Number of calibrations and verifications.",
+               value=lambda row: len(row.history.points)),
+        Column("first", "first", "", "Time of the first.", value=lambda row: minute(row.history.points[0].measured)),
+        Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row.point.measured)),
+        *with_expanded(
+            Column("change_rel", "change of R", "%", "From first to last; the scale of one meter cancels.",
+                   value=lambda row: row.history.change_rel and row.history.change_rel[0]),
+            lambda row: row.history.change_rel and row.history.change_rel[1], "expanded_rel", "U of change",
+        ),
+        Column("changed", "changed", "", "Whether the change is more than its U.", value=changed),
     )  # fmt: skip
-    rows = [(number, planes, one) for number, planes in enumerate(cameras, start=1) for one in planes]
     return Table.of_items("cameras", "Change of the responsivity", columns, rows)
 
 
-def _changed(change_rel: float, expanded_rel: float) -> str:
-    return "yes" if abs(change_rel) > expanded_rel else "no"
-
-
-def _history(cameras: Sequence[Camera]) -> Table:
-    """One row for each number of a camera, plane and point."""
-    planes = any(len(one) > 1 for one in cameras)
-    meters = len({str(point.meter) for camera in cameras for one in camera for point in one.points}) > 1
+def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
+    """Return one row for each number of a camera, plane and point."""
+    responsivity = Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
+                          value=lambda row: row.point.responsivity and row.point.responsivity[0])  # fmt: skip
     columns = (
-        Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1,
-               value=lambda row: row[0]),
-        Column("measured", "measured", "", "Time of the last reading.", value=lambda row: minute(row[2].measured)),
+        first[0],
+        Column("measured", "measured", "", "Time of the last reading.", value=lambda row: minute(row.point.measured)),
         Column("by", "by", "", "Calibration, or verification with its verdict.",
-               value=lambda row: "calibration" if row[2].verdict is None else f"verification: {row[2].verdict}"),
-        Column("plane", "plane", "", "Colour plane.", shown=planes, value=lambda row: row[1].plane or ""),
-        Column("weight", "weight", "", "Of the plane in the luminance.", decimals=3, shown=planes,
-               value=lambda row: row[2].weight),
-        Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
-               expanded="expanded_r", value=lambda row: row[2].responsivity and row[2].responsivity[0]),
-        Column("expanded_r", "U of responsivity", RESPONSIVITY, "U (95 %), the scale of the meter included.",
-               shown=False, value=lambda row: (r := row[2].responsivity) and r[0] * r[2]),
+               value=lambda row: f"verification: {row.point.verdict}" if row.point.verdict else "calibration"),
+        first[1],
+        Column("weight", "weight", "", "Of the plane in the luminance.", decimals=3, shown=first[1].shown,
+               value="point.weight"),
+        *with_expanded(responsivity, lambda row: (r := row.point.responsivity) and r[0] * r[2], "expanded_r"),
         Column("expanded_fit_rel", "U without meter scale", "%", "Relative U (95 %), the meter's scale excluded.", 2,
-               value=lambda row: row[2].responsivity and row[2].responsivity[1]),
-        Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", expanded="expanded_dark_offset_dn",
-               value=lambda row: row[2].dark_offset_dn[0]),
-        Column("expanded_dark_offset_dn", "U of dark offset", "DN", "U (95 %).", shown=False,
-               value=lambda row: row[2].dark_offset_dn[1]),
-        Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", expanded="expanded_dark_rate_dn_s",
-               value=lambda row: row[2].dark_rate_dn_s and row[2].dark_rate_dn_s[0]),
-        Column("expanded_dark_rate_dn_s", "U of dark rate", "DN/s", "U (95 %).", shown=False,
-               value=lambda row: row[2].dark_rate_dn_s and row[2].dark_rate_dn_s[1]),
-        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value=lambda row: row[2].k_dn_per_e),
-        Column("meter", "meter", "", "Model and serial number of the meter.", shown=meters,
-               value=lambda row: str(row[2].meter)),
-        Column("file", "file", "", "Source file.", shown=False, value=lambda row: row[2].source),
+               value=lambda row: row.point.responsivity and row.point.responsivity[1]),
+        *with_expanded(
+            Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.",
+                   value=lambda row: row.point.dark_offset_dn[0]),
+            lambda row: row.point.dark_offset_dn[1],
+        ),
+        *with_expanded(
+            Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.",
+                   value=lambda row: row.point.dark_rate_dn_s and row.point.dark_rate_dn_s[0]),
+            lambda row: row.point.dark_rate_dn_s and row.point.dark_rate_dn_s[1],
+        ),
+        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="point.k_dn_per_e"),
+        Column("meter", "meter", "", "Model and serial number of the meter.",
+               shown=len({str(row.point.meter) for row in rows}) > 1, value=lambda row: str(row.point.meter)),
+        Column("file", "file", "", "Source file.", shown=False, value="point.source"),
     )  # fmt: skip
-    rows = [(number, *point) for number, camera in enumerate(cameras, start=1) for point in _by_time(camera)]
     note = "± is U (95 %), the scale error of the meter included."
     return Table.of_items("history", "Calibrations and verifications", columns, rows, note)
 
@@ -136,43 +166,44 @@ def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
     )
 
 
-def _by_time(planes: Camera) -> list[tuple[CameraHistory, HistoryPoint]]:
-    """Points of all planes, those of one measurement together."""
-    points = [(one, point) for one in planes for point in one.points]
-    return sorted(points, key=lambda pair: (pair[1].measured, pair[1].source))
+def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
+    """Draw responsivity, weights, dark offset, dark rate and K over time; planes in their colours."""
+    from matplotlib import dates
 
-
-#: A value with its half widths of 95 %, without and with what points share; None where it is not known.
-_Value = tuple[float, float, float] | None
-#: Colour of a plane, and shape of its marks.
-_STYLES = {"R": (VERMILLION, "^"), "Gr": (GREEN, "o"), "Gb": (GREEN, "s"), "B": (BLUE, "v")}
-#: Planes measured at one time stand side by side, so far apart, as a share of the time that is shown.
-_APART = 0.012
-
-
-def history_figure(planes: Camera) -> bytes:
-    """Draw responsivity, weights, dark offset, dark rate and K over time, as PNG; planes in their colours."""
-    first = planes[0]
-    responsivity = "responsivity in\nDN s⁻¹ / (cd m⁻²)" if len(planes) == 1 else "change of the\nresponsivity in %"
-    panels: list[tuple[str, list[list[_Value]]]] = [
-        (responsivity, [_responsivities(one, relative=len(planes) > 1) for one in planes]),
-        ("weight in the\nluminance", [[_plain(p.weight) for p in one.points] for one in planes]),
-        ("dark offset in DN", [[_with_u(p.dark_offset_dn) for p in one.points] for one in planes]),
-        ("dark rate in DN/s", [[_with_u(p.dark_rate_dn_s) for p in one.points] for one in planes]),
-        ("K in DN/e⁻", [[_plain(p.k_dn_per_e) for p in one.points] for one in planes]),
-    ]
-    shown = [(label, values) for label, values in panels if any(v is not None for of_plane in values for v in of_plane)]
+    first, several = planes[0], len(planes) > 1
+    panels = {
+        "change of the\nresponsivity in %" if several else "responsivity in\nDN s⁻¹ / (cd m⁻²)": [
+            _responsivities(one, several) for one in planes
+        ],
+        "weight in the\nluminance": [[_exact(p.weight) for p in one.points] for one in planes],
+        "dark offset in DN": [[_with_u(p.dark_offset_dn) for p in one.points] for one in planes],
+        "dark rate in DN/s": [[_with_u(p.dark_rate_dn_s) for p in one.points] for one in planes],
+        "K in DN/e⁻": [[_exact(p.k_dn_per_e) for p in one.points] for one in planes],
+    }
+    shown = {label: values for label, values in panels.items() if any(v for of_plane in values for v in of_plane)}
     figure = new_figure(8.0, 0.9 + 1.9 * len(shown), "camera" if first.camera.simulated else "")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (label, values) in zip(axes, shown, strict=True):
-        for number, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
-            _draw(panel, one, of_plane, number - (len(planes) - 1) / 2)
-        _finish_panel(panel, label)
+    for panel, (label, values) in zip(axes, shown.items(), strict=True):
+        for place, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
+            _draw(panel, one, of_plane, place - (len(planes) - 1) / 2)
+        finish(panel, "", label, "", loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        panel.margins(x=0.06, y=0.15)
+        panel.ticklabel_format(axis="y", useOffset=False)
     lens = f"{first.lens.model} at f/{first.lens.f_number:g}, {first.gain_db:g} dB"
     axes[0].set_title(f"{printable(str(first.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
     axes[-1].set_xlabel("time of measurement (UTC)", fontsize=LABEL_SIZE)
-    _time_axis(axes[-1])
-    return png(figure)
+    # matplotlib's dates have no types.
+    make: Any = dates
+    locator = make.AutoDateLocator(minticks=3, maxticks=8)
+    axes[-1].xaxis.set_major_locator(locator)
+    axes[-1].xaxis.set_major_formatter(make.ConciseDateFormatter(locator))
+    return ReportFigure(
+        f"history-{number}.png",
+        png(figure),
+        "Filled: calibrations, open: verifications. The thick bar is ± U (95 %) without the scale of the meter, which "
+        "measurements with one meter share; the thin bar includes it.",
+        f"Responsivity and dark signal of {printable(str(first.camera))}, {len(first.points)} times.",
+    )
 
 
 def _responsivities(one: CameraHistory, relative: bool) -> list[_Value]:
@@ -183,7 +214,7 @@ def _responsivities(one: CameraHistory, relative: bool) -> list[_Value]:
     return [r and (scale * r[0] - less, scale * r[0] * r[1], scale * r[0] * r[2]) for r in known]
 
 
-def _plain(value: float | None) -> _Value:
+def _exact(value: float | None) -> _Value:
     return None if value is None else (value, 0.0, 0.0)
 
 
@@ -192,40 +223,18 @@ def _with_u(value: tuple[float, float] | None) -> _Value:
 
 
 def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float) -> None:
-    known = [(p, v) for p, v in zip(one.points, values, strict=True) if v is not None]
-    if not known:
-        return
     # Days since 1970, as matplotlib counts them.
-    days = [p.measured.timestamp() / 86400 for p in one.points]
-    aside = place * _APART * (days[-1] - days[0])
-    times = [p.measured.timestamp() / 86400 + aside for p, _ in known]
+    days = np.array([p.measured.timestamp() / 86400 for p in one.points])
+    days += place * _APART * (days[-1] - days[0])
+    known = [(p, day, *v) for p, day, v in zip(one.points, days, values, strict=True) if v is not None]
     colour, mark = _STYLES[one.plane] if one.plane else (BLUE, "o")
-    line = "0.75" if one.plane is None else colour
-    label = None if one.plane is None else f"plane {one.plane}"
-    axes.plot(times, [v[0] for _, v in known], color=line, linewidth=1.0, zorder=1)
-    for number, ((point, (value, own, whole)), time) in enumerate(zip(known, times, strict=True)):
-        edge = "black" if one.plane is None else colour
-        filled = edge if point.verdict is None else "white"
-        axes.errorbar(time, value, yerr=whole, fmt="none", ecolor=colour, elinewidth=1.0, capsize=3.0, zorder=2)
-        axes.errorbar(time, value, yerr=own, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
-        named = label if number == 0 else None
-        axes.plot([time], [value], mark, markersize=6, color=edge, markerfacecolor=filled, zorder=4, label=named)
-
-
-def _finish_panel(axes: Axes, label: str) -> None:
-    finish(axes, "", label, "", loc="upper left", bbox_to_anchor=(1.01, 1.0))
-    axes.margins(x=0.06, y=0.15)
-    axes.ticklabel_format(axis="y", useOffset=False)
-
-
-def _time_axis(axes: Axes) -> None:
-    from matplotlib import dates
-
-    # matplotlib's dates have no types.
-    make: Any = dates
-    locator = make.AutoDateLocator(minticks=3, maxticks=8)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(make.ConciseDateFormatter(locator))
+    line, edge = (colour, colour) if one.plane else ("0.75", "black")
+    axes.plot([day for _, day, *_ in known], [value for _, _, value, *_ in known], color=line, linewidth=1.0, zorder=1)
+    for number, (point, day, value, own, whole) in enumerate(known):
+        axes.errorbar(day, value, yerr=whole, fmt="none", ecolor=colour, elinewidth=1.0, capsize=3.0, zorder=2)
+        axes.errorbar(day, value, yerr=own, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
+        face, name = "white" if point.verdict else edge, f"plane {one.plane}" if one.plane and number == 0 else None
+        axes.plot([day], [value], mark, markersize=6, color=edge, markerfacecolor=face, zorder=4, label=name)
 
 
 def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *, force: bool = False) -> None:
@@ -254,7 +263,7 @@ def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *,
             raise InputError(
                 f"a picture shows one camera and setting, these are {len(cameras)} ({names}): give an .html"
             )
-        data = history_figure(cameras[0])
+        data = history_figure(cameras[0]).png
     elif path.suffix == ".xlsx":
         data = result_workbook(result, max(point.measured for one in found for point in one.points))
     else:
@@ -263,44 +272,29 @@ def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *,
 
 
 def _page(cameras: Sequence[Camera], result: Result) -> Page:
-    table, history = result.table("cameras"), result.table("history")
-    cards = []
-    for row in table.rows():
-        changed = row["changed"]
-        cards.append(
-            Card(
-                " ".join(("Change of R", *(("in plane", row["plane"]) if row["plane"] else ()))),
-                "-" if changed is None else f"{cell_text(table.column('change_rel'), row)} %",
-                "one measurement so far" if changed is None else "± U (95 %), first to last measurement",
-                (row["camera"],) if len(cameras) > 1 else (),
-                "" if changed is None else "changed" if changed == "yes" else "within U",
-                "open" if changed is None else "bad" if changed == "yes" else "good",
-            )
-        )
-    figures = [_history_figure(planes, number) for number, planes in enumerate(cameras, start=1)]
-    rows = [[index for index, of in enumerate(history["number"]) if of == n + 1] for n in range(len(cameras))]
-    blocks = [(figure, history.select(own)) for figure, own in zip(figures, rows, strict=True)]
-    one = len(cameras) == 1
+    changes, history, one = result.table("cameras"), result.table("history"), len(cameras) == 1
+    parts = [
+        (history_figure(planes, n), history.select([i for i, number in enumerate(history["number"]) if number == n]))
+        for n, planes in enumerate(cameras, start=1)
+    ]
     brief = ("measured", "by", "plane", "responsivity", "expanded_r", "expanded_fit_rel")
-    sections = [Section(history_title(planes), of) for planes, of in zip(cameras, blocks, strict=True)]
+    sections = [Section(history_title(planes), of) for planes, of in zip(cameras, parts, strict=True)]
     if one:
         sections = [Section("Calibrations and verifications", (history,))]
     return Page(
         "History of calibrations",
         result.title,
-        f"{history_title(cameras[0])}: {table['first'][0]} to {table['last'][0]}." if one else "",
+        f"{history_title(cameras[0])}: {changes['first'][0]} to {changes['last'][0]}." if one else "",
         "Simulated data, not measurements: some of these cameras are simulated." if result.simulated else "",
-        cards,
-        (figures[0], history.only(*brief)) if one else (),
+        [_card(row, cell_text(changes.column("change_rel"), row), one) for row in changes.rows()],
+        (parts[0][0], history.only(*brief)) if one else (),
         sections=[*sections, Section("Files", (history.only("measured", "by", "file").all_shown(),), collapsed=True)],
     )
 
 
-def _history_figure(planes: Camera, number: int) -> ReportFigure:
-    return ReportFigure(
-        f"history-{number}.png",
-        history_figure(planes),
-        "Filled: calibrations, open: verifications. The thick bar is ± U (95 %) without the scale of the meter, which "
-        "measurements with one meter share; the thin bar includes it.",
-        f"Responsivity and dark signal of {printable(str(planes[0].camera))}, {len(planes[0].points)} times.",
-    )
+def _card(row: Mapping[str, Any], change: str, one: bool) -> Card:
+    title, lines = f"Change of R{row['plane'] and ' in plane '}{row['plane']}", () if one else (row["camera"],)
+    if row["changed"] is None:
+        return Card(title, "-", "one measurement so far", lines)
+    verdict, state = _STATES[row["changed"]]
+    return Card(title, f"{change} %", "± U (95 %), first to last measurement", lines, verdict, state)

@@ -14,7 +14,7 @@ import numpy as np
 
 import labcdp
 from labcdp.chain import ExposureSettings, Hdr, Sensor
-from labcdp.chain.camera_model import CameraModel
+from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
 
 REPEATS = 3

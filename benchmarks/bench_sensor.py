@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from labcdp.chain import Chain, Sensor
-from labcdp.chain.sensor.blocks import Stream, block_generator, for_each_block
+from labcdp.chain.fixed_pattern import Stream, block_generator, for_each_block
 
 REPEATS = 5
 EXPOSURE_S = 1e-3

@@ -21,7 +21,7 @@ from worlds.world import WORLDS
 
 import labcdp
 from labcdp.calibration.emva import characterise_data_set
-from labcdp.evaluate.sweep.thesis.reproduce import FIGURE_3_10, TABLE_5_3, ReproducedRow, reproduce_row
+from labcdp.evaluate.sweep.thesis import FIGURE_3_10, TABLE_5_3, ReproducedRow, reproduce_row
 from labcdp.metrics import DetectionInterval, Distribution, d_prime
 from labcdp.tracking import make_tracker
 from tests.calibration.emva.test_reference_set import NAMES, SETS

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...chain import ImagingChain, PatchScene
 from ...chain import Patch as ScenePatch
-from ...chain.sensor.emva import Sensor
+from ...chain.sensor import Sensor
 from ...core.errors import ConfigurationError
 from ...core.spectral.photometry import electron_radiance_per_cd_m2
 from ...session import Patch, SessionConfiguration

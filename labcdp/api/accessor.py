@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 
 from ..evaluate.sweep.maps.dips import SnrDip
-from ..evaluate.sweep.maps.isolines import LEVELS, Isoline, isolines
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
-from ..evaluate.sweep.maps.ranges import UsableRange
+from ..evaluate.sweep.maps.ranges import LEVELS, Isoline, UsableRange, isolines
 from ..output import write_file
 from ..report.netcdf import dataset_bytes
 from ..report.netcdf import read_dataset as read_netcdf
@@ -140,8 +139,8 @@ class LabcdpAccessor:
         matplotlib.figure.Figure
             Save it with ``savefig``; a notebook shows it.
         """
-        from ..evaluate.sweep.report.static import draw_map
-        from ..evaluate.sweep.report.view import MapView
+        from ..evaluate.sweep.maps.static import draw_map
+        from ..evaluate.sweep.maps.view import MapView
 
         return draw_map(MapView.of(self._dataset, self.analysis(level)))
 

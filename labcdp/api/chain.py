@@ -69,8 +69,7 @@ class Chain(_Chain):
         InputError
             If a parameter is unknown, a value out of range, or the chain cannot be predicted.
         """
-        from ..evaluate.sweep.axis import Axis
-        from ..evaluate.sweep.plan import Sweep
+        from ..evaluate.sweep.plan import Axis, Sweep
         from ..evaluate.sweep.run import run_sweep
         from . import accessor as accessor  # registers it
 

@@ -18,7 +18,7 @@ from ..evaluate.compare.compare import Comparison as _Comparison
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from ..evaluate.sweep.axis import Axis
+from ..evaluate.sweep.plan import Axis
 from ..report.cells import text_table
 from ..report.envelope import envelope
 from ..report.findings import finding_text

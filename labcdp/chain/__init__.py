@@ -1,23 +1,18 @@
 """The imaging chain, simulated: scene, windscreen, optics, sensor, HDR merge and tone curve, each with its inverse."""
 
-from .camera_model import CameraModel
-from .capture import Capture, SensorModel
 from .chain import Chain, ChainRun
-from .exposure import ExposureSettings
-from .file.registry import register
-from .hdr.exposures import Hdr
+from .hdr import Hdr
 from .imaging import ImagingChain
 from .isp import ToneCurve
-from .optics import Optics
-from .presets import preset_names, preset_text
-from .scene.checkerboard import Checkerboard
-from .scene.flat import Flat, Level, PatchScene, Scene, StepChart
+from .optics import Optics, ThesisWindscreen, Windscreen
+from .predict.camera import CameraModel
+from .registry import preset_names, preset_text, register
 from .scene.image import ImageScene
-from .scene.patches import Patch, luminance_map, with_patches
-from .sensor.emva import Sensor
-from .sensor.thesis import ThesisSensor
-from .signal import Context, Signal, Stage
-from .windscreen import ThesisWindscreen, Windscreen
+from .scene.scene import Patch, luminance_map, with_patches
+from .scene.scenes import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
+from .sensor import Sensor
+from .signal import Capture, Context, ExposureSettings, SensorModel, Signal, Stage
+from .thesis import ThesisSensor
 
 register("scene", Flat, "flat")
 register("scene", Checkerboard, "checkerboard")

@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ConfigurationError, InputError
-from .capture import SensorModel, digital_signal
 from .imaging import ImagingChain
-from .optics import Optics
+from .optics import Optics, Windscreen
 from .parameters import check_whole
 from .parts import ChainParts
-from .scene.patches import luminance_map
-from .sensor.emva import Sensor
-from .signal import Context, Signal
-from .windscreen import Windscreen
+from .scene.scene import luminance_map
+from .sensor import Sensor
+from .signal import Context, SensorModel, Signal, digital_signal
 
 
 @dataclass(frozen=True)

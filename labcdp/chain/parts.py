@@ -12,14 +12,11 @@ from ..core.disk.toml_text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.spectral.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
-from .capture import SensorModel
-from .exposure import ExposureSettings
-from .file.document import changed, scene_table, sensor_tables, settings_table, stage_table
-from .file.parts_of_document import parts_of_document
-from .hdr.exposures import Hdr
-from .presets import chain_text
-from .scene.flat import Scene
-from .signal import UNITS, Stage
+from .document import changed, parts_of_document, scene_table, sensor_tables, settings_table, stage_table
+from .hdr import Hdr
+from .registry import chain_text
+from .scene.scenes import Scene
+from .signal import UNITS, ExposureSettings, SensorModel, Stage
 
 _Stages = Sequence[tuple[str, Stage]]
 

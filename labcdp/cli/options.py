@@ -185,7 +185,7 @@ def _refusal(text: str, name: str) -> InputError:
 
 def parse_changes(changes: Sequence[str]) -> dict[str, Any]:
     """Return the parameters of a chain that ``--set`` gives, by name; raises InputError for another form."""
-    from ..evaluate.sweep.axis import parse_axis
+    from ..evaluate.sweep.plan import parse_axis
 
     values: dict[str, Any] = {}
     for text in changes:

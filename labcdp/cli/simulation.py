@@ -13,19 +13,17 @@ from ..chain.predict.chain import known_transitions
 from ..core.errors import InputError
 from ..core.result import InputFile, Result
 from ..core.table import Column, Table
-from ..evaluate.sweep.axis import parse_axis
 from ..evaluate.sweep.maps.map import analyse_map
-from ..evaluate.sweep.plan import Sweep
-from ..evaluate.sweep.report.page import write_map
-from ..evaluate.sweep.report.result import result as sweep_result
+from ..evaluate.sweep.maps.page import write_map
+from ..evaluate.sweep.maps.result import result as sweep_result
+from ..evaluate.sweep.plan import Sweep, parse_axis
 from ..evaluate.sweep.run import run_sweep
+from ..evaluate.sweep.simulation.evaluation import evaluate_run
+from ..evaluate.sweep.simulation.page import write_simulation
 from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
-from ..evaluate.sweep.simulation.report import write_simulation
 from ..evaluate.sweep.simulation.result import result as simulation_result
-from ..evaluate.sweep.simulation.run import evaluate_run
-from ..evaluate.sweep.thesis.page import write_thesis
-from ..evaluate.sweep.thesis.reproduce import reproduce_thesis
-from ..evaluate.sweep.thesis.result import result as thesis_result
+from ..evaluate.sweep.thesis import reproduce_thesis
+from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
 from .options import parse_changes
 from .output import Results
 from .terminal import JSON_OPTION, fraction_of_percent, print_result, progress_bars, say

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import poisson
 
 from labcdp.chain import Sensor
-from labcdp.chain.predict.dn_distribution import dn_distribution
+from labcdp.chain.predict.prediction import dn_distribution
 
 FloatArray = NDArray[np.float64]
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from labcdp.chain.capture import Capture
-from labcdp.chain.hdr.exposures import Hdr
-from labcdp.chain.hdr.merge import ExposureLadder, merge_dn
+from labcdp.chain.hdr import ExposureLadder, Hdr, merge_dn
+from labcdp.chain.signal import Capture
 from labcdp.core.errors import InputError
 
 EXPOSURES_S = (16e-3, 4e-3, 1e-3)

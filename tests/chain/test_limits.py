@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from labcdp.chain import Checkerboard, Flat, Patch, PatchScene, StepChart
-from labcdp.chain.exposure import ExposureSettings
-from labcdp.chain.optics import Optics
-from labcdp.chain.sensor.emva import Sensor
-from labcdp.chain.sensor.thesis import ThesisSensor
-from labcdp.chain.windscreen import Windscreen
+from labcdp.chain.optics import Optics, Windscreen
+from labcdp.chain.sensor import Sensor
+from labcdp.chain.signal import ExposureSettings
+from labcdp.chain.thesis import ThesisSensor
 from labcdp.core.errors import InputError
 
 TINY = np.nextafter(0.0, 1.0)

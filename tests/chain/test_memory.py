@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from labcdp import Chain
-from labcdp.chain.camera_model import CameraModel
-from labcdp.chain.hdr.exposures import Hdr
+from labcdp.chain.hdr import Hdr
+from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.value_bins import Noise, ValueBins
 from labcdp.core.errors import PredictionError
 

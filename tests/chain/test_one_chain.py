@@ -14,8 +14,7 @@ from labcdp.chain import Chain, Checkerboard, ImageScene, preset_names, preset_t
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.toml_text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.axis import Axis
-from labcdp.evaluate.sweep.plan import Sweep
+from labcdp.evaluate.sweep.plan import Axis, Sweep
 from labcdp.evaluate.sweep.run import run_sweep
 
 #: Every kind of stage that can be predicted.

@@ -15,9 +15,9 @@ from scipy.stats import norm
 from labcdp.chain import Chain, Checkerboard, ImageScene, Optics, PatchScene, Scene, StepChart
 from labcdp.chain.point_spread import diffraction_mtf, disc_mtf, gaussian_mtf
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.chain.scene.patches import Patch
+from labcdp.chain.scene.scene import Patch
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.simulation.run import evaluate_run
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 PITCH_M = 3e-6
 SHARP = Optics(2.0, 0.9)

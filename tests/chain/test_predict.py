@@ -10,11 +10,11 @@ from scipy.special import ndtr
 from scipy.stats import poisson
 
 from labcdp.chain import Context, ExposureSettings, Hdr, Sensor, Signal, ToneCurve
-from labcdp.chain.camera_model import CameraModel
-from labcdp.chain.capture import Capture
-from labcdp.chain.hdr.merge import ExposureLadder, Method, merge_dn
+from labcdp.chain.hdr import ExposureLadder, Method, merge_dn
+from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict, predict_interval
 from labcdp.chain.predict.value_table import value_table
+from labcdp.chain.signal import Capture
 from labcdp.metrics import Distribution, cdp
 
 FloatArray = NDArray[np.float64]

@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from labcdp.chain import Capture, Chain, Context, Level, Signal, Windscreen, register
-from labcdp.chain.file import registry
+from labcdp.chain import Capture, Chain, Context, Level, Signal, Windscreen, register, registry
 from labcdp.core.errors import ConfigurationError, InputError
 
 DOCS = Path(__file__).parents[2] / "docs"

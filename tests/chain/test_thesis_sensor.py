@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.chain import Chain, ExposureSettings, Sensor, ThesisSensor
-from labcdp.chain.capture import Capture
-from labcdp.chain.signal import Context, Signal
+from labcdp.chain.signal import Capture, Context, Signal
 from labcdp.core.errors import InputError
 from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
 from labcdp.metrics import cdp_neighbours

@@ -18,7 +18,7 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.edges.edges import EdgeKind
 from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from labcdp.evaluate.picture.light.picture import picture_conversion
-from labcdp.evaluate.sweep.simulation.run import evaluate_run
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.files.read import read_picture
 from labcdp.metrics.regions.pair import evaluate_pair
 

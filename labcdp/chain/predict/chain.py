@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, PredictionError
-from ..camera_model import CameraModel
 from ..chain import Chain
 from ..isp import ToneCurve
-from ..scene.flat import Scene
-from ..sensor.emva import Sensor
+from ..scene.scenes import Scene
+from ..sensor import Sensor
 from ..signal import Signal
+from .camera import CameraModel
 from .mixed_pixels import is_mixed, mixed_pair
 from .prediction import ExactPrediction, PatchRates, predict
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..hdr.merge import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
+from ..hdr import FADE_FROM, ExposureLadder, Method, faded_share, weighted_stage
 from .piecewise import Cumulative, fewer_values, merged, merged_evenly
 from .value_bins import BINS, Noise, ValueBins, Zone, is_smooth, merge_factors, zones
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ...core.errors import PredictionError
 from ..chain import Chain
 from ..optics import Optics
-from ..scene.checkerboard import Checkerboard
-from ..scene.flat import Scene
+from ..scene.scenes import Checkerboard, Scene
 
 FloatArray = NDArray[np.float64]
 

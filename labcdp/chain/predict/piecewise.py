@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .lagrange import lagrange_weights
+from .nodes import lagrange_weights
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import PredictionError
-from ..hdr.merge import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
+from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 
 FloatArray = NDArray[np.float64]
 

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera_model import CameraModel
-from ..hdr.merge import merge_dn, normal_stage
+from ..hdr import merge_dn, normal_stage
 from ..isp import ToneCurve
+from .camera import CameraModel
 from .merged_rows import ExposureRows, merged_rows
-from .quadrature import gamma_nodes, normal_nodes
-from .rate_grid import RateGrid
-from .readout_matrix import Readout, offset_spread_e, total_noise_e
-from .sparse_rows import dense_rows, indicator, spread_rows
+from .nodes import RateGrid, gamma_nodes, normal_nodes
+from .readout import Readout, dense_rows, indicator, offset_spread_e, spread_rows, total_noise_e
 from .value_bins import Noise, ValueBins
 
 if TYPE_CHECKING:

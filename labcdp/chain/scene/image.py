@@ -17,11 +17,11 @@ from ...core.disk.arrays import parse_npy
 from ...core.disk.quoting import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
+from ..fixed_pattern import kept
 from ..parameters import check_number, check_whole
 from ..point_spread import pixel_means
-from .flat import Level, Mask
-from .kept import kept
-from .patches import FloatMap, Patch, luminance_map
+from .scene import FloatMap, Patch, luminance_map
+from .scenes import Level, Mask
 
 #: Size from which an image is refused.
 _MOST_BYTES = 2**31

@@ -13,7 +13,7 @@ from ...evaluate.compare.page import write_comparison
 from ...evaluate.compare.result import compare_result
 from ...evaluate.compare.subject import picture_task
 from ...evaluate.picture.result import PictureTask
-from ...evaluate.sweep.axis import parse_axis
+from ...evaluate.sweep.plan import parse_axis
 from ..options import parse_changes
 from ..output import Results
 from ..pictures.picture_options import PictureLightOptions

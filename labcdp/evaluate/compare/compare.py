@@ -11,9 +11,8 @@ import numpy as np
 from ...chain import Chain
 from ...core.errors import InputError, PredictionError
 from ..picture.result import PictureTask
-from ..sweep.axis import Axis
 from ..sweep.maps.map import MapAnalysis, analyse_map
-from ..sweep.plan import Sweep
+from ..sweep.plan import Axis, Sweep
 from ..sweep.run import run_sweep
 from .grid import Difference, Grid, difference, map_grid, responsivity_grid
 from .rows import Named, values_of

@@ -20,9 +20,9 @@ from ...report.files import result_files
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section, State, input_facts
 from ..sweep.maps.axes import MapAxis
-from ..sweep.report.labels import at_text, axis_label, axis_unit, ends_text, shown
-from ..sweep.report.static import set_scale
-from ..sweep.report.view import COLOURS, MISSING, SCALE, cell_edges
+from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
+from ..sweep.maps.static import set_scale
+from ..sweep.maps.view import COLOURS, MISSING, SCALE, cell_edges
 from .compare import Comparison
 from .grid import Grid
 from .result import answer

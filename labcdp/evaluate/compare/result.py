@@ -14,10 +14,10 @@ from ...core.result import Result
 from ...core.table import Column, Table
 from ...report.cells import cell_text
 from ..sweep.maps.axes import MapAxis
+from ..sweep.maps.labels import axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.ranges import End
-from ..sweep.report.labels import axis_name, axis_unit, ends_text, plain
-from ..sweep.report.result import ranges_table
+from ..sweep.maps.result import ranges_table
 from .compare import Compared, Comparison
 from .grid import Grid, Uncertain
 from .subject import Subject

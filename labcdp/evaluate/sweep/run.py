@@ -21,10 +21,8 @@ from ...core.disk.journal import LineJournal
 from ...core.errors import InputError
 from ...metrics import Estimate
 from ...output import Destination, open_results
-from .axis import Axis
-from .plan import Sweep, of_scene
-from .simulation.evaluation import PairRow, RegionRow
-from .simulation.run import evaluate_pair
+from .plan import Axis, Sweep, of_scene
+from .simulation.evaluation import PairRow, RegionRow, evaluate_pair
 
 if TYPE_CHECKING:
     from xarray import Dataset

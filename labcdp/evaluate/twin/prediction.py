@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...calibration.emva.result import Quantity
 from ...chain import ExposureSettings
-from ...chain.camera_model import CameraModel
+from ...chain.predict.camera import CameraModel
 from ...chain.predict.value_table import value_table
 from ...core.response import Response
 from ...metrics import Distribution
@@ -121,7 +121,7 @@ def predict_regions(
 
     Notes
     -----
-    The mean DN above dark of a pixel is h^-1(R t V L), its distribution that of `labcdp.chain.predict.dn_distribution`:
+    The mean DN above dark of a pixel is h^-1(R t V L), its distribution that of `labcdp.chain.predict.prediction`:
     temporal noise and the fixed patterns of all pixels. It is converted to luminance with the R and d(t) of the
     calibration, which are not shifted with a parameter: the effect of an error of the dark signal is that on the
     measured luminance.

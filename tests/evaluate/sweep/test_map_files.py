@@ -18,10 +18,10 @@ from scipy.stats import norm
 
 from labcdp.core.result import Result
 from labcdp.evaluate.sweep.maps.map import analyse_map
-from labcdp.evaluate.sweep.report.page import write_map
-from labcdp.evaluate.sweep.report.result import result
-from labcdp.evaluate.sweep.report.static import map_picture
-from labcdp.evaluate.sweep.report.view import MapView
+from labcdp.evaluate.sweep.maps.page import write_map
+from labcdp.evaluate.sweep.maps.result import result
+from labcdp.evaluate.sweep.maps.static import map_picture
+from labcdp.evaluate.sweep.maps.view import MapView
 from labcdp.output import LIST_FILE
 from labcdp.report.envelope import envelope, schema
 from labcdp.report.netcdf import read_dataset
@@ -239,7 +239,7 @@ def test_heat_map_of_a_map_without_usable_range_marks_none(dataset: xr.Dataset) 
 
 
 def test_a_huge_map_is_left_to_netcdf(monkeypatch: pytest.MonkeyPatch, dataset: xr.Dataset) -> None:
-    monkeypatch.setattr("labcdp.evaluate.sweep.report.result._MOST_CELLS", 100)
+    monkeypatch.setattr("labcdp.evaluate.sweep.maps.result._MOST_CELLS", 100)
     found = result_of(dataset)
     assert [finding.code for finding in found.findings] == ["map-in-netcdf-only"]
     assert "map" not in [table.name for table in found.tables]

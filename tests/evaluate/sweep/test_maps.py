@@ -14,9 +14,8 @@ from labcdp.core.disk.json_text import results_json
 from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.maps.axes import map_axis, map_layout
 from labcdp.evaluate.sweep.maps.dips import find_dips
-from labcdp.evaluate.sweep.maps.isolines import isolines
 from labcdp.evaluate.sweep.maps.map import analyse_map
-from labcdp.evaluate.sweep.maps.ranges import UsableInterval, usable_ranges, widest_range
+from labcdp.evaluate.sweep.maps.ranges import UsableInterval, isolines, usable_ranges, widest_range
 
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from labcdp.chain import Chain
-from labcdp.evaluate.sweep.simulation.run import evaluate_pair, evaluate_run, evaluate_stage, shown_distribution
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage, shown_distribution
 from labcdp.metrics import cdp_range
 
 CHAIN = """

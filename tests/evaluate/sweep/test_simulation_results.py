@@ -10,10 +10,10 @@ from jsonschema import Draft202012Validator
 
 from labcdp.chain import Chain
 from labcdp.core.table import Column, Table
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.evaluate.sweep.simulation.figures import picture
-from labcdp.evaluate.sweep.simulation.report import write_simulation
+from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, result
-from labcdp.evaluate.sweep.simulation.run import evaluate_run
 from labcdp.report.envelope import schema
 
 

@@ -3,16 +3,14 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from labcdp.chain import Chain
+from labcdp.chain import Chain, fixed_pattern
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.chain.scene import image
-from labcdp.chain.sensor import fixed_pattern
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.axis import Axis
-from labcdp.evaluate.sweep.plan import Sweep
+from labcdp.evaluate.sweep.plan import Axis, Sweep
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
 from labcdp.evaluate.sweep.run import VARIABLES, run_sweep
-from labcdp.evaluate.sweep.simulation.run import evaluate_pair
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair
 
 CHAIN = """
 name = "small"

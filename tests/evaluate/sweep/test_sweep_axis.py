@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.evaluate.sweep.axis import Axis, parse_axis
+from labcdp.evaluate.sweep.plan import Axis, parse_axis
 
 
 def test_percent_is_a_fraction():

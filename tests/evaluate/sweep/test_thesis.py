@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labcdp.evaluate.sweep.thesis.reproduce import (
+from labcdp.evaluate.sweep.thesis import (
     NEIGHBOUR_PAIRS,
     TABLE_5_3,
     UNFILLED_SLOTS,

@@ -5,9 +5,8 @@ import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.evaluate.sweep.thesis.page import write_thesis
-from labcdp.evaluate.sweep.thesis.reproduce import reproduce_thesis
-from labcdp.evaluate.sweep.thesis.result import result
+from labcdp.evaluate.sweep.thesis import reproduce_thesis
+from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
 from labcdp.report.envelope import schema
 
 
@@ -17,7 +16,7 @@ def reproduction():
 
 
 def test_result_holds_published_values_and_ours(reproduction):
-    found = result(reproduction)
+    found = thesis_result(reproduction)
     rows = list(found.table("table_5_3").rows())
     assert [row["mean"] for row in rows] == [row.mean for row in reproduction.table]
     assert (rows[7]["published_cdp"], rows[7]["z"], rows[7]["all_pairs_mean"]) == (0.99834205, 0.0, 1.0)
@@ -28,7 +27,7 @@ def test_result_holds_published_values_and_ours(reproduction):
 
 
 def test_files_agree(reproduction, tmp_path):
-    paths = write_thesis(result(reproduction), tmp_path)
+    paths = write_thesis(thesis_result(reproduction), tmp_path)
     names = {path.relative_to(tmp_path).as_posix() for path in paths}
     assert names == {"results.json", "report.html", "results.xlsx", "figures/intensity-sweep.png"}
     values = json.loads((tmp_path / "results.json").read_text())

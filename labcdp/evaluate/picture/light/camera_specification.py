@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from ....chain.optics import Optics
-from ....chain.windscreen import Windscreen
+from ....chain.optics import Optics, Windscreen
 from ....core.disk import read_toml
 from ....core.errors import InputError
 from ....core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2

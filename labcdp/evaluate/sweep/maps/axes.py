@@ -15,6 +15,7 @@ from ....core.errors import InputError
 if TYPE_CHECKING:
     from xarray import Dataset
 
+
 #: Values of the parameters that are fixed in a section of a map, by name.
 At: TypeAlias = dict[str, float | str]
 
@@ -215,3 +216,25 @@ def sections(dataset: Dataset, keep: Sequence[str]) -> Iterator[tuple[At, Datase
         section = ordered.isel(dict(zip(others, places, strict=True)))
         at = {name: axes[name].values[place].item() for name, place in zip(others, places, strict=True)}
         yield at, section.transpose(*keep)
+
+
+#: Variables of a map that are ratios of mean to standard deviation.
+SNR_VARIABLES = ("snr_dark", "snr_bright", "csnr")
+
+#: SNR above which the noise is only rounding, as where all pixels are saturated: shot noise would need a full well of
+#: 1e12 electrons.
+LARGEST_SNR = 1e6
+
+
+def known_values(name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the values of a variable, with nan for an SNR that is infinite or due to missing noise.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable; all but `SNR_VARIABLES` are unchanged.
+    values : ndarray of numbers, any shape
+        Its values.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    return np.where(np.abs(known) <= LARGEST_SNR, known, np.nan) if name in SNR_VARIABLES else known

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .axes import map_layout
+from .axes import SNR_VARIABLES, map_layout
 from .dips import SnrDip, find_dips
-from .isolines import LEVELS, Isoline, isolines
-from .known_snr import SNR_VARIABLES
-from .ranges import UsableRange, usable_ranges, widest_range
+from .ranges import LEVELS, Isoline, UsableRange, isolines, usable_ranges, widest_range
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -1,11 +1,35 @@
-"""What one simulated image shows: each region and each pair of regions behind each stage."""
+"""Evaluation of a run of the imaging chain: what each stage leaves of signal, contrast and CDP."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan, sqrt
+from typing import Any
 
-from ....chain import Chain
-from ....metrics import CdpResult, ContrastDistribution, Distribution, Estimate, NeighbourCdp
+import numpy as np
+from numpy.typing import NDArray
+
+from ....chain import Chain, ChainRun, Checkerboard, Signal
+from ....chain.point_spread import pixel_means
+from ....core.errors import InputError
+from ....metrics import (
+    CdpResult,
+    ContrastDistribution,
+    Distribution,
+    Estimate,
+    NeighbourCdp,
+    cdp_neighbours_range,
+    cdp_range,
+    cnr,
+    contrast_histogram,
+    csnr,
+    d_prime,
+    snr,
+    snr_10log10_db,
+    snr_20log10_db,
+    weber_contrast_of_means,
+)
 
 
 @dataclass(frozen=True)
@@ -139,3 +163,257 @@ def final_stages(chain: Chain) -> tuple[str, ...]:
     """Names of the last stage of each sensor; without a sensor, of the last stage."""
     recorded = chain.recorded_names[-1:]
     return tuple(chain.of_sensor(name, own) for own, _ in chain.sensors for name in recorded) or chain.stage_names[-1:]
+
+
+#: Parts of a region, from its edge to the centre of the lens, in each of which the values follow the vignetting along
+#: a line; across all of them a tone curve bends it.
+_PARTS = 16
+
+#: Relative step of a luminance that is rounded; well above the steps of float32.
+_ROUNDING = 1e-5
+
+
+def relative_illuminance(signal: Signal) -> NDArray[np.float64] | None:
+    """Illuminance over that on the axis, shape of the signal, by its inverse; None for a signal without vignetting.
+
+    Any inverse through a lens is L = c(value) / V - glare, so V is in proportion to 1 / (L(one value) - L(another)).
+    """
+    values = signal.values
+    low, high = (np.full(values.shape, value, values.dtype) for value in (0, max(values.max(), 1)))
+    slope = signal.to_luminance(high).astype(np.float64) - signal.to_luminance(low)
+    nearest = float(slope.min())
+    if nearest <= 0 or float(slope.max()) <= nearest * (1 + 1e-6):
+        return None
+    relative: NDArray[np.float64] = nearest / slope
+    return relative
+
+
+def axial_where_saturated(
+    luminance: NDArray[Any], signal: Signal, relative: NDArray[np.float64] | None
+) -> NDArray[Any]:
+    """Luminance in which each saturated pixel has what its value stands for on the axis, as all others there have.
+
+    A saturated pixel shows a lowest luminance. Divided by the vignetting, equal values would differ, and with them
+    regions in which nothing can be told apart.
+    """
+    if relative is None or signal.saturated is None or not signal.saturated.any():
+        return luminance
+    # L = c / V - glare at the same value on the axis (V = 1) and at the edge gives c and the glare.
+    sample = signal.to_luminance(np.full(signal.values.shape, signal.values.max(), signal.values.dtype))
+    edge, axis = int(relative.argmin()), int(relative.argmax())
+    at_edge, at_axis = float(sample.flat[edge]), float(sample.flat[axis])
+    subtracted = (at_edge - at_axis) / (1 / float(relative.flat[edge]) - 1) - at_axis
+    axial = (luminance + subtracted) * relative - subtracted
+    # Equal values are equal again; without this rounding would be their noise.
+    step = _ROUNDING * abs(at_axis)
+    return np.where(signal.saturated, np.rint(axial / step) * step, luminance).astype(luminance.dtype)
+
+
+def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of a region, shape (n,), about their mean without what follows the relative illuminance, shape (n,)."""
+    order = np.argsort(relative, kind="stable")
+    x, y = relative[order], values[order].astype(np.float64)
+    starts = np.unique(np.linspace(0, x.size, min(_PARTS, max(1, x.size // 8)), endpoint=False).astype(np.intp))
+    counts = np.diff(np.append(starts, x.size))
+
+    def centred(part: NDArray[np.float64]) -> NDArray[np.float64]:
+        return part - np.repeat(np.add.reduceat(part, starts) / counts, counts)
+
+    mean = float(y.mean())
+    x, y = centred(x), centred(y)
+    squares = np.add.reduceat(x * x, starts)
+    slopes = np.divide(np.add.reduceat(x * y, starts), squares, out=np.zeros(counts.size), where=squares > 0)
+    left = y - np.repeat(slopes, counts) * x
+    if np.abs(left).max() <= _ROUNDING * abs(mean):
+        return np.full(x.shape, mean)
+    # Each line takes two degrees of freedom off the noise.
+    noise: NDArray[np.float64] = mean + left * np.sqrt(x.size / max(x.size - 2 * counts.size, 1))
+    return noise
+
+
+#: A plot shows no more; the distributions of a result are reduced to it to save memory.
+_MOST_VALUES = 4096
+
+
+def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 0.5) -> SimulationEvaluation:
+    """Evaluate every stage of a run.
+
+    Parameters
+    ----------
+    run : ChainRun
+        A chain's run.
+    contrast : float or None
+        Weber contrast to be detected, a fraction above 0; None for that of each pair in the scene.
+    epsilon : float
+        Relative tolerance of the contrast, above 0 and up to 1.
+
+    Returns
+    -------
+    SimulationEvaluation
+
+    Raises
+    ------
+    InputError
+        If contrast or epsilon are out of their range.
+    """
+    final = final_stages(run.chain)
+    stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name in final) for name in run)
+    return SimulationEvaluation(run.chain, run.seed, contrast, epsilon, stages)
+
+
+def evaluate_stage(
+    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
+) -> StageRow:
+    """Evaluate one stage of a run, without the contrasts of all pairs unless they are to be plotted.
+
+    The other parameters and errors as for `evaluate_run`.
+    """
+    signal = run[name]
+    scene = run.chain.scene
+    masks = {region: mask for region, mask in scene.regions().items() if mask.any()}
+    true_means = _true_means(run, masks)
+    relative = relative_illuminance(signal) if signal.oversampling == 1 else None
+    luminance = axial_where_saturated(signal.luminance_cd_m2, signal, relative)
+    luminance = pixel_means(luminance, signal.oversampling)
+    values = pixel_means(signal.values, signal.oversampling)
+    luminance_shown = shown_distribution(luminance)
+    seen = {region: Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
+    one_pixel = isinstance(scene, Checkerboard) and scene.square_px == 1
+    pixels = luminance if one_pixel else None
+    # Free a large frame before its distributions are used.
+    del luminance
+    pairs = []
+    for dark, bright in scene.pairs():
+        # 1.3 / 1 - 1 is not 0.3 in binary.
+        own = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
+        wanted = own if contrast is None else contrast
+        row = _pair(dark, bright, own, (wanted, epsilon), seen, pixels)
+        if plot_contrasts and row.cdp is not None:
+            row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
+        pairs.append(row)
+    rows = [
+        _region(
+            region,
+            true_means[region],
+            values[mask] if relative is None else without_fall_off(values[mask], relative[mask]),
+            seen[region],
+            _saturated_share(signal, mask),
+        )
+        for region, mask in masks.items()
+    ]
+    return StageRow(
+        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(rows), tuple(pairs)
+    )
+
+
+def evaluate_pair(
+    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5
+) -> tuple[PairRow, RegionRow, RegionRow]:
+    """Evaluate the first pair of regions behind one stage of a run: the pair, its dark and its bright region.
+
+    Parameters as for `evaluate_stage`.
+
+    Raises
+    ------
+    InputError
+        If the scene has no pair; and as `evaluate_run`.
+    """
+    stage = evaluate_stage(run, name, contrast, epsilon)
+    if not stage.pairs:
+        raise InputError("the scene has no two regions of different luminance: give a checkerboard or a step chart")
+    regions = {row.region: row for row in stage.regions}
+    pair = stage.pairs[0]
+    return pair, regions[pair.dark], regions[pair.bright]
+
+
+def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, float]:
+    """Mean luminance of the scene in each region; of uniform regions as they were given."""
+    given = {level.name: level.luminance_cd_m2 for level in run.chain.scene.levels()}
+    scene = pixel_means(run["scene"].values, run["scene"].oversampling)
+    return {
+        region: given[region] if region in given else float(scene[mask].mean(dtype=np.float64))
+        for region, mask in masks.items()
+    }
+
+
+def _saturated_share(signal: Signal, mask: NDArray[np.bool_]) -> float:
+    return 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
+
+
+def _region(
+    region: str, true_cd_m2: float, values: NDArray[Any], seen: Distribution, saturated_share: float
+) -> RegionRow:
+    native = Distribution.from_array(values)
+    return RegionRow(
+        region,
+        true_cd_m2,
+        native.mean,
+        _deviation(native),
+        snr(native),
+        snr_10log10_db(native),
+        snr_20log10_db(native),
+        seen.mean,
+        _deviation(seen),
+        snr(seen),
+        saturated_share,
+    )
+
+
+def _pair(
+    dark: str,
+    bright: str,
+    true_contrast: float,
+    asked: tuple[float, float],
+    seen: Mapping[str, Distribution],
+    pixels: NDArray[Any] | None,
+) -> PairRow:
+    regions = seen[bright], seen[dark]
+    if max(region.values[-1] for region in regions) <= 0 or not isfinite(asked[0]):
+        nothing = Estimate(nan, nan)
+        return PairRow(dark, bright, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
+    return PairRow(
+        dark,
+        bright,
+        true_contrast,
+        weber_contrast_of_means(*regions),
+        _mean_contrast(*regions),
+        cdp_range(*regions, asked[:1], asked[1])[0],
+        None if pixels is None else cdp_neighbours_range(pixels, asked[:1], asked[1])[0],
+        csnr(*regions),
+        cnr(*regions),
+        d_prime(*regions),
+        None,
+    )
+
+
+def _mean_contrast(bright: Distribution, dark: Distribution) -> float:
+    """Mean of bright / dark - 1: each bright pixel meets each dark one, so it is a product of means."""
+    lit = dark.values > 0
+    if not lit.any():
+        return nan
+    return bright.mean * float(np.average(1 / dark.values[lit], weights=dark.weights[lit])) - 1
+
+
+def _deviation(region: Distribution) -> float:
+    mean_square = float(np.average((region.values - region.mean) ** 2, weights=region.weights))
+    return sqrt(mean_square)
+
+
+def shown_distribution(values: NDArray[Any]) -> Distribution:
+    """Return the distribution of an image's values for a plot, of floats in at most 4096 bins at their own mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (height, width)
+        Integers or finite floats.
+    """
+    low, high = float(values.min()), float(values.max())
+    if values.dtype.kind in "iu" or high <= low:
+        return Distribution.from_array(values)
+    counts, sums = np.zeros(_MOST_VALUES), np.zeros(_MOST_VALUES)
+    for row in values:
+        place = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
+        counts += np.bincount(place, minlength=_MOST_VALUES)
+        sums += np.bincount(place, weights=row, minlength=_MOST_VALUES)
+    hit = counts > 0
+    return Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))

@@ -24,7 +24,7 @@ from ....report.figures.drawing import (
 )
 from ....report.figures.plots import ContrastPanel
 from ....report.figures.stage_plots import stage_figure
-from ..maps.known_snr import LARGEST_SNR
+from ..maps.axes import LARGEST_SNR
 from .evaluation import PairRow, SimulationEvaluation, StageRow, final_stages
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from ....core.result import InputFile, Result
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionResult
 from ....report.digits import percent
-from ..maps.known_snr import LARGEST_SNR
+from ..maps.axes import LARGEST_SNR
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..core.errors import InputError
-from .exposure import ExposureSettings
-from .hdr.exposures import Hdr
-from .hdr.merge import ExposureLadder
-from .isp import ToneCurve
-from .sensor.emva import Sensor
+from ...core.errors import InputError
+from ..hdr import ExposureLadder, Hdr
+from ..isp import ToneCurve
+from ..sensor import Sensor
+from ..signal import ExposureSettings
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Luminance in front of the camera, one value in cd/m^2 for each pixel, and patches laid over it."""
+"""Scenes as maps of luminance in front of the camera, and patches laid over them."""
 
 from __future__ import annotations
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ....report.digits import printable
-from ..maps.axes import At, MapAxis
-from ..maps.ranges import UsableInterval
+from .axes import At, MapAxis
+from .ranges import UsableInterval
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
 
 #: Short names of the variables that every sweep has; their own are too long for legends and heads of columns.
 _NAMES = {

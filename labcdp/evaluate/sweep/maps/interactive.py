@@ -10,14 +10,14 @@ import numpy as np
 
 from ....report.figures.interactive import interactive
 from ....report.layout import Script
-from ..maps.axes import At, MapAxis
-from ..maps.known_snr import known_values
+from .axes import At, MapAxis, known_values
 from .labels import axis_label, shown, variable_name, variable_unit
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
     from xarray import Dataset
+
 
 #: Dashes of the isolines, in rising order of their levels.
 _DASHES = ("dot", "solid", "dash")

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from ....report.digits import Z_95
 from ....report.figures.drawing import BLUE, GREEN, ORANGE, VERMILLION
-from ..maps.axes import At, MapAxis, MapLayout, map_axis, map_layout, sections
-from ..maps.known_snr import LARGEST_SNR, SNR_VARIABLES
-from ..maps.map import MapAnalysis
+from .axes import LARGEST_SNR, SNR_VARIABLES, At, MapAxis, MapLayout, map_axis, map_layout, sections
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
+from .map import MapAnalysis
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
 
 #: More panels than this are too small to read.
 MOST_PANELS = 12

@@ -10,13 +10,14 @@ import numpy as np
 from ....core.finding import Finding, info
 from ....core.result import InputFile, Result
 from ....core.table import Column, Table
-from ..maps.axes import MapAxis, map_axis, map_layout, sections
-from ..maps.map import MapAnalysis
-from ..maps.ranges import UsableInterval
+from .axes import MapAxis, map_axis, map_layout, sections
 from .labels import at_text, axis_name, axis_unit, plain, shown, title, variable_name, variable_unit
+from .map import MapAnalysis
+from .ranges import UsableInterval
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
 
 #: Cells of a map beyond which tables would take minutes and gigabytes; NetCDF has them.
 _MOST_CELLS = 200_000

@@ -1,15 +1,84 @@
-"""Fixed pattern: what differs from pixel to pixel of one device and stays the same in all its exposures."""
+"""Fixed pattern of a device, and the blocks of rows with random streams of their own that it is drawn in."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache, wraps
+from threading import Lock
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.kept import kept
-from .blocks import Stream, block_generator, for_each_block
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+#: How many results of a function are kept; maps of a large sensor take 20 MB.
+_MOST = 2
+
+
+def kept(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Keep the last results of a function of hashable arguments; threads that ask at once wait for one of them."""
+    cached = lru_cache(maxsize=_MOST)(function)
+    lock = Lock()
+
+    @wraps(function)
+    def call(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
+        with lock:
+            return cached(*arguments, **named)  # type: ignore[arg-type]
+
+    return call
+
+
+#: Rows of a block. Simulated values depend on it: do not tune it to a machine.
+BLOCK_ROWS = 64
+
+
+class Stream(IntEnum):
+    """What random numbers are for; keeps streams apart even if device and exposure have the same seed."""
+
+    NOISE = 0
+    FIXED_PATTERN = 1
+
+
+def block_generator(seed: int, stream: Stream, index: int, block: int) -> np.random.Generator:
+    """Return the generator of one block.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the exposures or of the device, at least 0.
+    stream : Stream
+        What the numbers are for.
+    index : int
+        Which exposure or which pattern, at least 0.
+    block : int
+        Which block.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream, index, block)))
+
+
+def for_each_block(height: int, work: Callable[[int, slice], None], threads: int | None = None) -> None:
+    """Call `work(block, rows)` for each block of an image, in parallel (NumPy lets go of the interpreter lock).
+
+    Parameters
+    ----------
+    height : int
+        Rows of the image.
+    work : callable
+        Takes the number of the block and its rows; must touch no other rows.
+    threads : int or None
+        Number of threads, None for one a processor.
+    """
+    blocks = [slice(row, min(row + BLOCK_ROWS, height)) for row in range(0, height, BLOCK_ROWS)]
+    with ThreadPoolExecutor(min(len(blocks), os.cpu_count() or 1 if threads is None else threads)) as pool:
+        # list() waits for all and raises what one of them raised.
+        list(pool.map(work, range(len(blocks)), blocks))
+
 
 FloatMap = NDArray[np.float32]
 

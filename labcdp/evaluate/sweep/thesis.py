@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ....chain import Chain, Sensor, ThesisSensor, ThesisWindscreen, Windscreen
-from ....chain.predict.chain import predict_chain
-from ....core.errors import InputError
-from ....metrics import cdp_neighbours
+from ...chain import Chain, Sensor, ThesisSensor, ThesisWindscreen, Windscreen
+from ...chain.predict.chain import predict_chain
+from ...core.errors import InputError
+from ...metrics import cdp_neighbours
 
 #: Pairs of neighbours of 301 x 420 pixels, and the slots of the thesis' array of them that stay unfilled.
 NEIGHBOUR_PAIRS, UNFILLED_SLOTS = 252_119, 418

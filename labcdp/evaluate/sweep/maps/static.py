@@ -20,13 +20,14 @@ from ....report.figures.drawing import (
     png,
     taken_literally,
 )
-from ..maps.axes import At, MapAxis
+from .axes import At, MapAxis
 from .labels import axis_label, conditions, shown, title
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 #: Line styles of the isolines, in rising order of their levels.
 _STYLES: tuple[Any, ...] = (":", "-", "--")

@@ -12,7 +12,7 @@ from ....report.digits import significant
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.netcdf import dataset_bytes
-from ..maps.dips import SnrDip
+from .dips import SnrDip
 from .interactive import map_script
 from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
 from .static import map_picture
@@ -21,7 +21,7 @@ from .view import MapView
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from ..maps.map import MapAnalysis
+    from .map import MapAnalysis
 
 
 def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: Destination) -> list[Path]:

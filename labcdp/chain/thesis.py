@@ -8,11 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.spectral.photometry import electron_radiance_per_cd_m2
-from ..capture import Capture, check_shape, settings_of
-from ..parameters import LARGEST_SIDE, Range, check_ranges, check_whole
-from ..signal import Context, Signal
-from .blocks import Stream, block_generator
+from ..core.spectral.photometry import electron_radiance_per_cd_m2
+from .fixed_pattern import Stream, block_generator
+from .parameters import LARGEST_SIDE, Range, check_ranges, check_whole
+from .signal import Capture, Context, Signal, check_shape, settings_of
 
 _RANGES: tuple[Range, ...] = (
     ("pixel_pitch_m", "m", 0, 1e-3, True),

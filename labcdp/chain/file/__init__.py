@@ -1,1 +1,0 @@
-"""Chain files: tables of the parts of a chain, and the classes they stand for."""

@@ -1,1 +1,0 @@
-"""Several exposures and how they are merged."""

@@ -1,1 +1,0 @@
-"""A map of CDP as result, picture, page and files."""

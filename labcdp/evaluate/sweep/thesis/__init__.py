@@ -1,1 +1,0 @@
-"""Comparison of the published values of the 2018 thesis with those of labcdp."""

@@ -1,0 +1,182 @@
+"""The reproduction of the 2018 thesis as a result, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...core.finding import Finding, info
+from ...core.result import Result
+from ...core.table import Column, Table
+from ...output import Destination, write_files
+from ...report.figure import ReportFigure
+from ...report.figures.drawing import BLUE, VERMILLION, finish, new_figure, png
+from ...report.files import result_files
+from ...report.layout import Card, Facts, Page, Section
+from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ReproducedRow, ThesisReproduction
+
+#: Where the published values come from.
+SOURCE = "L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018"
+
+#: Standard deviations beyond which a value is not reproduced.
+AGREES_Z = 2.0
+
+_COLUMNS = (
+    Column("row", "row", meaning="Column of table 5.3, or the figure."),
+    Column("contrast", "contrast", "%", "Weber contrast.", decimals=0),
+    Column("luminance_cd_m2", "dark squares", "cd/m²", "Luminance of the dark squares.", decimals=0),
+    Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=0),
+    Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
+    Column("pixel_pitch_um", "pixel pitch", "µm", "Of the sensor.", decimals=0),
+    Column("published_cdp", "thesis", meaning="CDP in the thesis.", decimals=5),
+    Column("mean", "labcdp", meaning="Mean CDP over the seeds, with the thesis' physics.", decimals=5),
+    Column("standard_deviation", "std", meaning="Standard deviation over the seeds.", decimals=5),
+    Column("z", "z", meaning="Published value minus mean, in standard deviations.", decimals=2),
+    Column("all_pairs_mean", "all pairs filled", meaning="Mean CDP without unfilled slots.", decimals=5),
+    Column("corrected_mean", "correct physics", meaning="Mean CDP over the seeds, with correct physics.", decimals=5),
+    Column("corrected_standard_deviation", "std", meaning="Standard deviation with correct physics.", decimals=5),
+    Column(
+        "corrected_exact",
+        "region to region, exact",
+        meaning="CDP of all pairs of the two regions, predicted with correct physics.",
+        decimals=5,
+    ),
+)
+_SWEEP = (
+    Column("luminance_cd_m2", "luminance", "cd/m²", "Luminance of the dark squares.", digits=6),
+    Column("cdp", "CDP", meaning="With the thesis' physics.", decimals=5),
+    Column("snr_db", "SNR (10 lg)", "dB", "SNR of the bright squares, with the thesis' physics.", decimals=3),
+    Column("corrected_cdp", "CDP, correct physics", meaning="Predicted with correct physics.", decimals=5),
+    Column("corrected_snr_db", "SNR (10 lg), correct physics", "dB", "Predicted with correct physics.", decimals=3),
+)
+
+
+def thesis_result(reproduction: ThesisReproduction) -> Result:
+    """Return the published and reproduced values, and the sweep of intensities."""
+    sweep = {column.name: getattr(reproduction.sweep, column.name) for column in _SWEEP}
+    title = f"Table 5.3: published values, and means over {reproduction.seeds} seeds"
+    return Result(
+        "reproduce",
+        "The 2018 thesis, reproduced",
+        (
+            _table("table_5_3", title, reproduction.table),
+            _table("figure_3_10", "Figure 3.10", reproduction.figure),
+            Table("intensity_sweep", "Sweep of intensities", _SWEEP, sweep, detail=True),
+        ),
+        tuple(_findings(reproduction)),
+        configuration={"what": "thesis", "source": SOURCE, "seeds": reproduction.seeds},
+        simulated=True,
+    )
+
+
+def _table(name: str, title: str, rows: Sequence[ReproducedRow]) -> Table:
+    own = [column.name for column in _COLUMNS[7:]]
+    return Table.of_rows(
+        name,
+        title,
+        _COLUMNS,
+        [
+            {
+                "row": row.published.label,
+                "contrast": row.published.contrast,
+                "luminance_cd_m2": row.published.luminance_cd_m2,
+                "temperature_c": row.published.temperature_c,
+                "exposure_s": row.published.exposure_s,
+                "pixel_pitch_um": 1e6 * row.published.pixel_pitch_m,
+                "published_cdp": row.published.published_cdp,
+                **{column: getattr(row, column) for column in own},
+            }
+            for row in rows
+        ],
+    )
+
+
+def _findings(reproduction: ThesisReproduction) -> Iterator[Finding]:
+    for row in reproduction.table:
+        label = row.published.label
+        if row.published.is_unfilled_slots:
+            yield info("thesis-unfilled-slots", label, n_slots=UNFILLED_SLOTS, n_pairs=NEIGHBOUR_PAIRS)
+        if abs(row.z) > AGREES_Z:
+            yield info("thesis-value-differs", label, z=row.z)
+
+
+#: Columns of the first table of the page; the details have all.
+_SHORT = ("row", "contrast", "luminance_cd_m2", "published_cdp", "mean", "standard_deviation", "z", "corrected_mean")
+
+
+def write_thesis(result: Result, folder: Destination) -> list[Path]:
+    """Write the reproduction of the 2018 thesis into a folder as `write_files` takes it.
+
+    Everything is made before the first file is written; InputError is raised if one cannot be written.
+
+    Returns
+    -------
+    list of Path
+        results.json, report.html, results.xlsx and figures/intensity-sweep.png.
+    """
+    figure = ReportFigure(
+        "intensity-sweep.png",
+        _sweep_figure(result.table("intensity_sweep")),
+        "CDP and SNR over the luminance of the dark squares: contrast 100 %, 100 °C, 5 ms, 2 µm, glare 20 %. Above the "
+        "full well nothing is detected although the thesis' SNR is infinite there, which is why it asks for CDP.",
+        "Two curves each of CDP and of SNR over luminance, with the thesis' physics and with the correct one.",
+    )
+    return write_files(folder, "reproduce", result_files(result, _page(result, figure), [figure]))
+
+
+def _page(result: Result, figure: ReportFigure) -> Page:
+    table, seeds = result.table("table_5_3"), result.configuration["seeds"]
+    close = sum(abs(z) <= AGREES_Z for z in table["z"])
+    card = Card(
+        "Published values reproduced",
+        f"{close} of {len(table)}",
+        f"within {AGREES_Z:g} standard deviations over {seeds} seeds",
+        state="good" if close == len(table) else "open",
+    )
+    facts = Facts((("Source", SOURCE), ("Seeds", str(seeds))))
+    return Page(
+        "reproduction of published values",
+        result.title,
+        SOURCE,
+        cards=(card,),
+        lead=(figure, table.showing(*_SHORT)),
+        findings=result.findings,
+        sections=[
+            Section(
+                "Table 5.3 and figure 3.10",
+                (
+                    "All values are of each pixel against its right and its lower neighbour, except the last column; z "
+                    "is the distance of the published value from the mean in standard deviations. labcdp: the thesis' "
+                    "chain with its own noise, photon constant and windscreen, and with the 418 of 252 119 contrasts "
+                    "that its program never fills counted as not detected. All pairs filled: the same without those. "
+                    "Correct physics: light of D65 with its shot noise, a fixed pattern that is fixed, rounding, and "
+                    "glare subtracted as it was added; each seed is another device. The last column predicts region to "
+                    "region without random numbers; it is lower where rows and columns have a pattern, which "
+                    "neighbouring pixels share and pixels of two regions do not.",
+                    table,
+                    "For figure 3.10 the thesis gives one value, 0.66630, for a scene of 10 and 20 cd/m² and no "
+                    "exposure time; its program has 5 ms in one place and 15 ms in another.",
+                    result.table("figure_3_10"),
+                ),
+            ),
+            Section("Provenance", (facts,), collapsed=True),
+        ],
+    )
+
+
+def _sweep_figure(sweep: Table) -> bytes:
+    figure = new_figure(8.0, 6.4)
+    above, below = figure.subplots(2, 1, sharex=True)
+    for panel, name in ((above, "cdp"), (below, "snr_db")):
+        curves = ((name, VERMILLION, "thesis' physics"), (f"corrected_{name}", BLUE, "correct physics, exact"))
+        for column, colour, text in curves:
+            values = np.asarray(sweep[column])
+            drawn = np.where(np.isfinite(values), values, np.nan)
+            panel.plot(sweep["luminance_cd_m2"], drawn, color=colour, linewidth=1.5, label=text)
+        panel.set_xscale("log")
+    above.set_ylim(-0.03, 1.05)
+    finish(above, "", "CDP", "CDP and SNR over the intensity of the scene")
+    finish(below, "luminance of the dark squares in cd/m²", "SNR in dB (10 lg), bright squares", "")
+    return png(figure)

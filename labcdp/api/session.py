@@ -11,10 +11,10 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_a
 from ..core.errors import InputError
 from ..core.notebook import html_table
 from ..core.result import InputFile
+from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.corrections import UniformLight, calibration_for, corrections_of, require_same_optics
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.recorded import certificate_of
-from ..evaluate.bench.recorded_calibration import calibrate_recorded
 from ..evaluate.bench.session import evaluate_session
 from ..evaluate.bench.session_result import session_input
 from ..report.findings import warning_texts

@@ -75,7 +75,7 @@ def demonstrate(
             of_calibration = calibration_result(calibration, configuration.name, inputs)
             figures = draw_figures(evaluation)
             written = [
-                *write_calibration_report(calibration, of_calibration, results, figures.calibration),
+                *write_calibration_report(calibration, of_calibration, results, figures["calibration"]),
                 *write_results(evaluation, result, results, figures),
             ]
             bars.update("evaluating", 3, 3)

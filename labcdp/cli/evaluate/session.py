@@ -16,7 +16,7 @@ from ...calibration import load_any, save
 from ...core.disk import read_json
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Result
-from ...evaluate.bench.calibrate import calibrate_session
+from ...evaluate.bench.calibrate import calibrate_recorded, calibrate_session
 from ...evaluate.bench.calibration_page import write_calibration_report
 from ...evaluate.bench.calibration_result import calibration_result
 from ...evaluate.bench.certificate import calibration_certificate
@@ -29,7 +29,6 @@ from ...evaluate.bench.corrections import (
 )
 from ...evaluate.bench.observe import ObservedSession, observe_session
 from ...evaluate.bench.recorded import certificate_of
-from ...evaluate.bench.recorded_calibration import calibrate_recorded
 from ...evaluate.bench.session import SessionEvaluation, evaluate_session
 from ...evaluate.bench.session_page import write_results
 from ...evaluate.bench.session_result import session_input, session_result

@@ -16,9 +16,9 @@ from ...evaluate.bench.observe import observe_session
 from ...evaluate.bench.recorded import certificate_of
 from ...evaluate.bench.session_result import session_input
 from ...evaluate.camera.characterise import characterise_session
+from ...evaluate.twin.estimate import require_monochrome
 from ...evaluate.twin.evaluate import TwinEvaluation, twin_session
 from ...evaluate.twin.page import write_twin
-from ...evaluate.twin.parameters import require_monochrome
 from ...evaluate.twin.result import twin_result
 from ...session import Session
 from ..output import Results

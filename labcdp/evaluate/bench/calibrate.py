@@ -1,21 +1,30 @@
-"""A calibration from recorded sessions."""
+"""A calibration from recorded sessions, with vignetting by a flat field or by the lens."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from math import inf
 
-from ...calibration import AnyCalibration, Calibration, DarkObservation, PatchObservation, Setup, fit, fit_colour
-from ...calibration.response.curve import ResponseCurve
+import numpy as np
+
+from ...calibration import AnyCalibration, Calibration, Setup, fit, fit_colour
+from ...calibration.response.curve import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
-from ...core.finding import unique
-from ...core.spectral.mismatch import Source
-from ...core.spectral.table import SpectralTable
-from ...session import SessionConfiguration
-from .observe import ObservedPlane, ObservedSession
-from .recorded import lens_of, require_patches
+from ...core.finding import unique, warning
+from ...core.frame import Frame
+from ...core.vignetting import AnyVignetting
+from ...session import FrameRecord, MeterCertificate, Session
+from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
+from .observe import ObservedSession, observe_session
+from .recorded import Report, by_exposure, by_patch, lens_of, require_patches
+
+#: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
+_MOST_ROUNDS = 5
+#: Largest relative change of the vignetting in the last round.
+_SETTLED_REL = 1e-3
 
 
 def calibrate_session(
@@ -46,17 +55,18 @@ def calibrate_session(
     InputError
         If a held-out patch is not known.
     """
-    sessions = [observed, *(_renamed(other, f"{number}") for number, other in enumerate(more, start=2))]
+    sessions = [observed, *(_renamed(other, number) for number, other in enumerate(more, start=2))]
     names = [name for one in sessions for name in one.names]
     require_patches(held_out, names, "to hold out")
     for other in sessions[1:]:
         _require_alike(observed, other)
+    hashes = tuple(one.input_sha256 for one in sessions)
     setup = Setup(
         lens=lens_of(observed.configuration),
         source_spectrum=observed.configuration.source.spectrum,
-        input_sha256=_joined_sha256(sessions),
+        input_sha256=hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0],
         measured_spectrum=observed.configuration.source.measured,
-        sessions_sha256=tuple(one.input_sha256 for one in sessions) if more else (),
+        sessions_sha256=hashes if more else (),
         certificate=observed.configuration.meter.certificate,
         meter_f1_prime=observed.configuration.meter.f1_prime,
     )
@@ -74,105 +84,74 @@ def _fit(
     sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection[str], response: ResponseCurve | None
 ) -> AnyCalibration:
     readings = {patch: group for one in sessions for patch, group in one.readings.items()}
-    corrections = {plane: seen.corrections for plane, seen in sessions[0].planes.items()}
-    if None in corrections:
+    first, planes = sessions[0], {plane or "": plane for plane in sessions[0].planes}
+    patches = {
+        name: [o for one in sessions for group in one.planes[plane].patches.values() for o in group]
+        for name, plane in planes.items()
+    }
+    darks = {name: [dark for one in sessions for dark in one.planes[plane].darks] for name, plane in planes.items()}
+    corrections = {name: first.planes[plane].corrections for name, plane in planes.items()}
+    defects = {name: one.defects for name, one in corrections.items()}
+    libraries = {name: one.dark_library for name, one in corrections.items()}
+    if None in first.planes:
         return fit(
-            _observations(sessions, None),
-            _darks(sessions, None),
-            readings,
-            setup,
-            held_out=held_out,
-            defects=corrections[None].defects,
-            dark_library=corrections[None].dark_library,
-            response=response,
-        )
+            patches[""], darks[""], readings, setup,
+            held_out=held_out, defects=defects[""], dark_library=libraries[""], response=response,
+        )  # fmt: skip
     if response is not None:
         raise CalibrationError(
             "the session was recorded with colour filters: a response by a bracket is for monochrome frames; leave it "
             "out, raw data of a camera are linear"
         )
-    configuration = sessions[0].configuration
-    sensitivity = configuration.camera.spectral_sensitivity
-    planes = [plane for plane in corrections if plane is not None]
+    sensitivity = first.configuration.camera.spectral_sensitivity
+    spectra = None if sensitivity is None else sensitivity.spectra
     return fit_colour(
-        {plane: _observations(sessions, plane) for plane in planes},
-        {plane: _darks(sessions, plane) for plane in planes},
-        readings,
-        setup,
-        sensitivities=None if sensitivity is None else sensitivity.spectra,
-        held_out=held_out,
-        defects={plane: corrections[plane].defects for plane in planes},
-        dark_libraries={plane: corrections[plane].dark_library for plane in planes},
-    )
+        patches, darks, readings, setup,
+        sensitivities=spectra, held_out=held_out, defects=defects, dark_libraries=libraries,
+    )  # fmt: skip
 
 
-def _observations(sessions: Sequence[ObservedSession], plane: str | None) -> list[PatchObservation]:
-    return [o for one in sessions for group in one.planes[plane].patches.values() for o in group]
-
-
-def _darks(sessions: Sequence[ObservedSession], plane: str | None) -> list[DarkObservation]:
-    return [dark for one in sessions for dark in one.planes[plane].darks]
-
-
-def _renamed(observed: ObservedSession, number: str) -> ObservedSession:
+def _renamed(observed: ObservedSession, number: int) -> ObservedSession:
     """Distinguish the patches of a further session from those of the first."""
-
-    def name(patch: str) -> str:
-        return f"{patch} ({number})"
-
-    return replace(
-        observed,
-        planes={
-            plane: ObservedPlane(
-                {name(p): [replace(o, patch=name(p)) for o in group] for p, group in seen.patches.items()},
-                seen.darks,
-                seen.corrections,
-            )
-            for plane, seen in observed.planes.items()
-        },
-        readings={name(patch): group for patch, group in observed.readings.items()},
-    )
+    names = {patch: f"{patch} ({number})" for patch in observed.names}
+    planes = {
+        plane: replace(
+            seen, patches={names[p]: [replace(o, patch=names[p]) for o in group] for p, group in seen.patches.items()}
+        )
+        for plane, seen in observed.planes.items()
+    }
+    readings = {names.get(patch, f"{patch} ({number})"): group for patch, group in observed.readings.items()}
+    return replace(observed, planes=planes, readings=readings)
 
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
-    for what, mine, theirs in (
-        ("colour filter", _filter_text(first), _filter_text(other)),
-        ("lens", lens_of(first.configuration), lens_of(other.configuration)),
-        ("certificate of the meter", _certificate_text(first), _certificate_text(other)),
-        ("source spectrum", first.configuration.source.spectrum, other.configuration.source.spectrum),
-    ):
-        if mine != theirs:
-            raise CalibrationError(
-                f"the {what} of session {first.configuration.name!r} is {mine}, that of {other.configuration.name!r} "
-                f"{theirs}: calibrate them apart"
-            )
+    def facts(one: ObservedSession) -> dict[str, object]:
+        certificate = one.configuration.meter.certificate
+        return {
+            "colour filter": "none" if None in one.planes else "Bayer",
+            "lens": lens_of(one.configuration),
+            "certificate of the meter": "none"
+            if certificate is None
+            else f"{certificate.number} of {certificate.date}",
+            "source spectrum": one.configuration.source.spectrum,
+        }
+
+    mine, theirs = facts(first), facts(other)
     one, two = first.configuration, other.configuration
-    if _spectra(one) != _spectra(two):
+    for what in mine:
+        if mine[what] != theirs[what]:
+            raise CalibrationError(
+                f"the {what} of session {one.name!r} is {mine[what] or 'none'}, that of "
+                f"{two.name!r} {theirs[what] or 'none'}: calibrate "
+                "them apart"
+            )
+    # Light and sensitivity of the camera, as measured if they were; their files' names do not matter.
+    sensitivities = [of.camera.spectral_sensitivity and of.camera.spectral_sensitivity.spectra for of in (one, two)]
+    if one.source.light != two.source.light or sensitivities[0] != sensitivities[1]:
         raise CalibrationError(
             f"sessions {one.name!r} and {two.name!r} have different measured spectra of the light "
             f"{one.source.spectrum!r} or of the camera: calibrate them apart, or give both the same files"
         )
-
-
-def _spectra(configuration: SessionConfiguration) -> tuple[Source, dict[str, SpectralTable] | None]:
-    """Light and sensitivity of the camera, as measured if they were; their files' names do not matter."""
-    sensitivity = configuration.camera.spectral_sensitivity
-    return configuration.source.light, None if sensitivity is None else sensitivity.spectra
-
-
-def _certificate_text(observed: ObservedSession) -> str:
-    certificate = observed.configuration.meter.certificate
-    return "none" if certificate is None else f"{certificate.number} of {certificate.date}"
-
-
-def _filter_text(observed: ObservedSession) -> str:
-    return "none" if None in observed.planes else "Bayer"
-
-
-def _joined_sha256(sessions: Sequence[ObservedSession]) -> str:
-    if len(sessions) == 1:
-        return sessions[0].input_sha256
-    return hashlib.sha256("".join(one.input_sha256 for one in sessions).encode()).hexdigest()
 
 
 def _require_all_used(calibration: AnyCalibration, sessions: Sequence[ObservedSession]) -> None:
@@ -196,3 +175,126 @@ def _useless(name: str, calibration: AnyCalibration, observed: ObservedSession) 
     left_out = {(left.patch, left.exposure_s) for left in calibration.left_out}
     unseen = all((name, o.exposure_s) in left_out for o in observed.patches[name])
     return unseen or all(reading.value == 0 for reading in observed.readings.get(name, ()))
+
+
+def response_of_session(session: Session, observed: ObservedSession) -> ResponseCurve:
+    """Find the response from a session's light frames, a bracket of the target that stood still.
+
+    Where patches were shown one by one, their frames are laid side by side.
+
+    Parameters
+    ----------
+    session : Session
+        To read the frames from; of a monochrome sensor.
+    observed : ObservedSession
+        What `observe_session` returned for it, for the dark signal.
+
+    Raises
+    ------
+    CalibrationError
+        If the sensor has colour filters, the session has too few exposures, or as `response_from_bracket`.
+    SessionError
+        If a file is missing or altered.
+    """
+    darks = observed.darks  # refuses colour filters
+    groups = by_exposure(session, "light")
+    if len(groups) < MIN_EXPOSURES:
+        there = ", ".join(f"{1e3 * t:g} ms" for t in groups)
+        raise CalibrationError(
+            f"the session has light frames at {len(groups)} exposure{'s' if len(groups) > 1 else ''} ({there}): the "
+            f"response by a bracket needs {MIN_EXPOSURES} or more; record more exposures, a factor of 1.5 to 2.5 apart"
+        )
+    frames = [frame for records in groups.values() for frame in _scenes(session, records)]
+    return response_from_bracket(frames, float(np.mean([dark.mean_dn for dark in darks])))
+
+
+def _scenes(session: Session, records: Sequence[FrameRecord]) -> list[Frame]:
+    """Frames of all that was shown at one exposure."""
+    shown = [[session.load(record) for record in group] for group in by_patch(records).values()]
+    together = zip(*shown, strict=False)  # as many as there are of each
+    return [parts[0].with_pixels(np.concatenate([part.dn for part in parts])) for parts in together]
+
+
+def calibrate_recorded(
+    sessions: Sequence[Session],
+    uniform: UniformLight | None = None,
+    *,
+    without: Sequence[str] = (),
+    held_out: Collection[str] = (),
+    bracket: bool = False,
+    certificate: MeterCertificate | None = None,
+    report: Callable[[str], Report] = lambda _what: lambda _done, _total: None,
+) -> tuple[AnyCalibration, ObservedSession]:
+    """Calibrate a camera from recorded sessions.
+
+    The flat field of a camera with a curved response must be linearised: both are found in turns.
+
+    Parameters
+    ----------
+    sessions : sequence of Session
+        Of one camera and lens; the first one's gain is the calibration's own.
+    uniform : UniformLight or None
+        Frames of a uniform source; None for natural vignetting by the configured lens.
+    without, held_out : sequence of str, collection of str
+        Patches of the first session to leave out, and those that the fit is tested with.
+    bracket : bool
+        Whether to find the response from the exposures as a bracket, instead of fitting it to the patches.
+    certificate : MeterCertificate or None
+        Of the meter, in the place of those in the sessions' configurations.
+    report : callable
+        Returns, for what is read, a function that is called with the number of items read, and of all.
+
+    Returns
+    -------
+    Calibration or ColourCalibration, ObservedSession
+        The calibration, and the first session with its corrections.
+
+    Raises
+    ------
+    CalibrationError, SessionError, InputError
+        As `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
+    """
+    lens = corrections_of_lens(sessions[0])
+    corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))
+
+    def calibrated(own: PlaneCorrections) -> tuple[AnyCalibration, ObservedSession]:
+        observed = [
+            observe_session(one, [] if number else without, report("reading"), own, certificate)
+            for number, one in enumerate(sessions)
+        ]
+        curve = response_of_session(sessions[0], observed[0]) if bracket else None
+        return calibrate_session(*observed, held_out=held_out, response=curve), observed[0]
+
+    try:
+        calibration, observed = calibrated(corrections)
+    except CalibrationError:
+        if uniform is None:
+            raise
+        # Of a camera with a tone curve the flat field itself may be so wrong that nothing fits.
+        corrections = {plane: replace(own, vignetting=lens[plane].vignetting) for plane, own in corrections.items()}
+        calibration, observed = calibrated(corrections)
+        if _is_linear(calibration):
+            raise
+    change = inf
+    for _ in range(_MOST_ROUNDS):
+        if uniform is None or _is_linear(calibration):
+            return calibration, observed
+        linearised = uniform.linearised({plane.state.plane: plane.response for plane in calibration.planes})
+        change = max(_change(corrections[plane], linearised[plane], uniform) for plane in corrections)
+        if change <= _SETTLED_REL:
+            return calibration, observed
+        corrections = {plane: replace(own, vignetting=linearised[plane]) for plane, own in corrections.items()}
+        calibration, observed = calibrated(corrections)
+    unsettled = warning("flat-field-not-settled", change_rel=change)
+    return replace(calibration, findings=unique([*calibration.findings, unsettled])), observed
+
+
+def _is_linear(calibration: AnyCalibration) -> bool:
+    return all(plane.response.kind == "linear" for plane in calibration.planes)
+
+
+def _change(before: Corrections, vignetting: AnyVignetting, uniform: UniformLight) -> float:
+    """Largest relative change of the vignetting at a typical pixel of a region: its 99th percentile."""
+    assert before.vignetting is not None
+    old, new = (one.relative_illuminance(uniform.shape) for one in (before.vignetting, vignetting))
+    return float(np.quantile(np.abs(new / old - 1), 0.99))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from ...core.result import Result
 from ...metrics import ContrastDistribution
@@ -23,40 +23,30 @@ from .rows import ContrastRow, Verdict
 from .session import SessionEvaluation
 from .session_result import pair_name, recorded
 
-
-@dataclass(frozen=True)
-class ReportFigures:
-    """All figures of a report.
-
-    Parameters
-    ----------
-    target, luminance : ReportFigure
-        Of the evaluation.
-    contrasts : tuple of ReportFigure
-        Of the contrasts, six to a figure.
-    calibration : tuple of ReportFigure
-        Of the calibration.
-    """
-
-    target: ReportFigure
-    luminance: ReportFigure
-    contrasts: tuple[ReportFigure, ...]
-    calibration: tuple[ReportFigure, ...]
-
-    def __iter__(self) -> Iterator[ReportFigure]:
-        """Iterate over all figures."""
-        yield from (self.target, self.luminance, *self.contrasts, *self.calibration)
+#: Number of contrast columns that fit next to the picture.
+_BESIDE_PICTURE = (
+    "pair", "target_contrast", "measured_contrast", "expanded_measured_contrast", "camera_contrast",
+    "expanded_camera_contrast", "cdp", "cdp_low", "cdp_high",
+)  # fmt: skip
+_STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open"}
+_CDP = (
+    "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance around "
+    "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "
+    "the mean luminances, ± U (95 %); the scale error of the meter cancels in them."
+)
+#: Figures of a session: ``target``, ``luminance``, ``contrasts`` (six to a figure) and ``calibration``.
+ReportFigures: TypeAlias = Mapping[str, Sequence[ReportFigure]]
 
 
 def draw_figures(evaluation: SessionEvaluation) -> ReportFigures:
     """Draw all figures of an evaluation, one after the other."""
     panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
-    return ReportFigures(
-        target=_target_figure(evaluation),
-        luminance=_luminance_figure(evaluation),
-        contrasts=tuple(contrast_figures(panels, "bench" if evaluation.simulated else "")),
-        calibration=tuple(calibration_figures(evaluation.calibration, "calibration-")),
-    )
+    return {
+        "target": [_target_figure(evaluation)],
+        "luminance": [_luminance_figure(evaluation)],
+        "contrasts": contrast_figures(panels, "bench" if evaluation.simulated else ""),
+        "calibration": calibration_figures(evaluation.calibration, "calibration-"),
+    }
 
 
 def _target_figure(evaluation: SessionEvaluation) -> ReportFigure:
@@ -97,26 +87,6 @@ def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPane
     return ContrastPanel(title, distribution, row.cdp, row.measured_contrast)
 
 
-#: Number of contrast columns that fit next to the picture.
-_BESIDE_PICTURE = (
-    "pair",
-    "target_contrast",
-    "measured_contrast",
-    "expanded_measured_contrast",
-    "camera_contrast",
-    "expanded_camera_contrast",
-    "cdp",
-    "cdp_low",
-    "cdp_high",
-)
-_STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open"}
-_CDP = (
-    "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance around "
-    "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "
-    "the mean luminances, ± U (95 %); the scale error of the meter cancels in them."
-)
-
-
 def write_results(
     evaluation: SessionEvaluation, result: Result, folder: Destination, figures: ReportFigures | None = None
 ) -> list[Path]:
@@ -131,8 +101,9 @@ def write_results(
         results.json, report.html, results.xlsx and figures/*.png.
     """
     figures = figures or draw_figures(evaluation)
+    drawn, last = [one for group in figures.values() for one in group], recorded(evaluation.observed)[1]
     page = session_page(evaluation, result, figures)
-    return write_files(folder, "evaluate", result_files(result, page, figures, recorded(evaluation)[1]))
+    return write_files(folder, "evaluate", result_files(result, page, drawn, last))
 
 
 def session_page(evaluation: SessionEvaluation, result: Result, figures: ReportFigures) -> Page:
@@ -156,7 +127,7 @@ def session_page(evaluation: SessionEvaluation, result: Result, figures: ReportF
         _summary(evaluation),
         banner if evaluation.simulated else "",
         tuple(_cards(evaluation, result)),
-        (figures.target, main),
+        (*figures["target"], main),
         result.findings,
         tuple(_sections(evaluation, result, figures)),
     )
@@ -184,7 +155,7 @@ def _cards(evaluation: SessionEvaluation, result: Result) -> Iterator[Card]:
 def _summary(evaluation: SessionEvaluation) -> str:
     configuration, camera = evaluation.observed.configuration, evaluation.calibration.state.camera
     meter = next(iter(evaluation.observed.readings.values()))[0].meter
-    days = " to ".join(dict.fromkeys(day(time) for time in recorded(evaluation)))
+    days = " to ".join(dict.fromkeys(day(time) for time in recorded(evaluation.observed)))
     n = len(evaluation.patches)
     return (
         f"{n} {'patch' if n == 1 else 'patches'} of {configuration.target.name}, {days}, {configuration.operator}; "
@@ -195,14 +166,13 @@ def _summary(evaluation: SessionEvaluation) -> str:
 
 def _sections(evaluation: SessionEvaluation, result: Result, figures: ReportFigures) -> Iterator[Section]:
     if evaluation.contrasts:
-        yield Section("Luminance", (result.table("luminance"), figures.luminance))
-        yield Section("Contrast detection probability", (_CDP, result.table("contrasts"), *figures.contrasts))
+        yield Section("Luminance", (result.table("luminance"), *figures["luminance"]))
+        yield Section("Contrast detection probability", (_CDP, result.table("contrasts"), *figures["contrasts"]))
     else:
-        yield Section("Luminance", (figures.luminance,))
-    tables = [result.table(name) for name in ("calibration", "calibration_patches")]
-    planes = [table for table in result.tables if table.name == "planes"]
-    conditions = condition_blocks(result.table("conditions"))
-    yield Section("Calibration", (*planes, *tables, *figures.calibration, *conditions), collapsed=True)
+        yield Section("Luminance", (*figures["luminance"],))
+    tables = {table.name: table for table in result.tables}
+    shown = [tables[name] for name in ("planes", "calibration", "calibration_patches") if name in tables]
+    yield Section("Calibration", (*shown, *figures["calibration"], *condition_blocks(tables["conditions"])), True)
     # Spectra are in the session; here their first values identify them.
     lines = evaluation.observed.configuration.to_toml().splitlines()
     configuration = "\n".join(shortened(line, 160) for line in lines)

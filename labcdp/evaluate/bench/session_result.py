@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
+from ...calibration import AnyCalibration
 from ...core.finding import Finding, info, unique
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain
 from ...report.digits import day, exposures, minute
 from ...session import Session
+from ..columns import with_interval
 from .calibration_result import calibration_tables, summarised
+from .observe import ObservedSession
 from .quantities import lens_text, meter_text
 from .rows import ContrastRow, PatchRow
 from .session import SessionEvaluation
@@ -37,12 +40,8 @@ _CONTRASTS = (
                "Of the mean luminances by the camera; scale and fit cancel."),
         "camera_standard_uncertainty", "camera_half_width_95",
     ),
-    Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", low="cdp_low", high="cdp_high",
-           value="cdp.cdp"),
-    Column("cdp_low", "CDP, lower end", "", "Lower end of the 95 % interval.", decimals=5, shown=False,
-           value=lambda row: row.cdp.confidence_interval[0]),
-    Column("cdp_high", "CDP, upper end", "", "Upper end of the 95 % interval.", decimals=5, shown=False,
-           value=lambda row: row.cdp.confidence_interval[1]),
+    *with_interval(Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", value="cdp.cdp"),
+                   "cdp.confidence_interval"),
     Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False,
            value="calibrated_cdp.standard_uncertainty"),
     Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
@@ -95,9 +94,9 @@ def session_input(session: Session) -> InputFile:
     return InputFile("session", str(session.path), InputFile.of("journal", session.path / "journal.jsonl").sha256)
 
 
-def recorded(evaluation: SessionEvaluation) -> tuple[datetime, datetime]:
+def recorded(observed: ObservedSession) -> tuple[datetime, datetime]:
     """Time of the first and of the last reading of the meter."""
-    times = [reading.timestamp for readings in evaluation.observed.readings.values() for reading in readings]
+    times = [reading.timestamp for readings in observed.readings.values() for reading in readings]
     return min(times), max(times)
 
 
@@ -114,7 +113,7 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
     for table in calibration_tables(evaluation.calibration):
         if table.name in ("calibration", "calibration_patches", "planes", "left_out", "conditions"):
             yield table.as_detail()
-    yield _provenance(evaluation)
+    yield provenance_table(evaluation.observed, evaluation.calibration, ", ".join(evaluation.simulated))
 
 
 def _luminance(patches: Sequence[PatchRow]) -> Table:
@@ -175,10 +174,9 @@ def _distribution(contrasts: Sequence[ContrastRow]) -> Table:
     )
 
 
-def _provenance(evaluation: SessionEvaluation) -> Table:
-    observed, configuration = evaluation.observed, evaluation.observed.configuration
-    calibration, (first, last) = evaluation.calibration, recorded(evaluation)
-    state = calibration.state
+def provenance_table(observed: ObservedSession, calibration: AnyCalibration, simulated: str = "") -> Table:
+    """Return who measured what and with which devices, and the hashes of the data, as a table of facts."""
+    configuration, state, (first, last) = observed.configuration, calibration.state, recorded(observed)
     height, width = state.image_shape
     meters = dict.fromkeys(meter_text(r.meter) for readings in observed.readings.values() for r in readings)
     rows = [
@@ -197,7 +195,7 @@ def _provenance(evaluation: SessionEvaluation) -> Table:
         ("lens", lens_text(configuration.lens)),
         ("luminance meter", "; ".join(meters)),
         ("light", configuration.source.spectrum),
-        ("simulated", ", ".join(evaluation.simulated)),
+        ("simulated", simulated),
         ("SHA-256 of frames and readings", observed.input_sha256),
         ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from math import sqrt
 from pathlib import Path
@@ -93,13 +94,20 @@ def chain_text(preset: str, path: Path) -> str:
     """Return a preset with the sensor of EMVA 1288 results as chain file, each value of the sensor with its origin."""
     chain, origins = with_emva1288(Chain.load(preset), path)
     chain = chain.with_(description=f"Sensor after EMVA 1288 by {path.name}; all else of the preset {preset}")
-    lines = [f"# The preset {preset} with the sensor of EMVA 1288 results."]
-    table = ""
-    for line in toml_text(chain.document).splitlines():
+    comments = {
+        ("sensor", key): origins.get(key, f"preset {preset}") for key in chain.document["sensor"] if key != "type"
+    }
+    return commented_toml([f"The preset {preset} with the sensor of EMVA 1288 results."], chain.document, comments)
+
+
+def commented_toml(head: Sequence[str], document: Mapping[str, Any], comments: Mapping[tuple[str, str], str]) -> str:
+    """Return a document as TOML below lines of comment, with comments behind values, by table and key."""
+    lines, table = [f"# {line}" for line in head], ""
+    for line in toml_text(document).splitlines():
         table = line.strip("[]") if line.startswith("[") else table
         key, equals, _ = line.partition(" = ")
-        origin = origins.get(key, f"preset {preset}")
-        lines.append(f"{line}  # {origin}" if table == "sensor" and equals and key != "type" else line)
+        comment = comments.get((table, key)) if equals else None
+        lines.append(f"{line}  # {comment}" if comment else line)
     return "\n".join(lines) + "\n"
 
 

@@ -18,8 +18,8 @@ from ...report.envelope import SCHEMA, envelope
 from ...report.netcdf import read_dataset
 from ...session import Session
 from ...session.journal_text import JOURNAL
+from ..bench.calibrate import calibrate_recorded
 from ..bench.quantities import lens_text, meter_text
-from ..bench.recorded_calibration import calibrate_recorded
 from ..bench.session import evaluate_session
 from ..bench.session_result import session_input, session_result
 from ..picture.image import ImageRequest

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.emva.result import Characterisation
-from ...calibration.frames.observations import PatchObservation
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info, warning
 from ...metrics.contrast import TargetContrast
@@ -17,11 +16,11 @@ from ...report.findings import finding_text
 from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch
-from .corrected import CorrectedTwin
+from .estimate import require_monochrome, twin_parameters
 from .pair import Judgement, PairAsked, TwinPair, compare_pair
-from .parameters import TwinParameters, require_monochrome, twin_parameters
-from .prediction import RegionPrediction, TwinRegion, predict_regions
-from .regions import SeenRegion, TwinPatch, regions_of, seen_regions, twin_patch
+from .parameters import TwinParameters
+from .prediction import TwinRegion, predict_regions
+from .regions import TwinPatch, regions_of, seen_regions, twin_patch
 
 #: Fewest patches that can be compared.
 _PAIR = 2
@@ -96,76 +95,48 @@ def twin_session(
     InputError
         If contrast or epsilon is out of range.
     """
-    require_monochrome(session)
+    first = require_monochrome(session)
     if not isinstance(calibration, Calibration):
         raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
     found = mismatch(observed.configuration, calibration)
     twin = twin_parameters(session, observed, calibration, characterisation)
-    regions = _regions(session, observed, calibration, twin)
-    corrected, response = CorrectedTwin.of(twin, calibration), calibration.response
+    regions = regions_of(observed, calibration, twin, calibration.to_luminance(first).slow_rel)
+    if len(regions) < _PAIR:
+        raise CalibrationError(
+            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
+        )
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     asked, left_out = _asked(observed, regions, contrast, epsilon)
-    at = _by_exposure(observed, calibration, asked, left_out)
-    compared: dict[PairAsked, TwinPair] = {}
-    for done, (exposure_s, group) in enumerate(sorted(at.items())):
-        report(done, len(at))
-        compared |= _compared_at(session, observed, calibration, corrected, regions, exposure_s, group, left_out)
-    report(len(at), len(at))
+    compared = _compared(session, observed, calibration, twin, regions, asked, left_out, report)
     if not compared:
         reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
         raise CalibrationError(f"no two patches can be compared: {reasons}")
+    own = [one for one in calibration.findings if one.severity != "info"]
+    corrected = _of_corrections(twin, {o.exposure_s for o in usable})
+    response = calibration.response
     return TwinEvaluation(
         observed=observed,
         calibration=calibration,
         parameters=twin,
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
-        patches=tuple(
-            twin_patch(corrected.at(o.exposure_s), regions[name], o, response) for name, o in longest.items()
-        ),
-        findings=(*_left_out(left_out), *found, *_of(corrected, usable, calibration)),
+        patches=tuple(twin_patch(twin.at(o.exposure_s), regions[n], o, response) for n, o in longest.items()),
+        findings=(*_left_out(left_out), *found, *corrected, *twin.findings, *own),
     )
 
 
-def _compared_at(
+def _compared(
     session: Session,
     observed: ObservedSession,
     calibration: Calibration,
-    corrected: CorrectedTwin,
+    twin: TwinParameters,
     regions: Mapping[str, TwinRegion],
-    exposure_s: float,
-    group: Sequence[PairAsked],
+    asked: Sequence[PairAsked],
     left_out: list[_LeftOut],
+    report: Callable[[int, int], None],
 ) -> dict[PairAsked, TwinPair]:
-    names = {name for pair in group for name in (pair.bright, pair.dark)}
-    seen = seen_regions(session, observed, calibration, exposure_s, names)
-    shown = [region for region in regions.values() if region.name in names]
-    predicted = predict_regions(corrected.at(exposure_s), shown, exposure_s, calibration.response)
-    return _compared(group, seen, predicted, left_out)
-
-
-def _regions(
-    session: Session, observed: ObservedSession, calibration: Calibration, twin: TwinParameters
-) -> dict[str, TwinRegion]:
-    slow_rel = calibration.to_luminance(require_monochrome(session)).slow_rel
-    regions = regions_of(observed, calibration, twin, slow_rel)
-    if len(regions) < _PAIR:
-        raise CalibrationError(
-            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
-        )
-    return regions
-
-
-def _of(corrected: CorrectedTwin, usable: Sequence[PatchObservation], calibration: Calibration) -> list[Finding]:
-    own = corrected.findings(o.exposure_s for o in usable)
-    return [*own, *corrected.uncorrected.findings, *(one for one in calibration.findings if one.severity != "info")]
-
-
-def _by_exposure(
-    observed: ObservedSession, calibration: AnyCalibration, asked: Sequence[PairAsked], left_out: list[_LeftOut]
-) -> dict[float, list[PairAsked]]:
-    """Pairs by the longest exposure that saturates neither patch."""
+    """Compare each pair in the longest exposure that saturates neither patch; add those without one to `left_out`."""
     at: dict[float, list[PairAsked]] = {}
     for pair in asked:
         exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
@@ -173,24 +144,30 @@ def _by_exposure(
             left_out.append(("pairs-saturated", pair.bright, pair.dark))
         else:
             at.setdefault(exposure_s, []).append(pair)
-    return at
-
-
-def _compared(
-    pairs: Sequence[PairAsked],
-    seen: Mapping[str, SeenRegion],
-    predicted: Mapping[str, RegionPrediction],
-    left_out: list[_LeftOut],
-) -> dict[PairAsked, TwinPair]:
-    """Compare pairs in the frames of one exposure."""
-    compared = {}
-    for pair in pairs:
-        both = seen[pair.bright], seen[pair.dark]
-        if max(one.luminance_cd_m2.max() for one in both) <= 0:
-            left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
-        else:
-            compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
+    compared: dict[PairAsked, TwinPair] = {}
+    for done, (exposure_s, group) in enumerate(sorted(at.items())):
+        report(done, len(at))
+        names = {name for pair in group for name in (pair.bright, pair.dark)}
+        seen = seen_regions(session, observed, calibration, exposure_s, names)
+        shown = [regions[name] for name in regions if name in names]
+        predicted = predict_regions(twin.at(exposure_s), shown, exposure_s, calibration.response)
+        for pair in group:
+            both = seen[pair.bright], seen[pair.dark]
+            if max(one.luminance_cd_m2.max() for one in both) <= 0:
+                left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
+            else:
+                compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
+    report(len(at), len(at))
     return compared
+
+
+def _of_corrections(twin: TwinParameters, exposures_s: Collection[float]) -> Iterator[Finding]:
+    """Yield what is compared instead of DSNU and PRNU."""
+    corrected_s = [t for t in sorted(exposures_s) if twin.takes_pattern_off(t)]
+    if corrected_s:
+        yield info("twin-dark-library", exposures_s=corrected_s)
+    if twin.flat_field is not None:
+        yield info("twin-flat-field")
 
 
 def _asked(

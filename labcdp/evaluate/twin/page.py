@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from math import ceil, floor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ...calibration.emva.result import Quantity
-from ...core.disk.toml_text import toml_text
 from ...core.result import Result
 from ...output import Destination, write_files
 from ...report.digits import Z_95
@@ -21,13 +19,10 @@ from ...report.files import result_files
 from ...report.findings import finding_text
 from ...report.layout import SIMULATED, Card, Facts, Page, Section, State, Verbatim
 from ..bench.observe import ObservedSession
+from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
-from .noise import known
+from .parameters import known
 from .result import pair_name, signal_findings, verdict
-
-if TYPE_CHECKING:
-    from .evaluate import TwinEvaluation
-
 
 #: Significant digits of the values in the file.
 _DIGITS = 7
@@ -44,16 +39,14 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     evaluation : TwinEvaluation
         The twin.
     """
-    lines = ["# The twin of a camera, made by labcdp from a recorded session.", "# Values +- standard uncertainty."]
-    lines += [f"# Note: {finding_text(one)}" for one in evaluation.parameters.findings]
-    uncertainties = _comments(evaluation.parameters.quantities)
-    table = ""
-    for line in toml_text(twin_document(evaluation)).splitlines():
-        table = line.strip("[]") if line.startswith("[") else table
-        key = line.partition(" = ")[0]
-        comment = uncertainties.get((table, key), "")
-        lines.append(f"{line}  # {comment}" if comment else line)
-    return "\n".join(lines) + "\n"
+    notes = [f"Note: {finding_text(one)}" for one in evaluation.parameters.findings]
+    comments = {}
+    for name, one in evaluation.parameters.quantities.items():
+        key = "quantum_efficiency" if name.startswith("quantum") else name
+        uncertainty = f"+- {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
+        comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
+    head = ["The twin of a camera, made by labcdp from a recorded session.", "Values +- standard uncertainty.", *notes]
+    return commented_toml(head, twin_document(evaluation), comments)
 
 
 def twin_document(evaluation: TwinEvaluation) -> dict[str, Any]:
@@ -86,16 +79,6 @@ def twin_document(evaluation: TwinEvaluation) -> dict[str, Any]:
 
 def _rounded(value: Any) -> Any:
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
-
-
-def _comments(quantities: Mapping[str, Quantity]) -> dict[tuple[str, str], str]:
-    """Uncertainty and origin of the sensor's values, by table and key."""
-    comments = {}
-    for name, one in quantities.items():
-        key = "quantum_efficiency" if name.startswith("quantum") else name
-        uncertainty = f"+- {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
-        comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
-    return comments
 
 
 def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]:

@@ -16,9 +16,7 @@ from ...chain.predict.camera import CameraModel
 from ...chain.predict.value_table import value_table
 from ...core.response import Response
 from ...metrics import Distribution
-from .corrected import dark_kinds
-from .noise import CameraNoise, known
-from .parameters import TwinParameters
+from .parameters import TwinParameters, dark_kinds, known
 
 FloatArray = NDArray[np.float64]
 
@@ -132,10 +130,9 @@ def predict_regions(
     for sign in (-1, 1):
         light += [[1 + sign * rel] * len(regions), [1 + sign * region.reading_rel for region in regions]]
     best, *moved = _luminances(twin, regions, exposure_s, response, light)
-    noises = _shifted_noise(twin.noise)
     of_noise = {
-        name: [_luminances(twin.with_noise(noise), regions, exposure_s, response, [same])[0] for noise in both]
-        for name, both in noises.items()
+        name: [_luminances(_shifted(twin, names, sign), regions, exposure_s, response, [same])[0] for sign in (-1, 1)]
+        for name, names in _SHIFTED.items()
     }
     darkness_dn = twin.dark_standard_uncertainty_dn(exposure_s)
     result = {}
@@ -163,21 +160,19 @@ def scaled(distribution: Distribution, error_rel: float) -> Distribution:
     return distribution.map(lambda values: values * (1 + error_rel))
 
 
-def _shifted_noise(noise: CameraNoise) -> dict[str, tuple[CameraNoise, CameraNoise]]:
-    """Return the noise with each quantity a standard uncertainty lower and higher; in DN, as it was measured."""
+#: Parameters that are shifted together, by their common name.
+_SHIFTED = {
+    "system gain K": ("k_dn_per_e",),
+    "read noise": ("read_noise_dn",),
+    "PRNU": ("prnu_rel",),
+    "DSNU": ("dsnu_dn", "dsnu_dn_s"),
+}
 
-    def moved(names: Sequence[str], sign: int) -> CameraNoise:
-        old: dict[str, Quantity] = {name: getattr(noise, name) for name in names}
-        new = {name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()}
-        return replace(noise, **new)
 
-    labels = {
-        "system gain K": ("k_dn_per_e",),
-        "read noise": ("read_noise_dn",),
-        "PRNU": ("prnu_rel",),
-        "DSNU": ("dsnu_dn", "dsnu_dn_s"),
-    }
-    return {label: (moved(names, -1), moved(names, 1)) for label, names in labels.items()}
+def _shifted(twin: TwinParameters, names: Sequence[str], sign: int) -> TwinParameters:
+    """Return the twin with some of its noise a standard uncertainty lower or higher; in DN, as it was measured."""
+    old: dict[str, Quantity] = {name: getattr(twin, name) for name in names}
+    return twin.with_noise(**{name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()})
 
 
 def dn_above_dark(twin: TwinParameters, response: Response, linear_dn: ArrayLike) -> FloatArray:
@@ -214,7 +209,7 @@ def _luminances(
         for region, factor in zip(regions, of_set, strict=True)
         for v, light, _ in [region.kinds]
     ]
-    per_s = twin.noise.k_dn_per_e.value * exposure_s
+    per_s = twin.k_dn_per_e.value * exposure_s
     rates = dn_above_dark(twin, response, np.concatenate(signal)) / per_s
     sensor = twin.sensor((1, 1), exposure_s)
     settings = ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)

@@ -19,8 +19,7 @@ from ...core.roi import Roi
 from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.recorded import by_exposure, shows
-from .noise import known
-from .parameters import TwinParameters
+from .parameters import TwinParameters, known
 from .prediction import TwinRegion, dn_above_dark
 
 
@@ -110,7 +109,7 @@ def regions_of(
         v = np.asarray(roi.select(vignetting), dtype=float)
         uneven_rel = _unevenness_rel(group, twin)
         left, top, right, bottom = roi.bounds
-        row, column = twin.noise.row_dsnu_dn.value, twin.noise.column_dsnu_dn.value
+        row, column = twin.row_dsnu_dn.value, twin.column_dsnu_dn.value
         regions[patch.name] = TwinRegion(
             name=patch.name,
             luminance_cd_m2=reading.luminance_cd_m2,
@@ -248,19 +247,19 @@ def predicted_signal(
     A measured mean and pattern are those of DN / V over the mean of 1 / V, as at the harmonic mean of V; the temporal
     variance is averaged as it is, so that its photons are those at the arithmetic mean.
     """
-    noise, dark_dn = twin.noise, twin.dark_dn(exposure_s)
+    dark_dn = twin.dark_dn(exposure_s)
     on_axis = twin.responsivity.value * exposure_s * region.luminance_cd_m2
     harmonic = 1 / float((1 / region.vignetting).mean())
     net_dn, light_dn = dn_above_dark(twin, response, [on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
     rel = hypot(known(twin.responsivity) / twin.responsivity.value, region.reading_rel, region.flat_field_rel)
     of_light = rel * on_axis * harmonic / float(response.slope(net_dn))
     mean_u = hypot(of_light, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)
-    k, read = noise.k_dn_per_e, noise.read_noise_dn
+    k, read = twin.k_dn_per_e, twin.read_noise_dn
     above_dn = float(light_dn) + twin.dark_current_e_s.value * k.value * exposure_s
     temporal = sqrt(read.value**2 + ROUNDING_DN2 + k.value * above_dn)
     temporal_u = hypot(2 * read.value * known(read), above_dn * known(k), k.value * of_light) / (2 * temporal)
-    parts = [(one, 1.0) for one in (noise.dsnu_dn, noise.row_dsnu_dn, noise.column_dsnu_dn)]
-    parts += [(noise.dsnu_dn_s, exposure_s), (noise.prnu_rel, float(net_dn))]
+    parts = [(one, 1.0) for one in (twin.dsnu_dn, twin.row_dsnu_dn, twin.column_dsnu_dn)]
+    parts += [(twin.dsnu_dn_s, exposure_s), (twin.prnu_rel, float(net_dn))]
     spatial = hypot(*(part.value * factor for part, factor in parts))
     in_square = hypot(*(part.value * known(part) * factor**2 for part, factor in parts))
     least = hypot(*(known(part) * factor for part, factor in parts))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from math import comb
-from operator import attrgetter
 from typing import Any
 
 from ...calibration.fit.significance import critical_value
@@ -13,8 +12,9 @@ from ...core.finding import Finding, info, unique, warning
 from ...core.quantity import quantity_table
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain
-from ..bench.quantities import lens_text, meter_text
+from ..bench.session_result import provenance_table
 from ..camera.result import stated
+from ..columns import with_interval
 from .evaluate import TwinEvaluation
 from .pair import TwinPair
 from .regions import KINDS, TwinPatch
@@ -66,7 +66,7 @@ def _tables(evaluation: TwinEvaluation) -> Iterator[Table]:
     yield _signals(evaluation)
     rows = (stated(key, _NAMES.get(key, key), one) for key, one in evaluation.parameters.quantities.items())
     yield quantity_table("parameters", "Parameters of the twin", rows, detail=True)
-    yield _provenance(evaluation)
+    yield provenance_table(evaluation.observed, evaluation.calibration)
 
 
 def _summary(evaluation: TwinEvaluation) -> Table:
@@ -86,20 +86,6 @@ def pair_name(pair: TwinPair) -> str:
     return f"{pair.asked.bright} / {pair.asked.dark}"
 
 
-def _interval(name: str, label: str, what: str, value: str, interval: str) -> tuple[Column, ...]:
-    """Return a column of a CDP and those of the ends of its 95 % interval."""
-    ends = (("low", "lower", lambda pair: attrgetter(interval)(pair)[0]),
-            ("high", "upper", lambda pair: attrgetter(interval)(pair)[1]))  # fmt: skip
-    return (
-        Column(name, label, meaning=what, low=f"{name}_low", high=f"{name}_high", value=value),
-        *(
-            Column(f"{name}_{end}", f"{label}, {text} end", "", f"Of the 95 % interval: {text} end.", 5, shown=False,
-                   value=taken)
-            for end, text, taken in ends
-        ),
-    )  # fmt: skip
-
-
 def _pairs(pairs: Sequence[TwinPair]) -> Table:
     difference = Column("difference", "difference", "", "Measured minus predicted; U and u are those of both.")
     columns = (
@@ -111,10 +97,11 @@ def _pairs(pairs: Sequence[TwinPair]) -> Table:
                value="asked.epsilon"),
         Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances by the meter.", shown=False,
                value="asked.meter_contrast"),
-        *_interval("measured_cdp", "measured CDP", "By the camera; its interval is that of the number of pixels.",
-                   "measured.cdp", "measured.confidence_interval"),
-        *_interval("predicted_cdp", "predicted CDP", "By the twin, for a region without end.", "predicted",
-                   "predicted_interval"),
+        *with_interval(Column("measured_cdp", "measured CDP", value="measured.cdp",
+                              meaning="By the camera; its interval is that of the number of pixels."),
+                       "measured.confidence_interval"),
+        *with_interval(Column("predicted_cdp", "predicted CDP", value="predicted",
+                              meaning="By the twin, for a region without end."), "predicted_interval"),
         Column("u_predicted_cdp", "u of predicted CDP", "", "By parameters and readings.", 2, shown=False,
                value="u_predicted"),
         Column("u_pixels", "u by pixels", "", "Scatter of the CDP of so many pixels.", 2, shown=False),
@@ -154,21 +141,6 @@ def _part(of: str, kind: str, index: int, patch: TwinPatch) -> float:
 
 def _z(kind: str, patch: TwinPatch) -> float | None:
     return patch.z[kind]
-
-
-def _provenance(evaluation: TwinEvaluation) -> Table:
-    configuration, calibration = evaluation.observed.configuration, evaluation.calibration
-    rows = [
-        ("session", configuration.name),
-        ("operator", configuration.operator),
-        ("camera", str(calibration.state.camera)),
-        ("lens", lens_text(configuration.lens)),
-        ("luminance meter", meter_text(calibration.meter_scale.meter)),
-        ("light", configuration.source.spectrum),
-        ("SHA-256 of frames and readings", evaluation.observed.input_sha256),
-        ("SHA-256 of those of the calibration", calibration.provenance.input_sha256),
-    ]
-    return Table.of_facts("provenance", "Provenance", rows)
 
 
 #: Significance level of the number of differing pairs, and expected share of pairs that differ by chance.

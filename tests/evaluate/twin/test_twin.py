@@ -14,12 +14,10 @@ from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.finding import info
 from labcdp.core.response import Response
 from labcdp.core.vignetting import FlatField
-from labcdp.evaluate.twin.corrected import CorrectedTwin
+from labcdp.evaluate.twin.estimate import noise_of_characterisation, require_monochrome, twin_parameters
 from labcdp.evaluate.twin.evaluate import twin_session
-from labcdp.evaluate.twin.noise import noise_of_characterisation
 from labcdp.evaluate.twin.page import twin_chain_text
 from labcdp.evaluate.twin.pair import SAMPLING, sampling_variance
-from labcdp.evaluate.twin.parameters import require_monochrome, twin_parameters
 from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
 from labcdp.evaluate.twin.regions import KINDS, predicted_signal
 from labcdp.evaluate.twin.result import signal_findings, verdict
@@ -105,7 +103,7 @@ def test_the_prediction_is_the_mean_of_many_simulated_frames(twin):
     r, dark_dn = parameters.responsivity.value, parameters.dark_dn(exposure_s)
     drawn = []
     for seed, one in enumerate(regions):
-        rate = (r * v * one.luminance_cd_m2 / parameters.noise.k_dn_per_e.value).reshape(200, 200)
+        rate = (r * v * one.luminance_cd_m2 / parameters.k_dn_per_e.value).reshape(200, 200)
         now = {"temperature_c": parameters.temperature_c, "seed": seed, "exposure_index": 0}
         dn = replace(sensor, device_seed=seed).expose(rate, exposure_s, **now)
         drawn.append((dn.ravel() - dark_dn) / (r * exposure_s * v))
@@ -132,10 +130,10 @@ def test_noise_and_mean_under_strong_vignetting_are_those_of_simulated_pixels(tw
     """V from 0.4 to 0.8 over 40 000 pixels in 20 frames: by the harmonic mean the photons would be 4 % too few."""
     parameters, exposure_s, v, n = twin.parameters, 0.008, np.linspace(0.4, 0.8, 40_000), 20
     predicted = predicted_signal(parameters, region("P", 90.0, v), exposure_s, Response())
-    rng, noise, k = np.random.default_rng(6), parameters.noise, parameters.noise.k_dn_per_e.value
-    electrons = parameters.responsivity.value * exposure_s * 90.0 * v / k
+    rng, k = np.random.default_rng(6), parameters.k_dn_per_e.value
+    electrons, read_dn = parameters.responsivity.value * exposure_s * 90.0 * v / k, parameters.read_noise_dn.value
     dark_e = parameters.dark_current_e_s.value * exposure_s
-    frames = k * rng.poisson(electrons + dark_e, (n, v.size)) + rng.normal(0, noise.read_noise_dn.value, (n, v.size))
+    frames = k * rng.poisson(electrons + dark_e, (n, v.size)) + rng.normal(0, read_dn, (n, v.size))
     frames = np.rint(frames + parameters.dark_dn(exposure_s) - k * dark_e)
     variance, sigma = frames.var(axis=0, ddof=1).mean(), predicted["temporal_dn"][0]
     assert variance == pytest.approx(sigma**2, rel=4 * sqrt(2 / (v.size * (n - 1))))
@@ -194,18 +192,15 @@ def test_a_wrong_reading_is_named(recorded, observed, calibration, characterisat
 
 def test_noise_of_what_is_taken_off_stands_in_for_what_it_takes_off(twin):
     """The pattern is 8 DN a second: above the library's noise of 2 DN from 0.25 s on."""
-    none, noise = np.zeros((2, 2)), twin.parameters.noise
+    none, parameters = np.zeros((2, 2)), twin.parameters
     library = DarkLibrary(none, none, ((4.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 64.0)), None, None, 4)
-    dark = CorrectedTwin(twin.parameters, library)
-    assert dark.at(0.2) is twin.parameters
-    now = dark.at(0.5).noise
-    assert (now.dsnu_dn.value, now.dsnu_dn.standard_uncertainty, now.prnu_rel) == (2.0, 0.0, noise.prnu_rel)
+    dark = replace(parameters, library=library)
+    assert dark.at(0.2).dsnu_dn is parameters.dsnu_dn
+    now = dark.at(0.5)
+    assert (now.dsnu_dn.value, now.dsnu_dn.standard_uncertainty, now.prnu_rel) == (2.0, 0.0, parameters.prnu_rel)
     assert (now.row_dsnu_dn.value, now.column_dsnu_dn.value, now.dsnu_dn_s.value) == (0, 0, 0)
-    assert dark.findings([0.2, 0.5]) == [info("twin-dark-library", exposures_s=[0.5])]
-    assert dark.findings([0.2]) == []
-    flat = CorrectedTwin(twin.parameters, None, FlatField(np.ones((2, 2)), random_rel=0.003, slow_rel=0.0, n_frames=16))
-    assert (flat.at(0.01).noise.prnu_rel.value, flat.at(0.01).noise.dsnu_dn) == (0.003, noise.dsnu_dn)
-    assert flat.findings([0.01]) == [info("twin-flat-field")]
+    flat = replace(parameters, flat_field=FlatField(np.ones((2, 2)), random_rel=0.003, slow_rel=0.0, n_frames=16))
+    assert (flat.at(0.01).prnu_rel.value, flat.at(0.01).dsnu_dn) == (0.003, parameters.dsnu_dn)
 
 
 def test_the_pattern_that_a_dark_library_leaves_is_predicted(twin, recorded):
@@ -222,7 +217,7 @@ def test_the_pattern_that_a_dark_library_leaves_is_predicted(twin, recorded):
 
     library = dark_library([measure_whole([*darks(0.002, 0, 2)]), measure_whole([*darks(0.032, 2, 2)])])
     seen = measure_whole([*darks(0.008, 10, n)]).statistics.image_dn - library.pattern_dn(shape, 0.008)
-    noise = CorrectedTwin(parameters, library).at(0.008).noise
+    noise = replace(parameters, library=library).at(0.008)
     of_mean_dn2 = (noise.read_noise_dn.value**2 + 1 / 12) / n
     assert seen.var() == pytest.approx(noise.dsnu_dn.value**2 + of_mean_dn2, rel=4 * sqrt(2 / 40_000) + 0.03)
 
@@ -232,16 +227,16 @@ def test_a_pattern_taken_off_coarse_values_spreads_them_between_the_steps_of_the
 
     Values one DN apart, as frames have them before the pattern is taken off, would give another CDP.
     """
-    exposure_s, noise, shape = 0.008, twin.parameters.noise, 40_000
+    exposure_s, shape, parameters = 0.008, 40_000, twin.parameters
 
     def exactly(quantity, value):
         return replace(quantity, value=value, standard_uncertainty=0.0)
 
     wanted = {"k_dn_per_e": 0.05, "read_noise_dn": 0.35, "dsnu_dn": 0.2, "prnu_rel": 0.0}
     wanted |= dict.fromkeys(("row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s"), 0.0)
-    changes = {name: exactly(getattr(noise, name), value) for name, value in wanted.items()}
-    dark = exactly(twin.parameters.dark_current_e_s, 0.0)
-    coarse = replace(twin.parameters.with_noise(replace(noise, **changes)), dark_current_e_s=dark)
+    changes = {name: exactly(getattr(parameters, name), value) for name, value in wanted.items()}
+    dark = exactly(parameters.dark_current_e_s, 0.0)
+    coarse = replace(parameters.with_noise(**changes), dark_current_e_s=dark)
     per_dn, dark_dn = 1 / (coarse.responsivity.value * exposure_s), coarse.dark_dn(exposure_s)
     regions = [region("b", 6.2 * per_dn, np.ones(9)), region("d", 1.7 * per_dn, np.ones(9))]
     rng, drawn = np.random.default_rng(4), []
@@ -283,8 +278,8 @@ def test_what_is_not_known_or_not_linear_is_said(recorded, observed, calibration
     assert info("twin-dark-current-unknown") in parameters.findings
     lacking = replace(characterisation, dsnu_e_s=None, prnu_rel=None, prnu_pixel_rel=None, dsnu_row_e=None)
     noise = noise_of_characterisation(lacking)
-    assert (noise.prnu_rel.value, noise.dsnu_dn_s.value, noise.row_dsnu_dn.value) == (0, 0, 0)
-    assert noise.prnu_rel.note == "not known"
+    assert [noise[name].value for name in ("prnu_rel", "dsnu_dn_s", "row_dsnu_dn")] == [0, 0, 0]
+    assert noise["prnu_rel"].note == "not known"
     # The chain cannot hold a bent response; the prediction follows it: the mean luminance is that of the meter.
     bent = Response("quadratic", (0.0, 4000.0), (0.0, 4400.0))
     parameters = twin_parameters(recorded, observed, replace(calibration, response=bent), characterisation)
@@ -306,7 +301,7 @@ def test_another_meter_adds_its_scale(recorded, observed, calibration, character
 
 
 def test_the_uncertainty_of_k_goes_out_again_in_dn(characterisation):
-    noise = noise_of_characterisation(characterisation).read_noise_dn
+    noise = noise_of_characterisation(characterisation)["read_noise_dn"]
     own, k, whole = (q.standard_uncertainty / q.value for q in (noise, characterisation.k_dn_per_e,
                                                                 characterisation.dark_noise_e))  # fmt: skip
     assert own**2 + k**2 == pytest.approx(whole**2, rel=1e-9)

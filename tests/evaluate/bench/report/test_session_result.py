@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from labcdp.core.errors import InputError
 from labcdp.core.finding import info, warning
 from labcdp.evaluate.bench.calibration_result import summarised
-from labcdp.evaluate.bench.session_page import ReportFigures, session_page, write_results
+from labcdp.evaluate.bench.session_page import session_page, write_results
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.output import LIST_FILE
 from labcdp.report.envelope import envelope, schema
@@ -44,7 +44,11 @@ class Elements(HTMLParser):
 def text_of(evaluation):
     """Text of a page without its pictures."""
     figure = ReportFigure("x.png", b"", "caption", "alternative")
-    page = session_page(evaluation, session_result(evaluation), ReportFigures(figure, figure, (), ()))
+    page = session_page(
+        evaluation,
+        session_result(evaluation),
+        {"target": [figure], "luminance": [], "contrasts": [], "calibration": []},
+    )
     return Elements(render_page(page)).text
 
 

@@ -38,7 +38,7 @@ from labcdp.calibration import (
     TemporalNoise,
     save,
 )
-from labcdp.calibration.fit_error import FitError
+from labcdp.calibration.findings import FitError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response

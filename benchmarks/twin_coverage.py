@@ -31,8 +31,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from labcdp.calibration.flat.field import measure_vignetting
 from labcdp.calibration.frames.measure import measure_whole
+from labcdp.calibration.sensor.flat_field import measure_vignetting
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.clock import SystemClock
 from labcdp.core.errors import LabcdpError

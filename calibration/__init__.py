@@ -8,20 +8,20 @@ interval.
 from .calibrate import fit
 from .colour.conversion import colour_patch_luminance
 from .colour.fit import fit_colour
-from .colour.model import ColourCalibration
+from .colour.model import AnyCalibration, ColourCalibration
 from .convert.patch import PatchLuminance, contrast_half_width_95, contrast_uncertainty, patch_luminance
-from .dark.signal import DarkModel
-from .errors.common import common_errors
-from .errors.uncertainty import coverage_probability, expanded_half_width
+from .converter import common_errors
+from .findings import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches
-from .gains import GainSetting
 from .meter import MeterScale
-from .model import Calibration, PatchResidual, ResponsivityFit
-from .noise import TemporalNoise
-from .record.store import AnyCalibration, load, load_any, save
-from .response.curve import ResponseCurve, response_from_bracket
+from .model import Calibration, PatchResidual
+from .record import load, load_any, save
+from .sensor.dark import DarkModel
+from .sensor.noise import GainSetting, TemporalNoise
+from .sensor.response import ResponseCurve, response_from_bracket
 from .setup import LensIdentity, Provenance, Setup
+from .uncertainty import coverage_probability, expanded_half_width
 
 __all__ = [
     "AnyCalibration",

@@ -15,25 +15,24 @@ from ..core.finding import Finding, log_findings, unique
 from ..core.reading import Reading
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
-from .dark.library import DarkLibrary
-from .defects import DefectMap
-from .findings import FitTest
+from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, build_design
-from .fit.errors import finite, fit_errors, parameter_covariance
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
-from .fit.residuals import fitted_rows, held_out_rows
-from .fit.robust import screen
+from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, parameter_covariance
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
+from .fit.screening import screen
 from .fit.selection import select_model
 from .frames.observations import DarkObservation, PatchObservation
-from .gains import GainSetting
 from .meter import meter_scale
-from .model import Calibration, ResponsivityFit, range_of
-from .response.curve import ResponseCurve
+from .model import Calibration, range_of
+from .sensor.dark_library import DarkLibrary
+from .sensor.defects import DefectMap
+from .sensor.noise import GainSetting
+from .sensor.response import ResponseCurve
 from .setup import Provenance, Setup
 
 _log = logging.getLogger(__name__)

@@ -138,3 +138,80 @@ class BudgetRow:
     included: bool = True
     contained_in: str = ""
     dof: float | None = None
+
+
+@dataclass(frozen=True)
+class FitError:
+    """One independent error of a fit, for one standard uncertainty.
+
+    An error of the dark signal acts twice: on converted frames by `dark`, and on the fit by `relative`.
+
+    Parameters
+    ----------
+    source : str
+        ``fit``, ``gain``, ``linearity`` or ``dark and temperature``.
+    net_dn : tuple of float
+        Signals above dark, ascending.
+    relative : tuple of float
+        Relative error of the luminance at these signals, at the calibration's own gain; straight lines between.
+    gain_rel : tuple of float
+        Additional error at each further gain, in their order.
+    dark : tuple of float
+        Errors of the dark model's offset_dn, rate_dn_s and 1 / T_d at the gain `dark_gain_db`; empty for none.
+    dark_gain_db : float or None
+        Gain of that dark model.
+    dof : float or None
+        Degrees of freedom of the standard uncertainty; None if it is known.
+    """
+
+    source: str
+    net_dn: tuple[float, ...]
+    relative: tuple[float, ...]
+    gain_rel: tuple[float, ...] = ()
+    dark: tuple[float, ...] = ()
+    dark_gain_db: float | None = None
+    dof: float | None = None
+
+
+@dataclass(frozen=True)
+class ResponsivityFit:
+    """Fit of the responsivity with its quality measures.
+
+    Parameters
+    ----------
+    responsivity_dn_s_cd_m2 : float
+        R at small signals, linearised DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)), at the
+        calibration's own gain.
+    random_rel : float
+        Relative standard uncertainty of R without the meter's scale.
+    chi_squared : float
+        Sum of squared standardised residuals of the observations by the stated errors, correlations respected.
+    degrees_of_freedom : int
+        Observations (patches times exposures) less parameters.
+    scatter_rel, scatter_dn : float
+        Unexplained standard deviation of patches and observations relative to the luminance, and of observations in DN.
+        0 if the stated errors suffice.
+    intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
+        Free intercept, fitted as a test only; None if all patches have about the same luminance.
+    glare_cd_m2 : float
+        Glare that the fit found: as it depends on the scene, it is the standard uncertainty of any luminance.
+    dof, scatter_dof : float or None
+        Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
+    """
+
+    responsivity_dn_s_cd_m2: float
+    random_rel: float
+    chi_squared: float
+    degrees_of_freedom: int
+    scatter_rel: float
+    scatter_dn: float
+    intercept_dn_s: float | None
+    intercept_standard_uncertainty_dn_s: float | None
+    dof: float | None = None
+    scatter_dof: float | None = None
+    glare_cd_m2: float = 0.0
+
+    @property
+    def reduced_chi_squared(self) -> float:
+        """chi^2 over its degrees of freedom; about 1 if the stated errors are correct."""
+        return self.chi_squared / self.degrees_of_freedom

@@ -10,10 +10,9 @@ from ..core.finding import Finding, info
 from ..core.response import Response
 from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation
-from .gains import GainSetting, index_of_gain
-from .noise import TemporalNoise
-from .rounding import ROUNDING_DN2, quantisation_variance_dn2
-from .signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2
+from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
 
 #: Codes of findings about exposures that are left out.
 _CODES: dict[Reason, str] = {

@@ -7,7 +7,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from ..errors.budget import budget, budget_exposure_s, in_order, require_positive, split_fit
+from ..budget import budget, budget_exposure_s, in_order, require_positive, split_fit
 from ..findings import BudgetRow
 from .model import ColourCalibration
 
@@ -44,7 +44,7 @@ def colour_budget(
     Returns
     -------
     tuple of BudgetRow
-        One for each source, in the order of `labcdp.calibration.errors.budget.SOURCES`.
+        One for each source, in the order of `labcdp.calibration.budget.SOURCES`.
 
     Raises
     ------

@@ -15,20 +15,28 @@ from ...core.reading import Reading
 from ...core.spectral.mismatch import f1_prime, weighted_sum
 from ...core.spectral.table import SpectralTable
 from ..calibrate import fit
-from ..dark.library import DarkLibrary
-from ..defects import DefectMap
-from ..fit.errors import finite
 from ..fit.intake import group_by_patch
-from ..fit.residuals import held_out_rows
+from ..fit.residuals import finite, held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, PatchResidual, range_of
+from ..sensor.dark_library import DarkLibrary
+from ..sensor.defects import DefectMap
 from ..setup import Setup
-from .combination import NO_PRIOR, Array, ColourData, Combination, Prior, combine, leave_one_out, scattered
-from .conversion import colour_patch_luminance
+from .conversion import COLOURS, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
-from .patches import ColourPatches, by_patch, centre_px, colour_patches
-from .planes import COLOURS, colours_of_planes, one_spectrum
-from .prior import ColourPrior, choose_prior
+from .patches import ColourPatches, by_patch, centre_px, colour_patches, one_spectrum
+from .weights import (
+    NO_PRIOR,
+    Array,
+    ColourData,
+    ColourPrior,
+    Combination,
+    Prior,
+    choose_prior,
+    combine,
+    leave_one_out,
+    scattered,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +64,7 @@ def fit_colour(
 
     Each plane is calibrated by `fit` with the patches of one spectrum, such as grey ones: for other colours a plane
     deviates from the meter for spectral reasons. Then the weights of L = sum w_p L_p are fitted to all patches. Where
-    these do not determine them, `labcdp.calibration.colour.prior` does. The combination is compared with each colour
+    these do not determine them, `labcdp.calibration.colour.weights` does. The combination is compared with each colour
     alone by leave-one-out errors.
 
     Parameters

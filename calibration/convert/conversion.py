@@ -1,11 +1,10 @@
-"""Conversion of frames to luminance by a calibration."""
+"""Conversion of frames to luminance: what depends on the DN is computed once for each of the 2^bits values."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import hypot, inf
 from typing import Any
 
@@ -17,214 +16,247 @@ from ...core.finding import log_findings
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
 from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
-from ..errors.uncertainty import student_factor
+from ..converter import Converter, common_errors
+from ..frames.nonuniformity import slow_rel
 from ..frames.observations import CameraState
-from ..model import Calibration
+from ..sensor.noise import GainSetting
 from ..setup import LensIdentity
-from .dn_tables import DnTables
-from .region import of_region
+from ..uncertainty import student_factor
 
 _log = logging.getLogger(__name__)
 
 #: Pixels per block of a table look-up, so that temporary arrays fit in the processor's cache.
 _BLOCK = 2**15
-#: Marker of a DN whose range check depends on the pixel's position; not a flag of `Invalid`.
-_DEPENDS = 128
+#: Signal above dark used instead of exactly 0, where relative errors are undefined.
+_LEAST_NET_DN = 1e-6
 
 _Maps = NDArray[np.float32]
 
 
-def to_luminance(calibration: Calibration, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
+def to_luminance(converter: Converter, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
     """Convert a frame: L = h(DN - d(t, T)) / (R t V(x, y)).
 
-    Functions of the DN are computed once for each of the 2^bits values, and looked up in float32. Uncertainty and flags
-    are computed on demand. Pixels below the dark signal have a negative luminance; the relative uncertainty is the
-    absolute one over the luminance's magnitude. A frame outside the temperatures of the dark frames is logged.
+    An exposure outside the calibrated ones is logged; a luminance outside the calibrated range is flagged.
 
     Parameters
     ----------
-    calibration, frame : Calibration, Frame
-        The frame is monochrome, or one colour plane.
+    converter : Converter
+        Of the camera.
+    frame : Frame
+        DN, shape (height, width); may show a part of the calibrated sensor.
     window : Window
-        Rows and columns to convert; the map starts at the first of them.
-
-    Returns
-    -------
-    LuminanceMap
-        random_rel: noise of the pixel, flat field and dark library. common: `common_errors` and radial vignetting.
+        Rows and columns of the map to be computed.
 
     Raises
     ------
     CalibrationError
-        If camera, gain, pixel format, bit depth or image size differ, or the frame shows a part of the sensor that
-        the calibration does not cover.
-    InputError
-        If flat field, defect map or dark library are of another image size.
+        If camera, settings or gain are not calibrated.
     """
     state = CameraState.of(frame)
-    calibration = of_region(calibration, state)
-    calibration.require(state, f"frame {frame.frame_id}")
-    setting = calibration.setting(frame.gain_db)
+    converter = converter.in_region(state)
+    converter.require(state, f"frame {frame.frame_id}")
     # Said once for a frame, and not for each of its blocks.
     if window[0].start in (None, 0):
-        _say_what_was_not_calibrated(calibration, frame)
-    library = calibration.dark_library
-    taken = frame.exposure_s, frame.temperature_c
+        _log_what_was_not_calibrated(converter, frame)
+    library, taken = converter.dark_library, (frame.exposure_s, frame.temperature_c)
     pattern = None if library is None else library.correction_dn(frame.shape, *taken)
     noise_dn = 0.0 if library is None or pattern is None else library.noise_dn(*taken)
-    tables = DnTables(calibration, setting, *taken, frame.bit_depth, library_noise_dn=noise_dn)
-    inverse_v = _inverse_v(calibration.vignetting, frame.shape)
+    inverse_v = _inverse_v(converter.vignetting, frame.shape)
     inverse_v, pattern = (None if array is None else array[window] for array in (inverse_v, pattern))
-    conversion = _Conversion(frame, frame.dn[window], tables, inverse_v, pattern, window)
-    return LuminanceMap(
-        conversion.luminance(),
-        PixelErrors(
-            conversion.random_rel,
-            slow_rel=_slow_rel(calibration),
-            slow_cd_m2=conversion.slow_cd_m2(),
-            fixed_rel=calibration.vignetting.random_rel if isinstance(calibration.vignetting, FlatField) else 0.0,
-            fixed_cd_m2=0.0 if pattern is None else conversion.library_noise_cd_m2,
-        ),
-        conversion.common,
-        conversion.invalid,
-        common_rel=conversion.common_rel,
-    )
+    return _Conversion(converter, frame, window, inverse_v, pattern, noise_dn).map()
 
 
-def _say_what_was_not_calibrated(calibration: Calibration, frame: Frame) -> None:
-    low, high = calibration.exposures_s[0], calibration.exposures_s[-1]
-    if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
-        _log.warning(
-            "frame %d has an exposure of %g s, the calibration was made at %g to %g s",
-            frame.frame_id,
-            frame.exposure_s,
-            low,
-            high,
+def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
+    """Refuse another lens or f-number; raises CalibrationError."""
+    if not lens.is_as_in(calibrated):
+        raise CalibrationError(
+            f"the calibration is for the lens {calibrated}, the frame was taken with {lens}: "
+            "calibrate with this lens and f-number"
         )
+
+
+def _log_what_was_not_calibrated(converter: Converter, frame: Frame) -> None:
+    low, high = converter.exposures_s[0], converter.exposures_s[-1]
+    if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
+        text = "frame %d has an exposure of %g s, the calibration was made at %g to %g s"
+        _log.warning(text, frame.frame_id, frame.exposure_s, low, high)
     taken = [(frame.exposure_s, frame.temperature_c)]
-    dark = calibration.setting(frame.gain_db).dark
+    dark = converter.setting(frame.gain_db).dark
     log_findings(_log, dark.temperature_findings(taken, f"frame {frame.frame_id}"))
-
-
-def _slow_rel(calibration: Calibration) -> float:
-    """Independent relative standard uncertainty of each region of any size: flat field and patch scatter."""
-    vignetting = calibration.vignetting
-    of_field = vignetting.slow_rel if isinstance(vignetting, FlatField | RadialVignetting) else 0.0
-    fit = calibration.responsivity
-    # A map has no degrees of freedom: 1.96 of these uncertainties are the expanded one.
-    return hypot(of_field, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
 
 
 @dataclass(frozen=True, eq=False)
 class _Conversion:
-    """Looks up the pixels of a window of a frame; all arrays are of the window."""
+    """A window of a frame; tables over the DN have luminances on the optical axis (V = 1)."""
 
+    converter: Converter
     frame: Frame
-    dn: NDArray[Any]
-    tables: DnTables
+    window: Window
     inverse_v: _Maps | None
     dark_pattern_dn: _Maps | None
-    window: Window
+    library_noise_dn: float
 
-    def luminance(self) -> _Maps:
-        luminance = _look_up(self.tables.luminance_cd_m2, self.dn, None if self._patterned else self.inverse_v)
+    def map(self) -> LuminanceMap:
+        fit = self.converter.responsivity
+        # A map has no degrees of freedom: 1.96 of these uncertainties are the expanded one.
+        scatter_rel = fit.scatter_rel * student_factor(fit.scatter_dof or inf)
+        return LuminanceMap(
+            self._luminance(),
+            PixelErrors(
+                self._random_rel,
+                slow_rel=hypot(slow_rel(self.converter.vignetting), scatter_rel),
+                slow_cd_m2=self._slow_cd_m2(),
+                fixed_rel=self._fixed_rel,
+                fixed_cd_m2=0.0 if self.dark_pattern_dn is None else self._library_noise_cd_m2,
+            ),
+            self._common,
+            self._invalid,
+            common_rel=self._common_rel,
+        )
+
+    def _luminance(self) -> _Maps:
         if self.dark_pattern_dn is None:
-            return luminance
+            return _look_up(self._luminance_by_dn, self._dn, self.inverse_v)
         # To first order in the pattern, which is small except at pixels of the defect map.
-        luminance -= _look_up(self.tables.slope_cd_m2_dn, self.dn, self.dark_pattern_dn)
+        luminance = _look_up(self._luminance_by_dn, self._dn)
+        luminance -= _look_up(self._slope_by_dn.astype(np.float32), self._dn, self.dark_pattern_dn)
         if self.inverse_v is not None:
             luminance *= self.inverse_v
         return luminance
 
-    def random_rel(self) -> _Maps:
-        if not self._patterned:
-            return _look_up(self.tables.random_rel, self.dn)
-        margin = _look_up(self.tables.margin_cd_m2, self.dn, self.inverse_v)
-        magnitude = np.maximum(np.abs(self.luminance()), np.float32(1e-30))
-        return (margin / RANGE_MARGIN / magnitude).astype(np.float32, copy=False)
+    def _random_rel(self) -> _Maps:
+        """Relative standard uncertainty by noise of pixel, library and flat field."""
+        if self.dark_pattern_dn is None:
+            magnitude = np.abs(self.converter.response.linearise(self._away_from_zero)) / self._scale
+            return _look_up(np.hypot(self._error_by_dn / magnitude, self._fixed_rel).astype(np.float32), self._dn)
+        error = _look_up(self._error_by_dn.astype(np.float32), self._dn, self.inverse_v)
+        error /= np.maximum(np.abs(self._luminance()), np.float32(1e-30))
+        result: _Maps = np.hypot(error, np.float32(self._fixed_rel), out=error)
+        return result
 
-    def library_noise_cd_m2(self) -> _Maps:
-        by_dn = self.tables.slope_cd_m2_dn * np.float32(self.tables.library_noise_dn)
-        return _look_up(by_dn, self.dn, self.inverse_v)
+    def _library_noise_cd_m2(self) -> _Maps:
+        by_dn = (self._slope_by_dn * self.library_noise_dn).astype(np.float32)
+        return _look_up(by_dn, self._dn, self.inverse_v)
 
-    def slow_cd_m2(self) -> _Maps | float:
-        """Return a number for a linear response, whose slope is that of all pixels."""
-        if self.tables.calibration.response.kind == "linear":
-            return float(self.tables.slow_cd_m2[0]) * _mean_inverse_v(
-                self.tables.calibration.vignetting, self.frame.shape
-            )
-        return _look_up(self.tables.slow_cd_m2, self.dn, self.inverse_v)
+    def _slow_cd_m2(self) -> _Maps | float:
+        """Independent uncertainty of each region by its dark signal; a number for a linear response."""
+        dn = hypot(self.converter.responsivity.scatter_dn, self._setting.dark.nonuniformity_dn)
+        by_dn = (self._slope_by_dn * dn).astype(np.float32)
+        if self.converter.response.kind == "linear":
+            return float(by_dn[0]) * _mean_inverse_v(self.converter.vignetting, self.frame.shape)
+        return _look_up(by_dn, self._dn, self.inverse_v)
 
-    def common(self, window: Window) -> tuple[CommonError, ...]:
-        dn = self.dn[window]
+    def _common(self, window: Window) -> tuple[CommonError, ...]:
+        dn = self._dn[window]
         by_dn = tuple(
             e if np.ndim(e.relative) == 0 else replace(e, relative=_look_up(np.asarray(e.relative), dn))
-            for e in self.tables.common
+            for e in self._common_by_dn
         )
-        by_place = (CommonError("flat field", -p[window]) for p in self._positional[0])
-        return (*by_dn, *by_place)
+        return (*by_dn, *(CommonError("flat field", -pattern[window]) for pattern in self._positional[0]))
 
-    def common_rel(self) -> _Maps:
+    def _common_rel(self) -> _Maps:
+        by_dn = np.zeros(self._net_dn.shape)
+        for error in self._common_by_dn:
+            by_dn += np.square(np.asarray(error.relative, dtype=float))
         squares = self._positional[1]
         if squares is None:
-            return _look_up(np.sqrt(self.tables.common_square), self.dn)
-        total = _look_up(self.tables.common_square, self.dn)
+            return _look_up(np.sqrt(by_dn).astype(np.float32), self._dn)
+        total = _look_up(by_dn.astype(np.float32), self._dn)
         total += squares
         result: _Maps = np.sqrt(total, out=total)
         return result
 
-    def invalid(self) -> NDArray[np.uint8]:
-        invalid = self._flags_by_luminance() if self._patterned else self._flags_by_dn()
-        if self.tables.calibration.defects is not None:
-            invalid[self.tables.calibration.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
+    def _invalid(self) -> NDArray[np.uint8]:
+        margin = (RANGE_MARGIN * self._error_by_dn).astype(np.float32)
+        if self.dark_pattern_dn is None and self.inverse_v is None:
+            invalid = _look_up(self._flags(self._luminance_by_dn, margin, self._flags_by_dn()), self._dn)
+        else:
+            margin = _look_up(margin, self._dn, self.inverse_v)
+            invalid = self._flags(self._luminance(), margin, _look_up(self._flags_by_dn(), self._dn))
+        if self.converter.defects is not None:
+            invalid[self.converter.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
         return invalid
+
+    def _flags(self, luminance: _Maps, margin: _Maps, flags: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Add those of luminances below black, or outside the calibrated range by more than noise."""
+        low, high = self.converter.range_cd_m2
+        flags[luminance < 0] |= Invalid.BELOW_BLACK.value
+        flags[(luminance + margin < low) | (luminance - margin > high)] |= Invalid.OUTSIDE_CALIBRATED.value
+        return flags
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
-        """Look up the flags; a luminance is computed only where the range check depends on V."""
-        tables, flags = self.tables, self.tables.flags(self._saturation_dn)
-        darkest, brightest = tables.luminance_cd_m2 + tables.margin_cd_m2, tables.luminance_cd_m2 - tables.margin_cd_m2
-        ends = [1.0] if self.inverse_v is None else _ends(self.tables.calibration.vignetting, self.frame.shape)
-        low, high = self.tables.calibration.range_cd_m2
-        below = np.array([darkest * end < low for end in ends])
-        above = np.array([brightest * end > high for end in ends])
-        surely = below.all(axis=0) | above.all(axis=0)
-        flags[surely] |= Invalid.OUTSIDE_CALIBRATED.value
-        flags[(below | above).any(axis=0) & ~surely] |= _DEPENDS
-        invalid = _look_up(flags, self.dn)
-        if self.inverse_v is not None and flags.max() >= _DEPENDS:
-            for rows in _blocks(self.dn.shape):
-                block = invalid[rows].reshape(-1)  # a view: rows are contiguous
-                at = np.flatnonzero(block >= _DEPENDS)
-                dn, scale = self.dn[rows].reshape(-1)[at], self.inverse_v[rows].reshape(-1)[at]
-                out = self._outside(darkest[dn] * scale, brightest[dn] * scale)
-                block[at] ^= np.where(out, _DEPENDS | Invalid.OUTSIDE_CALIBRATED, _DEPENDS).astype(np.uint8)
-        return invalid
+        """Saturation, and for a curved response the end of its range."""
+        saturation_dn = min(self.frame.saturation_dn, self.converter.state.saturation_dn)
+        low, high = self.converter.range_net_dn
+        margin, kind = RANGE_MARGIN * self._noise_by_dn, self.converter.response.kind
+        flags = np.where(np.arange(self._net_dn.size) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
+        if kind != "linear":
+            flags[self._net_dn - margin > high] |= Invalid.OUTSIDE_CALIBRATED.value
+        if kind == "table":
+            flags[self._net_dn + margin < low] |= Invalid.OUTSIDE_CALIBRATED.value
+        return flags
 
-    def _flags_by_luminance(self) -> NDArray[np.uint8]:
-        luminance = self.luminance()
-        margin = _look_up(self.tables.margin_cd_m2, self.dn, self.inverse_v)
-        invalid = _look_up(self.tables.flags(self._saturation_dn) & Invalid.SATURATED, self.dn)
-        invalid[luminance < 0] |= Invalid.BELOW_BLACK.value
-        invalid[self._outside(luminance + margin, luminance - margin)] |= Invalid.OUTSIDE_CALIBRATED.value
-        return invalid
+    @cached_property
+    def _dn(self) -> NDArray[Any]:
+        return self.frame.dn[self.window]
 
-    def _outside(self, darkest: _Maps, brightest: _Maps) -> NDArray[np.bool_]:
-        """Whether luminances exceed the calibrated range by more than noise."""
-        low, high = self.tables.calibration.range_cd_m2
-        outside: NDArray[np.bool_] = (darkest < low) | (brightest > high)
-        return outside
+    @cached_property
+    def _setting(self) -> GainSetting:
+        return self.converter.setting(self.frame.gain_db)
 
     @property
-    def _saturation_dn(self) -> float:
-        return min(self.frame.saturation_dn, self.tables.calibration.state.saturation_dn)
+    def _scale(self) -> float:
+        return self.converter.dn_per_cd_m2(self.frame.exposure_s, self.frame.gain_db)
 
     @property
-    def _patterned(self) -> bool:
-        return self.dark_pattern_dn is not None
+    def _fixed_rel(self) -> float:
+        """Relative standard uncertainty of a pixel by the noise of the flat field."""
+        vignetting = self.converter.vignetting
+        return vignetting.random_rel if isinstance(vignetting, FlatField) else 0.0
+
+    @cached_property
+    def _net_dn(self) -> NDArray[np.float64]:
+        dark_dn = self._setting.dark.mean_dn(self.frame.exposure_s, self.frame.temperature_c)
+        return np.arange(2**self.frame.bit_depth, dtype=float) - dark_dn
+
+    @property
+    def _away_from_zero(self) -> NDArray[np.float64]:
+        return np.where(np.abs(self._net_dn) < _LEAST_NET_DN, _LEAST_NET_DN, self._net_dn)
+
+    @cached_property
+    def _luminance_by_dn(self) -> _Maps:
+        return (self.converter.response.linearise(self._net_dn) / self._scale).astype(np.float32)
+
+    @cached_property
+    def _slope_by_dn(self) -> NDArray[np.float64]:
+        """Luminance per DN."""
+        return self.converter.response.slope(self._net_dn) / self._scale
+
+    @cached_property
+    def _noise_by_dn(self) -> NDArray[np.float64]:
+        """Standard deviation of a pixel, and of the library's pattern, in DN."""
+        dark_dn2 = self._setting.dark.noise_variance_dn2(self.frame.exposure_s, self.frame.temperature_c)
+        variance_dn2 = self._setting.noise.variances_dn2(self._net_dn, dark_dn2)
+        total: NDArray[np.float64] = np.sqrt(variance_dn2 + self.library_noise_dn**2)
+        return total
+
+    @cached_property
+    def _error_by_dn(self) -> NDArray[np.float64]:
+        """The same in cd/m^2."""
+        return self._slope_by_dn * self._noise_by_dn
+
+    @cached_property
+    def _common_by_dn(self) -> tuple[CommonError, ...]:
+        frame, away = self.frame, self._away_from_zero
+        errors = common_errors(self.converter, away, frame.exposure_s, self._setting.gain_db, frame.temperature_c)
+        return tuple(
+            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative, np.float32)) for e in errors
+        )
 
     @property
     def _positional(self) -> tuple[list[_Maps], _Maps | None]:
-        vignetting = self.tables.calibration.vignetting
+        """Patterns of the vignetting's uncertainty in the window, and the sum of their squares."""
+        vignetting = self.converter.vignetting
         if not isinstance(vignetting, RadialVignetting) or not np.any(vignetting.covariance):
             return [], None
         patterns, squares = _positional_patterns(vignetting, self.frame.shape)
@@ -234,17 +266,12 @@ class _Conversion:
 def _look_up(table: NDArray[Any], dn: NDArray[Any], factor: _Maps | None = None) -> NDArray[Any]:
     """Values of the table at the DN, times a factor, block by block; DN beyond the table get its last value."""
     values = np.empty(dn.shape, table.dtype)
-    for rows in _blocks(dn.shape):
+    step = max(_BLOCK // max(dn.shape[1], 1), 1)
+    for rows in (slice(start, start + step) for start in range(0, dn.shape[0], step)):
         np.take(table, dn[rows], out=values[rows], mode="clip")
         if factor is not None:
             values[rows] *= factor[rows]
     return values
-
-
-def _blocks(shape: tuple[int, ...]) -> Iterator[slice]:
-    height, width = shape
-    rows = max(_BLOCK // max(width, 1), 1)
-    return (slice(start, start + rows) for start in range(0, height, rows))
 
 
 @lru_cache(maxsize=8)
@@ -256,14 +283,6 @@ def _inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> _Map
 
 
 @lru_cache(maxsize=8)
-def _ends(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> tuple[np.float32, np.float32]:
-    """Lowest and highest 1 / V."""
-    inverse_v = _inverse_v(vignetting, shape)
-    assert inverse_v is not None
-    return inverse_v.min(), inverse_v.max()
-
-
-@lru_cache(maxsize=8)
 def _mean_inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> float:
     inverse_v = _inverse_v(vignetting, shape)
     return 1.0 if inverse_v is None else float(inverse_v.mean(dtype=float))
@@ -271,15 +290,5 @@ def _mean_inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) ->
 
 @lru_cache(maxsize=2)
 def _positional_patterns(vignetting: RadialVignetting, shape: tuple[int, int]) -> tuple[list[_Maps], _Maps]:
-    """Patterns of the vignetting's uncertainty, and the sum of their squares."""
     patterns = [pattern.astype(np.float32) for pattern in vignetting.common_patterns(shape)]
     return patterns, np.sum(np.square(patterns), axis=0, dtype=np.float32)
-
-
-def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
-    """Refuse another lens or f-number; raises CalibrationError."""
-    if not lens.is_as_in(calibrated):
-        raise CalibrationError(
-            f"the calibration is for the lens {calibrated}, the frame was taken with {lens}: "
-            "calibrate with this lens and f-number"
-        )

@@ -12,13 +12,12 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.luminance import CommonError
-from ..errors.common import FLICKER, common_errors
-from ..errors.uncertainty import expanded_of, of_one_estimate
+from ..converter import FLICKER, Converter, common_errors
+from ..frames.nonuniformity import slow_rel, vignetting_errors
 from ..frames.observations import PatchObservation
-from ..frames.place import slow_rel, vignetting_errors
 from ..meter import METER_SOURCES
-from ..model import Calibration
 from ..signal import left_out_text, net_signal, temperature_findings, usable
+from ..uncertainty import expanded_of, of_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
 _RANGE_MARGIN = 0.05
@@ -38,7 +37,7 @@ class PatchLuminance:
         Independent relative standard uncertainty of this patch: noise, pixels, dark signal non-uniformity, residual
         vignetting at its position, and unexplained scatter of the calibration's patches.
     common : tuple of CommonError
-        Common errors of the patches of one calibration, as signed numbers; see `labcdp.calibration.errors.common`.
+        Common errors of the patches of one calibration, as signed numbers; see `labcdp.calibration.common_errors`.
     exposures_s : tuple of float
         Exposures that were used.
     findings : tuple of Finding
@@ -86,12 +85,12 @@ class PatchLuminance:
         return self.luminance_cd_m2 - half_width, self.luminance_cd_m2 + half_width
 
 
-def patch_luminance(calibration: Calibration, observations: Sequence[PatchObservation]) -> PatchLuminance:
+def patch_luminance(calibration: Converter, observations: Sequence[PatchObservation]) -> PatchLuminance:
     """Luminance of one patch from its observations at one or more exposures and gains.
 
     Parameters
     ----------
-    calibration : Calibration
+    calibration : Converter
         Of the same camera and settings.
     observations : sequence of PatchObservation
         Of one patch, observed with the calibration's vignetting.
@@ -120,7 +119,7 @@ def patch_luminance(calibration: Calibration, observations: Sequence[PatchObserv
     return _combined(calibration, kept, findings)
 
 
-def is_within_response(calibration: Calibration, observation: PatchObservation) -> bool:
+def is_within_response(calibration: Converter, observation: PatchObservation) -> bool:
     """Whether a signal is within the fitted range of a response that is not linear, with a small margin."""
     dark = calibration.setting(observation.state.gain_db).dark
     net_dn = observation.net_dn_at_pixel(dark.mean_dn(observation.exposure_s, observation.temperature_c))
@@ -170,7 +169,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
 
 
 def _combined(
-    calibration: Calibration, observations: Sequence[PatchObservation], findings: list[Finding]
+    calibration: Converter, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
     observations = [o for o in observations if is_within_response(calibration, o)] or observations
     signals = [net_signal(o, calibration.settings) for o in observations]
@@ -225,7 +224,7 @@ def _combined(
 
 
 def _outside(
-    calibration: Calibration, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
+    calibration: Converter, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
 ) -> list[Finding]:
     low, high = calibration.range_cd_m2
     margin = 3 * random_rel * luminance_cd_m2

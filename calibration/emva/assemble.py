@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 
 from ...core.finding import Finding, unique
-from ..dark.uncertainty import drift_of_black_level
 from ..frames.observations import DarkObservation
-from ..photon_transfer import Slope
-from ..signal_limits import MAX_CLIPPED_SHARE
-from .dark_current import fit_dark_current
+from ..frames.statistics import MAX_CLIPPED_SHARE
+from ..sensor.dark_fit import drift_of_black_level
+from ..sensor.noise import Slope
+from .dark import fit_dark_current, sensitivity_threshold_e, snr_max
 from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
-from .photon_transfer import departure_rel, points_to_fit, require_noise, system_gain
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
-from .saturation import Saturation, find_saturation
 from .series import SeriesPoint
-from .snr import sensitivity_threshold_e, snr_max
+from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, require_noise, system_gain
 
 #: The definitions used.
 DEFINITION = "EMVA 1288 Release 4.0 Linear; LE_min and LE_max after Release 3.1"

@@ -10,21 +10,19 @@ from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, warning
 from ...core.frame import CameraIdentity
 from ..frames.measure import MeasuredFrames
+from ..frames.nonuniformity import spatial_variance
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
-from ..frames.spatial import spatial_variance
 from ..frames.statistics import FrameStatistics, FrameSums
-from .alike import ImageCheck, require_levels
 from .assemble import Transfer, assemble, photon_transfer, with_frame_changes
-from .dark_current import fit_dark_current
+from .dark import fit_dark_current
 from .findings import exposure_findings, long_exposure_findings, noise_findings, photon_findings
-from .images import read_image
+from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
-from .linearity import linearity
 from .nonuniformity import PARTS, dsnu_parts, prnu_rel
-from .photon_transfer import MIN_POINTS, responsivity
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialImages, SpatialNonuniformity
 from .series import Level, SeriesPoint
+from .transfer import MIN_POINTS, linearity, responsivity
 
 #: Note on the missing uncertainty of the photon numbers.
 _WITHOUT_PHOTONS = "u without that of the photon numbers, which the data set does not state"

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 from ...core.finding import Finding, info, warning
 from ..frames.observations import DarkObservation
-from ..rounding import ROUNDING_DN2
-from .dark_current import LEAST_VARIANCE_DN2
+from ..frames.rounding import ROUNDING_DN2
+from .dark import LEAST_VARIANCE_DN2
 from .result import Quantity
-from .saturation import Saturation
 from .series import SeriesPoint
+from .transfer import Saturation
 
 #: Lower bounds of a camera's shortest and a series' longest exposure, and upper bound (one hour).
 _SHORTEST_S, _LONGEST_SHORT_S, _LONGEST_S = 1e-6, 1e-4, 3600.0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -14,6 +16,8 @@ from ...core.disk import read_bytes
 from ...core.disk.quoting import shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
+from .index import DataSetIndex, IndexBlock
+from .series import Level
 
 #: File signatures: PNG (ISO/IEC 15948), and JPEG, whose compression loses values.
 _PNG, _LOSSY = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
@@ -121,3 +125,123 @@ def _tiff(data: bytes, path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 
 def _damaged(path: Path) -> InputError:
     return InputError(f"{path} is truncated or damaged: copy it again")
+
+
+#: Largest difference of the means of a block relative to the signal; lamps flicker by tenths of it.
+_LARGEST_DIFFERENCE_REL = 0.03
+#: Upper bound of black level drift, in DN.
+_LEAST_DIFFERENCE_DN = 1.0
+#: Critical value for a frame's mean, in standard uncertainties.
+_CHANCE = 5.0
+#: Factor between the common divisors of values that indicates different bit depths.
+_DEPTH_FACTOR = 4
+
+
+class _Seen(NamedTuple):
+    image: Path
+    line: int
+    kind: str
+    exposure_ns: float
+    photons: float
+
+
+class ImageCheck:
+    """Checks the images of a data set one by one for copies and another bit depth.
+
+    Parameters
+    ----------
+    index : Path
+        The index, for messages.
+    """
+
+    def __init__(self, index: Path) -> None:
+        self._index = index
+        self._seen: dict[tuple[bytes, int | None], _Seen] = {}
+        self._depth: tuple[np.dtype[Any], _Seen] | None = None
+        self._multiple: tuple[int, _Seen] | None = None
+
+    def take(self, dn: NDArray[np.unsignedinteger[Any]], block: IndexBlock, number: int) -> None:
+        """Compare image `number` of a block with those before it.
+
+        Raises
+        ------
+        InputError
+            If its pixels are those of another image, which is allowed only to a pair and a stack of one level, or its
+            depth is another. Images of one value throughout, black or saturated, may be alike.
+        """
+        image, line = block.images[number], block.image_lines[number]
+        own = _Seen(image, line, block.kind, block.exposure_ns, block.photons)
+        where = f"{self._index}, line {line}: {image.name}"
+        self._depth = self._depth or (dn.dtype, own)
+        dtype, first = self._depth
+        if dn.dtype != dtype:
+            raise InputError(
+                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first.image.name} (line {first.line}) has "
+                f"{8 * dtype.itemsize}: give all images as the camera sent them, in one depth"
+            )
+        bits = int(np.bitwise_or.reduce(dn, axis=None))
+        if bits == int(np.bitwise_and.reduce(dn, axis=None)):
+            return
+        self._require_depth(min(bits & -bits, 16), own, where)
+        digest = blake2b(dn.tobytes(), digest_size=16).digest()
+        twin = self._seen.setdefault((digest, block.line), own)
+        other = self._seen.setdefault((digest, None), own)
+        if twin is not own:
+            other = twin
+        if twin is not own or other[2:] != own[2:]:
+            raise InputError(
+                f"{where} has the same pixels as {other.image.name} (line {other.line}): no two exposures are alike, "
+                "give the image that belongs here"
+            )
+
+    def _require_depth(self, multiple: int, own: _Seen, where: str) -> None:
+        self._multiple = self._multiple or (multiple, own)
+        usual, first = self._multiple
+        if max(multiple, usual) >= _DEPTH_FACTOR * min(multiple, usual):
+            raise InputError(
+                f"{where} has values that are multiples of {multiple}, {first.image.name} (line {first.line}) of "
+                f"{usual}: they have different bit depths; give all images as the camera sent them"
+            )
+
+
+def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Level]]) -> None:
+    """Refuse blocks whose images differ more than noise and lamp allow, dark signal first.
+
+    Parameters
+    ----------
+    index : DataSetIndex
+        For messages.
+    measured : sequence of (IndexBlock, Level)
+        All blocks.
+
+    Raises
+    ------
+    InputError
+        If the mean of an image deviates from the others of its block by more than 5 standard uncertainties, 3 % of the
+        signal above dark signal, and 1 DN.
+    """
+    dark_dn = {block.exposure_ns: float(np.median(s.frame_means_dn)) for block, s in measured if block.kind == "dark"}
+    for block, found in sorted(measured, key=lambda pair: pair[0].kind == "bright"):
+        means = np.array(found.frame_means_dn)
+        usual = np.array([np.median(np.delete(means, i)) for i in range(means.size)])
+        signal = float(np.median(means)) - (dark_dn.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
+        noise = np.sqrt(found.variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
+        limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
+        worst = int(np.argmax(np.abs(means - usual)))
+        if abs(means[worst] - usual[worst]) > limit:
+            raise InputError(_other_level(index, block, means, worst, float(usual[worst])))
+
+
+def _other_level(
+    index: DataSetIndex, block: IndexBlock, means: NDArray[np.float64], worst: int, usual_dn: float
+) -> str:
+    name, line = block.images[worst].name, block.image_lines[worst]
+    if means.size == 2:
+        other = 1 - worst
+        others = f"{block.images[other].name} (line {block.image_lines[other]}) one of {usual_dn:.4g} DN"
+    else:
+        others = f"the other {means.size - 1} images of its block {usual_dn:.4g} DN"
+    return (
+        f"{index.path}, line {line}: {name} has a mean of {means[worst]:.4g} DN, {others}, which noise does not "
+        f"explain: one of them does not belong to line {block.line}; correct the index, or record the level again"
+    )

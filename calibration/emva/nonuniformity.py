@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.spatial import Estimate, SpatialVariance, spatial_variance
+from ..frames.nonuniformity import Estimate, SpatialVariance, spatial_variance
+from ..frames.rounding import Range, variance_before_rounding
 from ..frames.statistics import FrameStatistics, LineVariances
-from ..rounding import Range, variance_before_rounding
 from .result import Quantity
 
 #: Parts of a spatial variance.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
+from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import FrameStatistics
-from ..rounding import ROUNDING_DN2
 
 
 @dataclass(frozen=True)

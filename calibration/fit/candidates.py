@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.response import Response, ResponseKind
-from ..response.curve import ResponseCurve
+from ..sensor.response import ResponseCurve
 from .design import Array
 
 #: Fewest patches in excess of the parameters, so that leave-one-out fits are possible.

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info, warning
-from ..errors.uncertainty import expanded_half_width
 from ..findings import FitTest
-from ..gains import GainSetting
+from ..sensor.noise import GainSetting
+from ..uncertainty import expanded_half_width
 from .design import Design
 from .intake import ADVISED_PATCHES
 from .problem import Solution

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors.common import FLICKER, GLARE, exposure_time_rel
+from ..converter import FLICKER, GLARE, exposure_time_rel
+from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
-from ..frames.place import slow_rel, smooth_patterns, vignetting_errors
-from ..gains import GainSetting
 from ..readings import PatchReading
+from ..sensor.noise import GainSetting
 from ..signal import NetSignal, net_signal
 
 Array = NDArray[np.floating[Any]]

@@ -9,14 +9,13 @@ from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
 from ...core.response import Response
-from ..dark.signal import DarkModel, fit_dark
 from ..findings import LeftOut
 from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation
-from ..gains import GainSetting
-from ..noise import fit_noise
 from ..readings import PatchReading, combine_readings
+from ..sensor.dark import DarkModel, fit_dark
+from ..sensor.noise import GainSetting, fit_noise
 from ..signal import left_out_text, usable
-from .plateau import full_well
+from .screening import full_well
 
 #: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
 MIN_PATCHES = 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
@@ -11,10 +11,14 @@ from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
 from ..convert.patch import PatchLuminance
+from ..findings import FitError
 from ..frames.observations import PatchObservation
 from ..model import PatchResidual
 from ..readings import PatchReading, combine_readings
+from .candidates import CandidateModel
+from .design import Array
 from .problem import Solution
+from .scatter import fit_dof
 from .selection import leave_one_out, patch_weights
 
 
@@ -100,3 +104,82 @@ def held_out_rows(
             )
         )
     return tuple(rows), findings
+
+
+#: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
+_N_NODES = 48
+
+
+def parameter_covariance(solution: Solution) -> Array:
+    """Covariance of the parameters, dark signal included, shape (p, p)."""
+    covariance: Array = solution.gain @ solution.covariance @ solution.gain.T
+    return covariance
+
+
+def fit_errors(solution: Solution) -> tuple[FitError, ...]:
+    """Split the errors of parameters and dark signal into independent ones.
+
+    An error of the dark signal also changes the parameters: it is kept as one error with both effects. The rest of the
+    parameters' covariance is split into the eigenvectors of the response (``fit``; the gain factors follow by
+    regression) and those of the gain factors given the response (``gain``). An error of a given response
+    (``linearity``) is reduced by the compensation of the fitted scale.
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit.
+    """
+    dark = [error for error in solution.design.shared if error.dark]
+    by_dark = [solution.slope * error.dn for error in dark]
+    by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
+    rest = solution.covariance - sum(np.outer(column, column) for column in (*by_dark, *by_shape))
+    own = solution.gain @ rest @ solution.gain.T
+    n = solution.candidate.n_parameters
+    response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
+    errors, dof = [], fit_dof(solution)
+    values, vectors = np.linalg.eigh(response)
+    regression = between @ np.linalg.pinv(response)
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = np.sqrt(max(value, 0.0)) * vector
+        errors.append(_error(solution, "fit", np.concatenate([step, regression @ step]), dof))
+    if factors.size:
+        values, vectors = np.linalg.eigh(factors - regression @ between.T)
+        for value, vector in zip(values, vectors.T, strict=True):
+            step = np.sqrt(max(value, 0.0)) * vector
+            errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
+    for error, column in zip(dark, by_dark, strict=True):
+        moved = _error(solution, "dark and temperature", solution.gain @ column)
+        errors.append(FitError(moved.source, moved.net_dn, moved.relative, moved.gain_rel, error.dark, error.gain_db))
+    for row, column in zip(solution.candidate.errors(_nodes(solution.candidate)), by_shape, strict=True):
+        moved = _error(solution, "linearity", -solution.gain @ column)
+        relative = tuple(float(v) for v in row + np.array(moved.relative))
+        errors.append(FitError(moved.source, moved.net_dn, relative, moved.gain_rel))
+    return tuple(errors)
+
+
+def _nodes(candidate: CandidateModel) -> Array:
+    top = candidate.knots_dn[-1]
+    if candidate.kind == "linear":
+        return np.array([top])
+    if candidate.kind == "table":
+        return np.geomspace(candidate.knots_dn[0], top, _N_NODES)
+    return top * np.arange(1, _N_NODES + 1) / _N_NODES
+
+
+def finite(dof: float) -> float | None:
+    """Return degrees of freedom as a file holds them, None for infinite ones."""
+    return dof if dof < inf else None
+
+
+def _error(solution: Solution, source: str, step: Array, dof: float = inf) -> FitError:
+    """Return the change of the luminances by a step of all parameters."""
+    candidate, n = solution.candidate, solution.candidate.n_parameters
+    nodes = _nodes(candidate)
+    curve = candidate.curve(solution.parameters[:n], nodes)
+    return FitError(
+        source,
+        tuple(float(v) for v in nodes),
+        tuple(float(v) for v in curve.jacobian @ step[:n] / curve.value),
+        tuple(float(v) for v in step[n:] / solution.parameters[n:]),
+        dof=finite(dof),
+    )

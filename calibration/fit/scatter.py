@@ -8,11 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors.uncertainty import COVERAGE, effective_dof
+from ..uncertainty import COVERAGE, SMALL_P_VALUE, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
 from .problem import Solution, solve
-from .significance import SMALL_P_VALUE, p_value_of_chi_squared
 
 Kind = Literal["scatter_rel", "scatter_each_rel", "scatter_each_dn"]
 #: Least and largest scatter: relative ones of luminances, those in DN of the largest signal.

@@ -11,13 +11,12 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
-from ..dark.signal import DarkModel
-from ..errors.uncertainty import expanded_half_width
 from ..findings import FitTest
-from .alternatives import by_place, drift_pattern, ratio, worth_of_place
+from ..sensor.dark import DarkModel
+from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
 from .problem import Solution, solve
 from .scatter import shift_with_scatter, within_patches
-from .significance import FALSE_ALARM, critical_value, p_value_of_chi_squared
+from .selection import by_place, drift_pattern, ratio, worth_of_place
 
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
 MIN_SPAN = 2.0

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
+from .statistics import LineVariances
 
 #: Mean squares and mean products of two quantities a and b: (aa, ab, bb).
 MeanSquares = tuple[float, float, float]
@@ -99,3 +103,123 @@ def cells_of(used: NDArray[np.bool_]) -> NDArray[np.intp]:
 def _of_difference(squares: MeanSquares, dark_dn: float) -> float:
     aa, ab, bb = squares
     return max(aa - 2 * dark_dn * ab + dark_dn**2 * bb, 0.0)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A variance, which may be below 0 by chance, and its standard uncertainty."""
+
+    value: float
+    uncertainty: float
+
+    @property
+    def root(self) -> float:
+        """Square root; 0 where the variance is not significantly above 0."""
+        return sqrt(self.value) if self.value > 2 * self.uncertainty else 0.0
+
+    def __sub__(self, other: Estimate) -> Estimate:
+        """Difference of independent estimates."""
+        return Estimate(self.value - other.value, hypot(self.uncertainty, other.uncertainty))
+
+
+@dataclass(frozen=True)
+class SpatialVariance:
+    """Spatial variances of a mean image in DN^2, temporal noise subtracted.
+
+    Parameters
+    ----------
+    total, pixel, column, row : Estimate
+        Of all pixels, and its parts (EMVA 1288 Release 4.0 Linear, section 4.2).
+    """
+
+    total: Estimate
+    pixel: Estimate
+    column: Estimate
+    row: Estimate
+
+
+def spatial_variance(mean_image: NDArray[np.floating[Any]], noise: LineVariances) -> SpatialVariance:
+    """Spatial variance of a mean image, and its parts.
+
+    Parameters
+    ----------
+    mean_image : ndarray of float, shape (height, width)
+        Mean of the frames.
+    noise : LineVariances
+        Contribution of temporal noise to pixels and to the means of columns and rows.
+
+    Returns
+    -------
+    SpatialVariance
+        The uncertainty of the total is sqrt((m4 - s^4) / n) with the fourth central moment m4, so that single hot
+        pixels count; that of column and row means is the one of normal values.
+    """
+    image = np.asarray(mean_image, dtype=np.float64)
+    height, width = image.shape
+    deviation = image - image.mean()
+    squares = np.square(deviation)
+    measured = float(squares.sum()) / (image.size - 1)
+    columns, rows = (float(deviation.mean(axis=axis).var(ddof=1)) for axis in (0, 1))
+    parts = LineVariances(measured - noise.pixel, columns - noise.column, rows - noise.row).parts(height, width)
+    u_pixels = sqrt(max(float(np.mean(np.square(squares))) - measured**2, 0.0) / image.size)
+    # A pattern of columns or rows has only as many values as there are columns or rows. By chance a variance may come
+    # out below that of noise and single pixels alone.
+    u_columns = max(columns, noise.column + max(parts.pixel, 0.0) / height) * sqrt(2 / (width - 1))
+    u_rows = max(rows, noise.row + max(parts.pixel, 0.0) / width) * sqrt(2 / (height - 1))
+    return SpatialVariance(
+        Estimate(measured - noise.pixel, hypot(u_pixels, u_columns, u_rows)),
+        Estimate(parts.pixel, u_pixels),
+        Estimate(parts.column, u_columns),
+        Estimate(parts.row, u_rows),
+    )
+
+
+Array = NDArray[np.floating[Any]]
+
+
+def smooth_patterns(shape: tuple[int, int], centres_px: Sequence[tuple[float, float]]) -> Array:
+    """Dominant patterns of slow changes over an image, r^2, x and y, at P positions.
+
+    Each has the mean 0 and the root mean square 1 over the image.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Height and width in pixels.
+    centres_px : sequence of (float, float)
+        The places (x, y), P of them.
+
+    Returns
+    -------
+    ndarray of float, shape (P, 3)
+    """
+    size = np.array([shape[1], shape[0]], dtype=float)
+    # From -1 to 1 over width and height, where x^2 has the mean 1/3 and the variance 4/45.
+    xy = 2 * np.array(centres_px, dtype=float).reshape(-1, 2) / size - 1
+    part = size**2 / (size @ size)
+    r2 = (xy**2 @ part - 1 / 3) / sqrt(4 / 45 * (part @ part))
+    return np.column_stack([r2, sqrt(3) * xy])
+
+
+def slow_rel(vignetting: AnyVignetting | None) -> float:
+    """Relative standard uncertainty of slow residuals of a measured vignetting."""
+    return vignetting.slow_rel if isinstance(vignetting, FlatField | RadialVignetting) else 0.0
+
+
+def vignetting_errors(
+    vignetting: AnyVignetting | None, shape: tuple[int, int], centres_px: Sequence[tuple[float, float]]
+) -> Array:
+    """Signed relative errors of luminances at P places by the polynomial's coefficients, shape (k, P); k may be 0.
+
+    Parameters
+    ----------
+    vignetting : AnyVignetting or None
+        The vignetting; only a polynomial with a covariance has such errors.
+    shape : (int, int)
+        Height and width in pixels.
+    centres_px : sequence of (float, float)
+        The places (x, y), P of them.
+    """
+    if not isinstance(vignetting, RadialVignetting):
+        return np.zeros((0, len(centres_px)))
+    return -np.array([vignetting.common_errors_at(shape, place) for place in centres_px]).T.reshape(-1, len(centres_px))

@@ -10,8 +10,8 @@ from math import inf
 from ...core.errors import CalibrationError
 from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting
-from ..rounding import ROUNDING_DN2, quantisation_variance_dn2
 from .nonuniformity import Nonuniformity
+from .rounding import ROUNDING_DN2, quantisation_variance_dn2
 
 #: Largest difference of equal gains, which cameras report rounded.
 GAIN_TOLERANCE_DB = 1e-6

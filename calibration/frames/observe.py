@@ -14,9 +14,8 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting
 from .measure import MIN_FRAMES, Defects, MeasuredFrames, measure_frames, measure_whole
-from .nonuniformity import cells_of, nonuniformity
+from .nonuniformity import cells_of, nonuniformity, spatial_variance
 from .observations import DarkObservation, PatchObservation
-from .spatial import spatial_variance
 from .statistics import FrameStatistics
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.

@@ -8,16 +8,14 @@ from datetime import datetime
 from math import hypot, inf, sqrt
 
 from ...core.frame import PLANES, CameraIdentity
-from ..dark.signal import DarkModel
-from ..errors.expanded import expanded_rel
-from ..errors.uncertainty import expanded_half_width
+from ..colour.model import AnyCalibration
 from ..frames.observations import CameraState
 from ..meter import MeterScale
 from ..model import Calibration
-from ..record.store import AnyCalibration
+from ..sensor.dark import DarkModel
 from ..setup import LensIdentity
-from .decision import Verdict
-from .result import Verification, VerifiedPlane
+from ..uncertainty import expanded_half_width, expanded_rel
+from .result import Verdict, Verification, VerifiedPlane
 
 
 @dataclass(frozen=True)

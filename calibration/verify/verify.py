@@ -12,22 +12,18 @@ from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...core.reading import Reading
 from ..colour.conversion import luminance_of_planes
-from ..colour.model import ColourCalibration
+from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
 from ..convert.patch import PatchLuminance
-from ..dark.signal import DarkModel, fit_dark
-from ..errors.expanded import expanded_rel
-from ..errors.uncertainty import effective_dof, of_one_estimate
 from ..frames.observations import DarkObservation, PatchObservation
 from ..meter import MeterScale
 from ..model import Calibration
-from ..record.store import AnyCalibration
+from ..sensor.dark import DarkModel, fit_dark
 from ..signal import net_signal, temperature_findings, usable
-from .comparison import Comparison, join_readings
-from .decision import require_tolerance
+from ..uncertainty import effective_dof, expanded_rel, of_one_estimate
+from .comparison import Comparison, balanced, join_readings
 from .findings import findings_of
-from .planes import balanced
-from .result import WANDER_DN, Verification, VerifiedDark, VerifiedPlane
+from .result import WANDER_DN, Verification, VerifiedDark, VerifiedPlane, require_tolerance
 
 
 def verify(
@@ -40,7 +36,7 @@ def verify(
 ) -> Verification:
     """Compare patches measured again by the calibrated camera with the meter.
 
-    Each deviation is decided by `labcdp.calibration.verify.decision.decide`. The scale error of the meter cancels if it
+    Each deviation is decided by `labcdp.calibration.verify.result.decide`. The scale error of the meter cancels if it
     is the calibration's meter in the same state of adjustment; otherwise the scales of both count.
 
     Parameters

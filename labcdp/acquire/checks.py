@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 from typing import Literal
 
-from ..calibration.signal_limits import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from ..calibration.frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 from ..core.errors import InputError
 from ..core.reading import Reading, ReadingSeries
 from .live import PatchNumbers, measured_black_dn

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.signal_limits import MAX_CLIPPED_SHARE
+from ..calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ..core.frame import Frame
 from ..core.roi import Roi
 from ..session import Role

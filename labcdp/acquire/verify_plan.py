@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import log, sqrt
 
 from ..calibration import AnyCalibration, Calibration
-from ..calibration.errors.budget import net_dn_at
 from ..calibration.frames.planes import plane_region
-from ..calibration.signal_limits import MIN_NET_SIGNAL
-from ..calibration.verify.planes import grey_patches
+from ..calibration.frames.statistics import MIN_NET_SIGNAL
+from ..calibration.verify.comparison import grey_patches
 from ..core.errors import InputError
 from ..session import Patch, SessionConfiguration
 
@@ -101,7 +100,7 @@ def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) 
     seen_cd_m2 = luminance_cd_m2 * _relative_illuminance(calibration, patch)
     fitting = []
     for exposure_s in calibration.exposures_s:
-        net_dn, dark_dn = net_dn_at(calibration, seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
+        net_dn, dark_dn = calibration.net_dn(seen_cd_m2, exposure_s), calibration.dark.mean_dn(exposure_s)
         noise_dn2 = calibration.noise.variance_dn2(net_dn, calibration.dark.noise_variance_dn2(exposure_s))
         bright_enough = net_dn >= MIN_NET_SIGNAL * sqrt(noise_dn2)
         if bright_enough and net_dn + dark_dn <= _HIGHEST_SHARE * calibration.state.saturation_dn:

@@ -7,8 +7,8 @@ from math import hypot, sqrt
 import pytest
 
 from labcdp.calibration import fit, patch_luminance
-from labcdp.calibration.errors.budget import SOURCES, budget, budget_exposure_s, combined, net_dn_at
-from labcdp.calibration.errors.common import common_errors
+from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined
+from labcdp.calibration.converter import common_errors
 
 LUMINANCES = (0.5, 1.0, 2.5, 6.0, 15.0, 40.0, 100.0, 250.0)
 EXPOSURES = (0.002, 0.01, 0.1)
@@ -48,7 +48,7 @@ def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance):
 
 
 def test_rows_make_the_common_errors(calibration):
-    net_dn = net_dn_at(calibration, 8.0, 0.01)
+    net_dn = calibration.net_dn(8.0, 0.01)
     squares = {}
     for error in common_errors(calibration, net_dn, 0.01):
         squares[error.source] = squares.get(error.source, 0.0) + float(error.relative) ** 2

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import GainSetting
-from labcdp.calibration.dark.signal import DarkModel
 from labcdp.calibration.frames.nonuniformity import Nonuniformity, nonuniformity
-from labcdp.calibration.noise import TemporalNoise
+from labcdp.calibration.sensor.dark import DarkModel
+from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.calibration.signal import net_signal
 from labcdp.core.response import Response
 

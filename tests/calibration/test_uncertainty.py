@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import t as student
 
 from labcdp.calibration import coverage_probability, expanded_half_width
-from labcdp.calibration.errors.uncertainty import effective_dof, expanded_of, of_one_estimate
+from labcdp.calibration.uncertainty import effective_dof, expanded_of, of_one_estimate
 
 half_widths = st.floats(0.05, 10.0)
 

@@ -13,9 +13,9 @@ from scipy.stats import norm
 
 from labcdp.calibration import fit
 from labcdp.calibration.meter import meter_scale
-from labcdp.calibration.verify.decision import conformance_probability, decide
-from labcdp.calibration.verify.file import load_verification, save_verification
+from labcdp.calibration.record import load_verification, save_verification
 from labcdp.calibration.verify.history import histories
+from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.reading import MeterIdentity

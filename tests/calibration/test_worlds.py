@@ -24,7 +24,7 @@ from worlds.target import Target, calibration_target
 from worlds.truth import PIXELS, cdp, true_pixels
 from worlds.world import HEIGHT, WIDTH, WORLDS, World
 
-from labcdp.calibration.response.bracket import bracket_luminance
+from labcdp.calibration.convert.bracket import bracket_luminance
 
 #: Worlds in which labcdp's intervals hold, or a finding names the effect, with the number of calibrations;
 #: `benchmarks/worlds` has 400.

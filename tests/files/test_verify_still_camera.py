@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.acquire.import_files import import_session
 from labcdp.calibration import save
-from labcdp.calibration.verify.file import save_verification
+from labcdp.calibration.record import save_verification
 from labcdp.core.errors import CalibrationError
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session

@@ -8,10 +8,7 @@ from pathlib import Path
 import typer
 
 from ...calibration import AnyCalibration, load_any
-from ...calibration.record.store import FORMAT as CALIBRATION
-from ...calibration.record.store import MOST_BYTES
-from ...calibration.verify.file import FORMAT, load_verification
-from ...calibration.verify.file import FORMAT as VERIFICATION
+from ...calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
 from ...calibration.verify.history import histories
 from ...calibration.verify.result import Verification
 from ...core.disk import read_json, real_path
@@ -66,7 +63,7 @@ def _read(paths: list[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verif
     named = {real_path(path) for path in paths}
     for path in _files(paths):
         try:
-            if _format(path) == FORMAT:
+            if _format(path) == VERIFICATION:
                 verifications[str(path)] = load_verification(path)
             else:
                 calibrations[str(path)] = load_any(path)

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import typer
 
-from ...calibration.record.store import AnyCalibration, file_sha256, load_any
-from ...calibration.response.bracket import Bracket, bracket_luminance
+from ...calibration import AnyCalibration, load_any
+from ...calibration.convert.bracket import Bracket, bracket_luminance
+from ...calibration.record import calibration_sha256
 from ...core.errors import InputError
 from ...core.finding import Finding, unique
 from ...core.frame import Frame
@@ -111,7 +112,7 @@ def luminance(
     about = {
         "calibration": {
             "file": calibration.name,
-            "sha256": file_sha256(calibration),
+            "sha256": calibration_sha256(calibration),
             "camera": str(loaded.state.camera),
             "source_spectrum": loaded.source_spectrum,
             "range_cd_m2": list(loaded.range_cd_m2),

@@ -11,9 +11,8 @@ import typer
 
 from ...acquire.verify_plan import verification_configuration
 from ...calibration import AnyCalibration, Calibration, load_any
-from ...calibration.verify.decision import require_tolerance
-from ...calibration.verify.file import save_verification
-from ...calibration.verify.result import Verification
+from ...calibration.record import save_verification
+from ...calibration.verify.result import Verification, require_tolerance
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...evaluate.bench.certificate import verification_certificate

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from ...calibration import load_any
 from ...calibration.emva.index import load_index
-from ...calibration.verify.file import load_verification
+from ...calibration.record import load_verification
 from ...chain import Chain
 from ...core.disk.documents import read_json, read_toml
 from ...core.errors import InputError, LabcdpError

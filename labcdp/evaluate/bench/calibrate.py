@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from ...calibration import AnyCalibration, Calibration, Setup, fit, fit_colour
-from ...calibration.response.curve import MIN_EXPOSURES, ResponseCurve, response_from_bracket
+from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
 from ...core.finding import unique, warning

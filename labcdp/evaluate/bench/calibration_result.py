@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ...calibration import AnyCalibration, Calibration
+from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s
 from ...calibration.colour.budget import colour_budget, colour_budget_exposure_s
 from ...calibration.colour.model import ColourCalibration
-from ...calibration.errors.budget import CombinedUncertainty, budget, budget_exposure_s, combined
-from ...calibration.errors.expanded import expanded_rel
+from ...calibration.emva.nonuniformity import combined
 from ...calibration.findings import BudgetRow
+from ...calibration.uncertainty import expanded_rel
 from ...core.finding import Finding, info
 from ...core.quantity import quantity_table
 from ...core.result import InputFile, Result

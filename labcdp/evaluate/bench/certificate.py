@@ -7,8 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.verify.decision import Verdict
-from ...calibration.verify.result import Verification
+from ...calibration.verify.result import Verdict, Verification
 from ...core.table import Column, Table
 from ...report.certificate import Certificate, render_certificate
 from ...report.digits import day, exposures, minute, shortened, significant, with_half_width

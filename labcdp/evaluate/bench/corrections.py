@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.convert.region import of_region
-from ...calibration.dark.library import DarkLibrary, dark_library
-from ...calibration.defects import DefectMap, find_defects
-from ...calibration.flat.field import MeasuredVignetting, measure_vignetting
 from ...calibration.frames.measure import MeasuredFrames, measure_whole
 from ...calibration.frames.observations import CameraState
 from ...calibration.frames.planes import plane_of
+from ...calibration.sensor.dark_library import DarkLibrary, dark_library
+from ...calibration.sensor.defects import DefectMap, find_defects
+from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, info
 from ...core.frame import Readout
@@ -74,7 +73,7 @@ def calibration_for(session: Session, calibration: AnyCalibration) -> AnyCalibra
     if not frames or frames[0].metadata.get("readout") is None:
         return calibration
     states = _states(session)
-    planes = tuple(of_region(plane, states.get(plane.state.plane, plane.state)) for plane in calibration.planes)
+    planes = tuple(plane.in_region(states.get(plane.state.plane, plane.state)) for plane in calibration.planes)
     return planes[0] if isinstance(calibration, Calibration) else replace(calibration, planes=planes)
 
 

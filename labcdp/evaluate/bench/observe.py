@@ -12,8 +12,8 @@ from ...calibration import AnyCalibration, DarkObservation, PatchObservation, ob
 from ...calibration.convert.patch import is_within_response
 from ...calibration.frames.measure import MIN_FRAMES
 from ...calibration.frames.planes import plane_region
+from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.meter import MeterScale, corrected, meter_scale
-from ...calibration.signal_limits import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.reading import Reading

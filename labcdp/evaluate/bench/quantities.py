@@ -7,9 +7,9 @@ from math import hypot, inf, sqrt
 
 from ...calibration import AnyCalibration, Calibration, CameraState, LensIdentity
 from ...calibration.colour.model import ColourCalibration
-from ...calibration.errors.expanded import expanded_rel
-from ...calibration.gains import GainSetting
 from ...calibration.meter import MeterScale
+from ...calibration.sensor.noise import GainSetting
+from ...calibration.uncertainty import expanded_rel
 from ...core.quantity import Quantity
 from ...core.reading import MeterIdentity
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting

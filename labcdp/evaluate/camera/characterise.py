@@ -11,7 +11,7 @@ import numpy as np
 
 from ...calibration.emva import characterise_data_set
 from ...calibration.emva.assemble import Transfer, assemble, with_frame_changes
-from ...calibration.emva.dark_current import fit_dark_current
+from ...calibration.emva.dark import fit_dark_current
 from ...calibration.emva.nonuniformity import (
     combined,
     dark_pattern_variances,
@@ -21,7 +21,6 @@ from ...calibration.emva.nonuniformity import (
     prnu_rel,
     rounding_of_spread_dn,
 )
-from ...calibration.emva.photon_transfer import points_to_fit, system_gain
 from ...calibration.emva.result import (
     Characterisation,
     Origin,
@@ -31,13 +30,13 @@ from ...calibration.emva.result import (
     SpatialImages,
     SpatialNonuniformity,
 )
-from ...calibration.emva.saturation import Saturation
 from ...calibration.emva.series import Level, SeriesPoint
-from ...calibration.fit.plateau import SAFE_SHARE, plateau_dn
+from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
+from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
+from ...calibration.frames.nonuniformity import Estimate, spatial_variance
 from ...calibration.frames.observe import dark_observation
-from ...calibration.frames.spatial import Estimate, spatial_variance
-from ...calibration.signal_limits import MAX_CLIPPED_SHARE
+from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError
 from ...core.finding import Finding, warning
 from ...session import Session

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.emva.dark_current import fit_dark_current
-from ...calibration.emva.linearity import linearity
-from ...calibration.emva.snr import snr
-from ...calibration.photon_transfer import FIT_SHARE
+from ...calibration.emva.dark import fit_dark_current, snr
+from ...calibration.emva.transfer import linearity
+from ...calibration.sensor.noise import FIT_SHARE
 from ...report.digits import Z_95, with_half_width
 from ...report.figure import ReportFigure
 from ...report.figures.drawing import (

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...calibration import CameraState
-from ...calibration.emva.linearity import in_range
 from ...calibration.emva.result import Quantity
 from ...calibration.emva.series import SeriesPoint
+from ...calibration.emva.transfer import in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole
 from ...calibration.frames.planes import plane_region
-from ...calibration.signal_limits import MAX_CLIPPED_SHARE
+from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, info
 from ...core.spectral.photometry import photon_radiance_per_cd_m2

@@ -7,10 +7,10 @@ from math import isfinite, log, log10
 from pathlib import Path
 
 from ...calibration import DarkObservation
-from ...calibration.dark.uncertainty import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...calibration.emva.result import Characterisation
 from ...calibration.emva.result import Quantity as Stated
 from ...calibration.emva.series import SeriesPoint
+from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain

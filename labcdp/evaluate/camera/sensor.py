@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import Field, create_model
 
-from ...calibration.rounding import ROUNDING_DN2
+from ...calibration.frames.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
 from ...core.disk import read_json, read_toml
 from ...core.disk.toml_text import toml_text

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.errors.expanded import expanded_rel
+from ...calibration.uncertainty import expanded_rel
 from ...core.errors import InputError
 from ...core.table import Z_95
 from ..sweep.maps.axes import MapAxis, map_axis, map_layout, sections

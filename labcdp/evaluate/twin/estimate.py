@@ -8,7 +8,7 @@ from typing import Any
 
 from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation, Quantity
-from ...calibration.gains import index_of_gain
+from ...calibration.sensor.noise import index_of_gain
 from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.finding import Finding, info

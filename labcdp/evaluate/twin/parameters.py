@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...calibration import DarkModel
-from ...calibration.dark.library import DarkLibrary
 from ...calibration.emva.result import Quantity
-from ...calibration.rounding import mean_before_rounding
+from ...calibration.frames.rounding import mean_before_rounding
+from ...calibration.sensor.dark_library import DarkLibrary
 from ...chain import Sensor
 from ...core.finding import Finding
 from ...core.vignetting import FlatField

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration import Calibration, PatchObservation
+from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...calibration.readings import combine_readings
-from ...calibration.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap
 from ...core.response import Response

@@ -7,7 +7,7 @@ from functools import partial
 from math import comb
 from typing import Any
 
-from ...calibration.fit.significance import critical_value
+from ...calibration.uncertainty import critical_value
 from ...core.finding import Finding, info, unique, warning
 from ...core.quantity import quantity_table
 from ...core.result import InputFile, Result

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ...calibration.record.store import file_sha256
+from ...calibration.record import calibration_sha256
 from ...core.disk.journal import Row, recorded_head
 from ...core.errors import InputError
 from ...core.finding import Finding, info, warning
@@ -107,7 +107,7 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
         "epsilon": epsilon if isinstance(epsilon, float | int) else asdict(epsilon),
         "reference": asked,
         "selection": settings.selection.to_dict(),
-        "calibration_sha256": None if settings.calibration is None else file_sha256(settings.calibration),
+        "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
         "encoding": settings.encoding,
         "exposure_s": settings.exposure_s,

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import load, save
-from labcdp.calibration.colour.combination import NO_PRIOR, ColourData, Prior, combine, leave_one_out
-from labcdp.calibration.colour.conversion import colour_patch_luminance
+from labcdp.calibration.colour.conversion import colour_patch_luminance, colourfulness
 from labcdp.calibration.colour.fit import fit_colour
-from labcdp.calibration.colour.mismatch import colourfulness
 from labcdp.calibration.colour.model import ColourCalibration
+from labcdp.calibration.colour.weights import NO_PRIOR, ColourData, Prior, combine, leave_one_out
 from labcdp.calibration.convert.patch import patch_luminance
-from labcdp.calibration.record.store import load_any
+from labcdp.calibration.record import load_any
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.luminance import Invalid

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import colour_patch_luminance, fit_colour
+from labcdp.calibration.budget import combined
 from labcdp.calibration.colour.budget import colour_budget, colour_budget_exposure_s
-from labcdp.calibration.errors.budget import combined
 from labcdp.core.frame import PLANES
 
 EXPOSURES = (0.002, 0.01, 0.1)

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from labcdp.calibration.colour.combination import ColourData, Prior, combine
-from labcdp.calibration.colour.mismatch import colourfulness, mismatch_errors
+from labcdp.calibration.colour.conversion import colourfulness, mismatch_errors
+from labcdp.calibration.colour.weights import ColourData, Prior, combine
 from labcdp.core.spectral.photometry import spectral_weights
 
 LIGHTS = ("LED-B3", "LED-B1", "LED-B4", "D65", "A", "E", "FL11", "LED-V1", "LED-BH1")

@@ -18,7 +18,7 @@ from labcdp.calibration import (
     ResponsivityFit,
     TemporalNoise,
 )
-from labcdp.calibration.fit_error import FitError
+from labcdp.calibration.findings import FitError
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.model import Calibration
 from labcdp.core.frame import CameraIdentity, Frame

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration.dark.library import DarkLibrary
-from labcdp.calibration.response.bracket import bracket_luminance
+from labcdp.calibration.convert.bracket import bracket_luminance
+from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap, chosen
 from labcdp.core.vignetting import FlatField, middle_of
@@ -46,7 +46,7 @@ def test_the_bracket_finds_the_scene_within_its_uncertainty(calibration, frames,
 
 def test_pixels_are_merged_block_by_block_as_at_once(calibration, frames, monkeypatch):
     at_once = bracket_luminance(calibration, frames)
-    monkeypatch.setattr("labcdp.calibration.response.bracket._BLOCK", 7 * SHAPE[1])
+    monkeypatch.setattr("labcdp.calibration.convert.bracket._BLOCK", 7 * SHAPE[1])
     parts = bracket_luminance(calibration, frames)
     assert (parts.n_used == at_once.n_used).all()
     for name in ("luminance_cd_m2", "random_rel", "common_rel", "invalid", "slow_cd_m2", "fixed_cd_m2"):

@@ -5,10 +5,10 @@ import pytest
 
 from labcdp.calibration import GainSetting, LensIdentity
 from labcdp.calibration.convert.conversion import require_lens, to_luminance
-from labcdp.calibration.dark.library import DarkLibrary
-from labcdp.calibration.dark.signal import DarkModel
-from labcdp.calibration.fit_error import FitError
-from labcdp.calibration.noise import TemporalNoise
+from labcdp.calibration.findings import FitError
+from labcdp.calibration.sensor.dark import DarkModel
+from labcdp.calibration.sensor.dark_library import DarkLibrary
+from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.response import Response

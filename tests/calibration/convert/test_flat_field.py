@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from labcdp.calibration.dark.library import dark_library
-from labcdp.calibration.defects import Defect, find_defects
-from labcdp.calibration.flat.field import measure_vignetting
 from labcdp.calibration.frames.measure import measure_whole
+from labcdp.calibration.sensor.dark_library import dark_library
+from labcdp.calibration.sensor.defects import Defect, find_defects
+from labcdp.calibration.sensor.flat_field import measure_vignetting
 from labcdp.core.errors import InputError
 from labcdp.core.vignetting import FlatField, RadialVignetting
 

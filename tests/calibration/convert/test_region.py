@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import CameraState
-from labcdp.calibration.dark.library import DarkLibrary
-from labcdp.calibration.defects import DefectMap
+from labcdp.calibration.sensor.dark_library import DarkLibrary
+from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Frame, Readout
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import load, save
-from labcdp.calibration.dark.library import DarkLibrary
-from labcdp.calibration.defects import Defect, DefectMap
+from labcdp.calibration.sensor.dark_library import DarkLibrary
+from labcdp.calibration.sensor.defects import Defect, DefectMap
 from labcdp.core.errors import InputError
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting, middle_of
 

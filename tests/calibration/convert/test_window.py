@@ -7,9 +7,9 @@ import pytest
 
 from labcdp.calibration import CameraState
 from labcdp.calibration.colour.model import ColourCalibration
-from labcdp.calibration.dark.library import DarkLibrary
-from labcdp.calibration.defects import DefectMap
 from labcdp.calibration.frames.planes import split
+from labcdp.calibration.sensor.dark_library import DarkLibrary
+from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.frame import PLANES
 from labcdp.core.vignetting import FlatField, RadialVignetting, middle_of
 

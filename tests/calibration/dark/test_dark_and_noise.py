@@ -4,8 +4,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration.dark.signal import fit_dark
-from labcdp.calibration.noise import fit_noise
+from labcdp.calibration.sensor.dark import fit_dark
+from labcdp.calibration.sensor.noise import fit_noise
 from labcdp.core.finding import warning
 
 EXPOSURES_S = (0.001, 0.01, 0.1)

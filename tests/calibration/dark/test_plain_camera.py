@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import GainSetting, observe_dark, observe_patches
-from labcdp.calibration.dark.library import dark_library
-from labcdp.calibration.dark.signal import fit_dark
 from labcdp.calibration.frames.measure import measure_whole
-from labcdp.calibration.noise import fit_noise
+from labcdp.calibration.sensor.dark import fit_dark
+from labcdp.calibration.sensor.dark_library import dark_library
+from labcdp.calibration.sensor.noise import fit_noise
 from labcdp.calibration.signal import net_signal
 from labcdp.core.roi import Roi
 

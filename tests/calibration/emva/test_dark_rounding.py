@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration.emva import characterise_data_set
-from labcdp.calibration.rounding import mean_before_rounding, rounded_moments, variance_before_rounding
+from labcdp.calibration.frames.rounding import mean_before_rounding, rounded_moments, variance_before_rounding
 
 from .conftest import KnownCamera, Recording, write_data_set
 

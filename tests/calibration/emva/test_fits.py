@@ -6,13 +6,10 @@ import pytest
 from scipy.special import stdtr, stdtrit
 
 from labcdp.calibration import CameraState, DarkObservation
-from labcdp.calibration.dark.lines import line
 from labcdp.calibration.emva import Level, Quantity, SeriesPoint
-from labcdp.calibration.emva.dark_current import fit_dark_current
-from labcdp.calibration.emva.linearity import linearity
-from labcdp.calibration.emva.photon_transfer import responsivity, system_gain
-from labcdp.calibration.emva.saturation import find_saturation
-from labcdp.calibration.emva.snr import sensitivity_threshold_e, snr
+from labcdp.calibration.emva.dark import fit_dark_current, sensitivity_threshold_e, snr
+from labcdp.calibration.emva.transfer import find_saturation, linearity, responsivity, system_gain
+from labcdp.calibration.sensor.dark_fit import line
 from labcdp.core.frame import CameraIdentity
 
 K, R, DARK_VARIANCE, PIXELS = 0.25, 0.1, 4.0, 5000

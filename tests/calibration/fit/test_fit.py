@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, observe_dark, observe_patches
-from labcdp.calibration.errors.common import EXPOSURE_TIME_REL, common_errors
+from labcdp.calibration.converter import EXPOSURE_TIME_REL, common_errors
 from labcdp.core.errors import CalibrationError, LabcdpError
 from labcdp.core.finding import info, warning
 from labcdp.core.reading import MeterIdentity

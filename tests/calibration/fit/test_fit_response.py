@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit
-from labcdp.calibration.dark.signal import fit_dark
-from labcdp.calibration.errors.common import common_errors
-from labcdp.calibration.gains import GainSetting
-from labcdp.calibration.noise import TemporalNoise, fit_noise
-from labcdp.calibration.response.curve import ResponseCurve
+from labcdp.calibration.converter import common_errors
+from labcdp.calibration.sensor.dark import fit_dark
+from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
+from labcdp.calibration.sensor.response import ResponseCurve
 from labcdp.calibration.signal import net_signal
 from labcdp.core.errors import CalibrationError
 from labcdp.core.response import Response

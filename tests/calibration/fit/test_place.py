@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
-from labcdp.calibration.frames.place import smooth_patterns
+from labcdp.calibration.frames.nonuniformity import smooth_patterns
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
 SHAPE = (48, 64)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import observe_dark, observe_patches
-from labcdp.calibration.rounding import quantisation_variance_dn2
+from labcdp.calibration.frames.rounding import quantisation_variance_dn2
 from labcdp.core.errors import CalibrationError, LabcdpError
 from labcdp.core.roi import Roi
 from labcdp.core.vignetting import Cos4Vignetting

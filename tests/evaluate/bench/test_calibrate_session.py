@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import load, save
-from labcdp.calibration.response.bracket import bracket_luminance
+from labcdp.calibration.convert.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.frame import CameraIdentity

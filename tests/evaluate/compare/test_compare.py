@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from scipy.optimize import brentq
 
 import labcdp
-from labcdp.calibration.errors.expanded import expanded_rel
+from labcdp.calibration.uncertainty import expanded_rel
 from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.session_result import session_result

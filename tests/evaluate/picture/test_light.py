@@ -26,8 +26,8 @@ from labcdp.calibration import (
     TemporalNoise,
     save,
 )
-from labcdp.calibration.defects import DefectMap
-from labcdp.calibration.fit_error import FitError
+from labcdp.calibration.findings import FitError
+from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.chain import Chain, Optics, Sensor, Windscreen
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.finding import info, warning

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labcdp.calibration.dark.library import DarkLibrary, dark_library
 from labcdp.calibration.frames.measure import measure_whole
+from labcdp.calibration.sensor.dark_library import DarkLibrary, dark_library
 from labcdp.chain import Chain
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.finding import info

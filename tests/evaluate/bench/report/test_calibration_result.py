@@ -7,9 +7,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from openpyxl import load_workbook
 
+from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.colour.budget import colour_budget
 from labcdp.calibration.colour.model import ColourCalibration, CombinationStep
-from labcdp.calibration.errors.budget import budget, combined
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
 from labcdp.core.finding import Finding, info, warning
 from labcdp.core.response import Response

@@ -1,0 +1,270 @@
+"""Converter: DN of one camera, setting and lens to cd/m^2, and the errors that its luminances have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import hypot, inf, isfinite
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.errors import InputError
+from ..core.frame import Frame
+from ..core.luminance import CommonError
+from ..core.response import Response
+from ..core.vignetting import AnyVignetting, cropped
+from .findings import FitError, ResponsivityFit
+from .frames.observations import CameraState
+from .meter import MeterScale
+from .sensor.dark import DarkModel
+from .sensor.dark_library import DarkLibrary
+from .sensor.defects import DefectMap
+from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
+from .setup import LensIdentity
+
+#: Standard uncertainty of one exposure time relative to the others, and least relative one. Cameras report the applied
+#: exposure (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us are a few periods of tens of MHz,
+#: which start and end of an exposure jitter by. Larger errors make the exposures inconsistent, and the fit includes
+#: them as scatter.
+EXPOSURE_TIME_S, EXPOSURE_TIME_REL = 5e-8, 5e-5
+#: Sources of common errors: flicker of the light, common to all patches of the same frames; glare of unknown size,
+#: where the fit found some; setting focus and aperture anew.
+FLICKER, GLARE, REFOCUS = "lamp flicker", "glare", "focus and aperture"
+
+#: Cached, as each frame of a part of the sensor asks for the same.
+_cropped_vignetting = lru_cache(maxsize=8)(cropped)
+
+
+def exposure_time_rel(exposure_s: float) -> float:
+    """Relative standard uncertainty of an exposure time."""
+    return max(EXPOSURE_TIME_REL, EXPOSURE_TIME_S / exposure_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converter:
+    """DN to cd/m^2 for one camera, setting and lens: h(DN - d(t, T)) = R t V(x, y) L.
+
+    Parameters
+    ----------
+    state : CameraState
+        Camera, pixel format, bit depth, image size and gain it is valid for.
+    lens : LensIdentity
+        The lens.
+    meter_scale : MeterScale
+        The meter, its certificate or data sheet, and the error that is common to all luminances.
+    responsivity : ResponsivityFit
+        R.
+    response : Response
+        Linearisation h of the DN above dark.
+    fit_errors : tuple of FitError
+        Independent errors of R, h, the gains and the dark signal; see `labcdp.calibration.common_errors`.
+    dark : DarkModel
+        d(t, T) at the calibration's own gain, `state.gain_db`.
+    noise : TemporalNoise
+        Noise of a pixel at this gain.
+    gains : tuple of GainSetting
+        The other gains it is valid for too; empty for one gain.
+    vignetting : AnyVignetting or None
+        V, None for 1.
+    defects : DefectMap or None
+        Pixels that must not be used.
+    dark_library : DarkLibrary or None
+        Dark pattern to subtract from each frame.
+    range_cd_m2 : (float, float)
+        Lowest and highest luminance of the patches.
+    range_net_dn : (float, float)
+        Lowest and highest DN above dark of the fit.
+    exposures_s : tuple of float
+        Exposures that were used, ascending.
+
+    Raises
+    ------
+    InputError
+        If the responsivity is not positive, the range not ascending, or there is no exposure.
+    """
+
+    state: CameraState
+    lens: LensIdentity
+    meter_scale: MeterScale
+    responsivity: ResponsivityFit
+    response: Response
+    fit_errors: tuple[FitError, ...]
+    dark: DarkModel
+    noise: TemporalNoise
+    gains: tuple[GainSetting, ...]
+    vignetting: AnyVignetting | None
+    defects: DefectMap | None
+    dark_library: DarkLibrary | None
+    range_cd_m2: tuple[float, float]
+    range_net_dn: tuple[float, float]
+    exposures_s: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        low, high = self.range_cd_m2
+        if not 0 < low <= high < float("inf"):
+            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
+        if not self.exposures_s:
+            raise InputError("a calibration has at least one exposure in exposures_s")
+        responsivity = self.responsivity.responsivity_dn_s_cd_m2
+        if not (isfinite(responsivity) and responsivity > 0):
+            raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
+
+    @property
+    def responsivity_common_rel(self) -> float:
+        """Relative standard uncertainty of R: meter scale and fit."""
+        return hypot(self.meter_scale.common_rel, self.responsivity.random_rel)
+
+    @property
+    def settings(self) -> tuple[GainSetting, ...]:
+        """Every calibrated gain, the calibration's own first, with factor 1."""
+        return (GainSetting(self.state.gain_db, 1.0, 0.0, self.dark, self.noise), *self.gains)
+
+    def setting(self, gain_db: float) -> GainSetting:
+        """Return the properties of a gain; raises CalibrationError, naming the calibrated ones, for another."""
+        settings = self.settings
+        return settings[index_of_gain(settings, gain_db)]
+
+    def require(self, state: CameraState, theirs: str) -> None:
+        """Refuse a camera state that this calibration is not valid for.
+
+        Parameters
+        ----------
+        state : CameraState
+            The state to check.
+        theirs : str
+            Name of the state in messages.
+
+        Raises
+        ------
+        CalibrationError
+            If it is another camera or setting, or a gain that was not calibrated.
+        """
+        # A frame need not know that the pixels are full below the end of its scale.
+        saturation_dn = min(state.saturation_dn, self.state.saturation_dn)
+        theirs_below = replace(state, saturation_dn=saturation_dn)
+        self.state.require(theirs_below, "the calibration", theirs, [gain.gain_db for gain in self.gains])
+
+    def dn_per_cd_m2(self, exposure_s: float, gain_db: float | None = None) -> float:
+        """Linearised DN per cd/m^2 on the axis, R t times the factor of a gain; None for the calibration's own."""
+        factor = 1.0 if gain_db is None else self.setting(gain_db).factor
+        return self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s
+
+    def luminance_cd_m2(
+        self, net_dn: ArrayLike, exposure_s: float, gain_db: float | None = None
+    ) -> NDArray[np.float64]:
+        """L V = h(n) / (R t) of pixels with a DN n above dark, any shape; V is not removed.
+
+        Raises
+        ------
+        CalibrationError
+            If the gain was not calibrated.
+        """
+        return self.response.linearise(net_dn) / self.dn_per_cd_m2(exposure_s, gain_db)
+
+    def net_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
+        """DN above dark that a luminance gives on the optical axis: h(n) = R t L solved for n."""
+        from scipy.optimize import brentq
+
+        linear_dn = luminance_cd_m2 * self.dn_per_cd_m2(exposure_s)
+        if self.response.kind == "linear":
+            return linear_dn
+        top = linear_dn
+        while float(self.response.linearise(top)) < linear_dn:
+            top *= 2
+        return float(brentq(lambda n: float(self.response.linearise(n)) - linear_dn, 0.0, top, xtol=1e-9 * linear_dn))
+
+    def dark_spread_cd_m2(self, frame: Frame) -> float:
+        """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""
+        dark = self.setting(frame.gain_db).dark
+        dn = hypot(dark.pattern_dn(frame.exposure_s), dark.drift_dn)
+        return dn * float(self.response.slope(0.0)) / self.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
+
+    def in_region(self, state: CameraState) -> Self:
+        """Return the converter for the part of the sensor that frames of a state show.
+
+        The same where the state does not say which part, shows the whole, or has pixels that are not those of the
+        calibration; `require` then judges it.
+        """
+        whole, part = self.state, state
+        if part.readout is None or whole.readout is None or whole.image_shape == part.image_shape:
+            return self
+        window = part.readout.window_in(part.image_shape, whole.readout, whole.image_shape)
+        if window is None:
+            return self
+        top, left = (one.start for one in window)
+        return self._cropped((left, top), part)
+
+    def _cropped(self, corner: tuple[int, int], part: CameraState) -> Self:
+        whole, shape = self.state, part.image_shape
+        v, defects, library = self.vignetting, self.defects, self.dark_library
+        return replace(
+            self,
+            state=replace(whole, image_shape=shape, readout=part.readout),
+            vignetting=None if v is None else _cropped_vignetting(v, whole.image_shape, corner, shape),
+            defects=None if defects is None else defects.cropped(corner, shape),
+            dark_library=None if library is None else library.cropped(corner, shape),
+        )
+
+
+def common_errors(
+    calibration: Converter,
+    net_dn: ArrayLike,
+    exposure_s: float,
+    gain_db: float | None = None,
+    temperature_c: float | None = None,
+) -> tuple[CommonError, ...]:
+    """Mutually independent errors common to the luminances of one frame, as signed patterns.
+
+    Those of meter, lens and exposure time, and of the fit one for each eigenvector of a covariance. In a contrast of
+    two luminances the difference of their patterns remains. Number and order are the same for all frames of one gain.
+
+    Parameters
+    ----------
+    calibration : Converter
+        Of these frames.
+    net_dn : array_like of float, any shape
+        DN above dark at the pixels, V not removed.
+    exposure_s : float
+        Exposure time.
+    gain_db : float or None
+        Gain; None for the calibration's own.
+    temperature_c : float or None
+        Temperature of the frame; None for that of the dark frames.
+
+    Returns
+    -------
+    tuple of CommonError
+        `relative` has the shape of `net_dn`, or is a number. It changes sign with the signal and is infinite at zero.
+
+    Raises
+    ------
+    CalibrationError
+        If the gain was not calibrated.
+    """
+    n = np.asarray(net_dn, dtype=float)
+    index = index_of_gain(calibration.settings, calibration.state.gain_db if gain_db is None else gain_db)
+    setting = calibration.settings[index]
+    scale = calibration.meter_scale
+    errors = [
+        CommonError("meter scale", scale.standard_uncertainty_rel, rectangular=scale.certificate is None),
+        *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
+        *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
+        CommonError("exposure time", exposure_time_rel(exposure_s)),
+    ]
+    with np.errstate(divide="ignore"):
+        by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)
+    if calibration.responsivity.glare_cd_m2:
+        per_light = calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
+        with np.errstate(divide="ignore"):
+            relative = calibration.responsivity.glare_cd_m2 * per_light / calibration.response.linearise(n)
+        errors.append(CommonError(GLARE, relative))
+    sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
+    for error in calibration.fit_errors:
+        gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0
+        relative = np.interp(n, error.net_dn, error.relative) + gain_rel
+        if error.dark and error.dark_gain_db == setting.gain_db:
+            relative = relative + by_dark_dn * float(sensitivities @ np.array(error.dark))
+        errors.append(CommonError(error.source, relative, dof=error.dof or inf))
+    return tuple(errors)

@@ -1,1 +1,0 @@
-"""Dark signal over exposure and temperature."""

@@ -1,0 +1,260 @@
+"""Overall system gain and responsivity: the two slopes of EMVA 1288."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ..sensor.noise import FIT_SHARE, Slope, slope_through_origin, weighted_gain
+from .result import Quantity, SaturationLimit
+from .series import SeriesPoint
+
+#: Fewest points of a fit.
+MIN_POINTS = 3
+#: Uncertainty of variances without noise, which still need one.
+_FLOOR = 1e-9
+
+
+def points_to_fit(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:
+    """Points from dark signal to 70 % of saturation.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than three.
+    """
+    chosen = [point for point in points if 0 < point.net_dn <= FIT_SHARE * saturation_net_dn]
+    if len(chosen) < MIN_POINTS:
+        raise CalibrationError(
+            f"{len(chosen)} of {len(points)} points lie between dark and {FIT_SHARE:.0%} of saturation: record at "
+            f"least {MIN_POINTS} exposures there, better 10"
+        )
+    return chosen
+
+
+def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
+    """Overall system gain K in DN/e-: var - var_dark = K (mean - mean_dark), through the origin.
+
+    Parameters
+    ----------
+    points : sequence of SeriesPoint
+        Of `points_to_fit`.
+    weighted : bool
+        False for the least squares of the standard, True for `weighted_gain`, as the noise of a calibration.
+
+    Returns
+    -------
+    Slope
+        Its uncertainty is based on the variance of the variances, 2 s^4 / dof for each point.
+
+    Raises
+    ------
+    CalibrationError
+        If K is not above 0: the noise does not grow with the signal.
+    """
+    net = np.array([point.net_dn for point in points])
+    excess = np.array([point.net_variance_dn2 for point in points])
+    if weighted:
+        of_dark = np.array([point.dark.variance_dn2 for point in points])
+        dof, dark_dof = (np.array(one, float) for one in zip(*((p.light.dof, p.dark.dof) for p in points), strict=True))
+        fit = weighted_gain(net, excess, of_dark, dof, dark_dof)
+    else:
+        fit = slope_through_origin(net, excess, np.array([max(p.variance_uncertainty_dn2, _FLOOR) for p in points]))
+    if not fit.value > 0:
+        raise _no_noise(f"K is {fit.value:.3g} DN/e-")
+    return fit
+
+
+def require_noise(points: Sequence[SeriesPoint]) -> None:
+    """Raise CalibrationError if no point has more temporal noise than dark signal."""
+    if not any(point.net_variance_dn2 > 0 for point in points):
+        raise _no_noise("no image has more than the dark images")
+
+
+def _no_noise(found: str) -> CalibrationError:
+    return CalibrationError(
+        f"the temporal noise does not grow with the signal ({found}): check that the images are different ones, not "
+        "denoised, and light and dark not mixed up"
+    )
+
+
+def departure_rel(points: Sequence[SeriesPoint], k_dn_per_e: float) -> float:
+    """Root mean square of the variances' relative deviations from the line, in excess of their uncertainty.
+
+    Points below a tenth of the brightest one are left out: their noise is mostly that of dark signal.
+    """
+    bright = [point for point in points if point.net_dn >= 0.1 * max(other.net_dn for other in points)]
+    expected = np.array([k_dn_per_e * point.net_dn for point in bright])
+    departure = np.array([point.net_variance_dn2 for point in bright]) / expected - 1
+    chance = np.array([point.variance_uncertainty_dn2 for point in bright]) / expected
+    return float(np.sqrt(max(np.mean(departure**2) - np.mean(chance**2), 0.0)))
+
+
+def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
+    """Responsivity R in DN per photon: mean - mean_dark = R photons, through the origin.
+
+    Returns
+    -------
+    Slope or None
+        None if the photons are not known. The uncertainty includes noise and scatter of the points, but not that of the
+        photon numbers, which a data set does not state.
+    """
+    known = [(point.photons, point) for point in points if point.photons is not None]
+    if len(known) < len(points):
+        return None
+    photons = np.array([photons for photons, _ in known])
+    net = np.array([point.net_dn for point in points])
+    return slope_through_origin(photons, net, np.array([point.net_uncertainty_dn for point in points]))
+
+
+#: Share of saturation between which linearity is judged (EMVA 1288 Release 4.0 Linear).
+LINEARITY_SHARES = (0.05, 0.95)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearity:
+    """Deviations from a line.
+
+    Parameters
+    ----------
+    intercept_dn, slope_dn : float
+        The line: intercept, and slope over photons or seconds.
+    stimulus, net_dn : ndarray of float, shape (n,)
+        The points judged: photons or seconds, and signal above dark signal.
+    deviation_rel : ndarray of float, shape (n,)
+        Signal over line, minus 1.
+    uncertainty_rel : ndarray of float, shape (n,)
+        Standard uncertainty of the deviations by noise, black level and lamp.
+    """
+
+    intercept_dn: float
+    slope_dn: float
+    stimulus: NDArray[np.float64]
+    net_dn: NDArray[np.float64]
+    deviation_rel: NDArray[np.float64]
+    uncertainty_rel: NDArray[np.float64]
+
+    def errors(self) -> tuple[Quantity, Quantity, Quantity]:
+        """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
+        uncertainty = float(np.sqrt(np.sum(self.uncertainty_rel**2)) / self.uncertainty_rel.size)
+        mean = Quantity(float(np.abs(self.deviation_rel).mean()), uncertainty, "1", "mean of the absolute deviations")
+        return self._at(int(np.argmin(self.deviation_rel))), self._at(int(np.argmax(self.deviation_rel))), mean
+
+    def _at(self, index: int) -> Quantity:
+        return Quantity(
+            float(self.deviation_rel[index]),
+            float(self.uncertainty_rel[index]),
+            "1",
+            f"at {self.net_dn[index]:.4g} DN above the dark signal; u by noise, black level and lamp",
+        )
+
+
+def in_range(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:
+    """Points from 5 to 95 % of saturation."""
+    low, high = (share * saturation_net_dn for share in LINEARITY_SHARES)
+    return [point for point in points if low <= point.net_dn <= high]
+
+
+def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linearity | None:
+    """Judge the linearity of a series (EMVA 1288 Release 4.0 Linear).
+
+    The line y = a + b x over the photons, or over the exposure where they are not known, minimises the relative
+    deviations, sum(((y - a - b x) / y)^2), from 5 to 95 % of saturation. The deviations are (y - line) / line.
+
+    Parameters
+    ----------
+    points : sequence of SeriesPoint
+        In rising order.
+    saturation_net_dn : float
+        Signal above dark signal at saturation.
+
+    Returns
+    -------
+    Linearity or None
+        None with fewer than three points.
+    """
+    chosen = in_range(points, saturation_net_dn)
+    if len(chosen) < 3:
+        return None
+    x = np.array([point.stimulus for point in chosen])
+    if np.unique(x).size < 2:
+        return None
+    y = np.array([point.net_dn for point in chosen])
+    scale = x.max()
+    design = np.column_stack([1 / y, x / scale / y])
+    intercept, slope = np.linalg.lstsq(design, np.ones_like(y))[0]
+    fitted = intercept + slope * x / scale
+    noise = np.array([point.net_uncertainty_dn for point in chosen]) / y
+    # The fit follows each point by its leverage h: the noise of the deviation is reduced accordingly.
+    projection = design @ np.linalg.pinv(design)
+    left = np.eye(y.size) - projection
+    uncertainty = np.sqrt((left**2) @ noise**2)
+    return Linearity(float(intercept), float(slope / scale), x, y, y / fitted - 1, uncertainty)
+
+
+#: Drop of the variance after its peak, in standard uncertainties, required of a peak.
+_SIGNIFICANT = 4.0
+#: Largest drop of the variance by clipping, over the share of clipped values: 2 to 2.6 for normal noise clipped at one
+#: end, less where pixels differ.
+_CLIPPED = 3.0
+#: Points below the peak by less than this many standard uncertainties may be the peak.
+_MAYBE_PEAK = 2.0
+#: Points up to the peak whose scatter counts.
+_NEIGHBOURS = 12
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """The end of the linear range.
+
+    Parameters
+    ----------
+    index : int
+        Point of the series with the largest temporal variance above that of the dark signal; the last unsaturated one
+        where no peak was seen.
+    limit : {'converter', 'full well', 'not reached'}
+        Cause of saturation.
+    uncertainty_rel : float
+        Relative standard uncertainty of its stimulus.
+    """
+
+    index: int
+    limit: SaturationLimit
+    uncertainty_rel: float = 0.0
+
+
+def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
+    """Find the point of saturation: the largest temporal variance above dark (EMVA 1288 Release 4.0 Linear).
+
+    Beyond it pixels reach the end of the converter, or are full, and their noise vanishes. The error is rectangular: it
+    reaches half a step beyond the points whose variance is that of the peak but for noise and scatter.
+
+    Parameters
+    ----------
+    points : sequence of SeriesPoint
+        At least one, in rising order of signal.
+    """
+    excess = np.array([point.net_variance_dn2 for point in points])
+    u = np.array([point.variance_uncertainty_dn2 for point in points])
+    index = int(np.argmax(excess))
+    falls = excess[index] - excess[index + 1 :] > _SIGNIFICANT * np.hypot(u[index], u[index + 1 :])
+    limit: SaturationLimit = "not reached"
+    if falls.any():
+        drop_rel = 1 - points[-1].light.variance_dn2 / points[index].light.variance_dn2
+        limit = "converter" if drop_rel <= _CLIPPED * points[-1].light.saturated_share else "full well"
+    level = excess[index] - _MAYBE_PEAK * sqrt(2) * max(float(u[index]), _scatter_dn2(excess[: index + 1]))
+    first, last = np.flatnonzero(excess >= level)[[0, -1]]
+    x = np.array([point.stimulus for point in points])
+    low, high = x[first] + x[max(first - 1, 0)], x[last] + x[min(last + 1, x.size - 1)]
+    return Saturation(index, limit, float((high - low) / 4 / sqrt(3) / x[index]))
+
+
+def _scatter_dn2(excess: NDArray[np.float64]) -> float:
+    """Return the standard deviation of the variances around a smooth curve, by their second differences."""
+    curved = np.diff(excess[-_NEIGHBOURS:], n=2)
+    return float(np.sqrt(np.mean(curved**2) / 6)) if curved.size else 0.0

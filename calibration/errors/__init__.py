@@ -1,1 +1,0 @@
-"""Errors and the uncertainty budget."""

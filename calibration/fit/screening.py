@@ -1,0 +1,253 @@
+"""Detection of a single bad reading."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot, inf, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.reading import Reading
+from ..findings import LeftOut
+from ..frames.observations import PatchObservation
+from ..readings import PatchReading, contradict, likely_cause, single_reading
+from ..sensor.noise import GainSetting
+from ..signal import net_signal, usable
+from ..uncertainty import critical_value
+from .candidates import CandidateModel
+from .design import Array, Design
+from .problem import Solution, solve
+from .scatter import shift_with_scatter
+from .selection import WORTH, ratio, strongest_alternative
+
+#: Largest fraction of the patches that may be left out (at least one).
+MAX_SHARE = 0.1
+#: Fewest patches for detecting a bad one, so that three remain.
+_MIN_PATCHES = 4
+#: Standard uncertainties within which a reading agrees with the camera.
+_AGREES = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Data after exclusion of bad readings.
+
+    Parameters
+    ----------
+    design : Design
+        Without them.
+    readings : dict of str to PatchReading
+        Of the patches in the design.
+    left_out : tuple of LeftOut
+        Excluded data.
+    findings : tuple of Finding
+        Findings with the contradicting values.
+    """
+
+    design: Design
+    readings: Mapping[str, PatchReading]
+    left_out: tuple[LeftOut, ...]
+    findings: tuple[Finding, ...]
+
+
+def screen(
+    design: Design,
+    candidates: Sequence[CandidateModel],
+    joined: Mapping[str, PatchReading],
+    readings: Mapping[str, Sequence[Reading]],
+) -> Screened:
+    """Exclude readings that contradict camera and other patches.
+
+    Of two contradicting readings of one patch, the one closer to the camera is kept. A patch is bad if its standardised
+    deleted residual (from a fit without its reading) exceeds the Bonferroni critical value for all patches, and no
+    alternative explains the deviation better: another response, glare, a wrong dark signal or exposure time, a drift,
+    or the positions of the patches. At most one patch or `MAX_SHARE` of them is left out.
+
+    Parameters
+    ----------
+    design : Design
+        All usable patches.
+    candidates : sequence of CandidateModel
+        Candidate responses.
+    joined : mapping of str to PatchReading
+        The patches' readings.
+    readings : mapping of str to sequence of Reading
+        Each reading of them.
+    """
+    design, joined, left_out, findings = _choose_of_two(design, candidates, dict(joined), readings)
+    most = max(1, int(MAX_SHARE * len(design.patches)))
+    for _ in range(most):
+        if len(design.patches) < _MIN_PATCHES:
+            break
+        bad = _bad_patch(design, candidates)
+        if bad is None:
+            break
+        patch, expected = bad
+        name, shown = design.patches[patch], float(design.reading_cd_m2[patch])
+        left_out.append(LeftOut(name, None, None, "contradicts the other patches"))
+        findings.append(
+            warning(
+                f"patch-contradicts{likely_cause(shown / expected)}",
+                name,
+                reading_cd_m2=shown,
+                expected_cd_m2=expected,
+                ratio=shown / expected,
+            )
+        )
+        design = design.without(patch)
+    return Screened(design, {name: joined[name] for name in design.patches}, tuple(left_out), tuple(findings))
+
+
+def _bad_patch(design: Design, candidates: Sequence[CandidateModel]) -> tuple[int, float] | None:
+    """Find the number of a bad patch, and its luminance by the others; None if there is none."""
+    best = _best_without_one(design, candidates, range(len(design.patches)))
+    if best is None:
+        return None
+    solution, patch = best
+    value, uncertainty, _ = shift_with_scatter(solution, _pattern(design, patch))
+    # Even where the other patches seem not to scatter, they are few.
+    dof = len(design.patches) - solution.parameters.size - 1
+    if uncertainty == inf or abs(value) <= critical_value(len(design.patches), dof) * uncertainty:
+        return None
+    alternative = strongest_alternative(solution)
+    if alternative is not None and alternative[1] >= ratio(solution.shift(_pattern(design, patch))):
+        return None
+    expected = float(design.reading_cd_m2[patch] + value)
+    return (patch, expected) if expected > 0 else None
+
+
+def _best_without_one(
+    design: Design, candidates: Sequence[CandidateModel], patches: Iterable[int]
+) -> tuple[Solution, int] | None:
+    """Find the model that fits best without the reading of one of these patches, and which; None if no model fits."""
+    best: tuple[float, Solution, int] | None = None
+    for candidate in candidates:
+        try:
+            solution = solve(design, candidate)
+        except CalibrationError:
+            continue
+        drop, worst = max((ratio(solution.shift(_pattern(design, patch))) ** 2, -patch) for patch in patches)
+        left = solution.chi_squared - drop + WORTH * (candidate.n_parameters - 1)
+        if best is None or left < best[0]:
+            best = left, solution, -worst
+    return None if best is None else best[1:]
+
+
+def _choose_of_two(
+    design: Design,
+    candidates: Sequence[CandidateModel],
+    joined: dict[str, PatchReading],
+    readings: Mapping[str, Sequence[Reading]],
+) -> tuple[Design, dict[str, PatchReading], list[LeftOut], list[Finding]]:
+    """Of two contradicting readings of a patch, keep the one that agrees with the camera."""
+    left_out: list[LeftOut] = []
+    findings: list[Finding] = []
+    for patch, name in enumerate(design.patches):
+        distinct = [k for k, r in enumerate(readings[name], start=1) if r not in readings[name][: k - 1]]
+        pair = [readings[name][k - 1] for k in distinct]
+        if len(pair) != 2 or not contradict(pair) or len(design.patches) < _MIN_PATCHES:
+            continue
+        best = _best_without_one(design, candidates, [patch])
+        if best is None:
+            continue
+        value, uncertainty = best[0].shift(_pattern(design, patch))
+        if uncertainty == inf:
+            continue
+        expected = float(design.reading_cd_m2[patch] + value)
+        # The shift's variance less that of this patch's reading is the camera's.
+        by_camera = sqrt(max(uncertainty**2 - float(design.reading_variance[patch]), 0.0))
+        off = [
+            abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
+            for r in pair
+        ]
+        right = int(np.argmin(off))
+        if off[right] < _AGREES and off[1 - right] > critical_value(2 * len(design.patches)):
+            before = len(joined[name].left_out)
+            joined[name], found = single_reading(joined[name], readings[name], distinct[right])
+            findings += found
+            left_out += joined[name].left_out[before:]
+            design = design.with_reading(patch, joined[name])
+    return design, joined, left_out, findings
+
+
+def _pattern(design: Design, patch: int) -> Array:
+    """Effect of a patch's reading that is too low by 1 cd/m^2 on luminances less readings."""
+    return np.where(design.patch == patch, 1.0, 0.0)
+
+
+#: Signals this close to the highest one may be a plateau.
+_ALIKE_REL = 0.01
+#: Ratio to the signal extrapolated from a shorter exposure below which a signal is compressed.
+_SHORT = 0.9
+#: Least ratio of the light of signals on a plateau, above that of a single bad reading in a non-linear response.
+_LIGHT_RATIO = 1.2
+#: Share of a full well above which some pixels of a patch may be full.
+SAFE_SHARE = 0.9
+
+
+def plateau_dn(net_dn: ArrayLike, light: ArrayLike, promised_dn: ArrayLike) -> float | None:
+    """Find signals that do not rise with the light.
+
+    Several of the highest signals are equal for different light, and each is below that extrapolated from a shorter
+    exposure of its patch. Signals of a non-linear response can be too low, but still grow with the light.
+
+    Parameters
+    ----------
+    net_dn, light, promised_dn : array_like of float, shape (n,)
+        Signals above dark, their relative light, and the signals that the shortest exposure of each patch promises.
+
+    Returns
+    -------
+    float or None
+        Their mean above dark; None without a plateau.
+    """
+    net, amount, promised = (np.asarray(values, float) for values in (net_dn, light, promised_dn))
+    full = (net > (1 - _ALIKE_REL) * net.max(initial=0.0)) & (net < _SHORT * promised)
+    if full.sum() < 2 or not amount[full].max() > _LIGHT_RATIO * amount[full].min():
+        return None
+    return float(net[full].mean())
+
+
+def full_well(
+    groups: Mapping[str, Sequence[PatchObservation]],
+    readings: Mapping[str, Sequence[Reading]],
+    settings: Sequence[GainSetting],
+) -> tuple[float, list[Finding]] | None:
+    """Find the DN from which pixels may be full, below the stated saturation.
+
+    Parameters
+    ----------
+    groups : mapping of str to sequence of PatchObservation
+        By patch.
+    readings : mapping of str to sequence of Reading
+        Of the same patches.
+    settings : sequence of GainSetting
+        Dark signal and noise of the gains.
+
+    Returns
+    -------
+    (float, list of Finding) or None
+        90 % of the way from the dark signal to the full well, the lowest of the gains; None if none is found.
+    """
+    found: list[tuple[float, float]] = []
+    for index, setting in enumerate(settings):
+        rows = []
+        for patch, group in groups.items():
+            own = [s for s in (net_signal(o, settings) for o in usable(group, settings)[0]) if s.gain_index == index]
+            light = float(np.mean([reading.luminance_cd_m2 for reading in readings[patch]]))
+            for signal in own:
+                shortest = max(own, key=lambda s: s.scale_per_s)
+                promised = shortest.net_dn * shortest.scale_per_s / signal.scale_per_s
+                rows.append((signal.net_dn, light / signal.scale_per_s, promised))
+        level = plateau_dn(*np.reshape(rows, (-1, 3)).T)
+        if level is not None:
+            found.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))
+    if not found:
+        return None
+    level_dn, safe_dn = min(found)
+    stated_dn = next(iter(groups.values()))[0].state.saturation_dn
+    return safe_dn, [warning("full-below-saturation", level_dn=level_dn, stated_dn=stated_dn, saturation_dn=safe_dn)]

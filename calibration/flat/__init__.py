@@ -1,1 +1,0 @@
-"""Flat fields and their structure."""

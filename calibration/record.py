@@ -1,0 +1,185 @@
+"""Calibrations and verifications as JSON files, units in the keys; arrays are compressed in the same file.
+
+pydantic validates the dataclasses themselves; unknown keys are errors at every level.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from base64 import b64decode, b64encode
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any, TypeVar, cast
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import numpy as np
+
+from ..core.disk import quoted, read_json, validated_as
+from ..core.disk.arrays import parse_npz
+from ..core.errors import InputError
+from .colour.model import AnyCalibration, ColourCalibration
+from .model import Calibration
+from .verify.result import Verification
+
+#: Value of the key ``format`` of calibrations, and of verifications.
+CALIBRATION, VERIFICATION = "labcdp-calibration", "labcdp-verification"
+#: Largest size of a calibration, and of its arrays; and of a verification.
+MOST_BYTES, _MOST_BYTES_VERIFICATION = 2**30, 2**26
+#: By format: its name in messages, the only version that is written and read, and what to do about an older one.
+_FORMATS = {CALIBRATION: ("calibration", 5, "calibrate again"), VERIFICATION: ("verification", 4, "verify again")}
+#: Kinds of calibration, by the value of the key ``kind``.
+_KINDS: dict[str, type[AnyCalibration]] = {"monochrome": Calibration, "colour": ColourCalibration}
+
+_T = TypeVar("_T")
+
+
+def save(calibration: AnyCalibration, path: str | Path, *, force: bool = False) -> None:
+    """Write a calibration to a JSON file atomically; with `force` an existing calibration is replaced.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written.
+    """
+    kind = next(kind for kind, one in _KINDS.items() if one is type(calibration))
+    arrays: dict[str, Any] = {}
+    content = {"kind": kind, "calibration": _dumped(calibration, arrays), "arrays": _text(arrays)}
+    _write(path, CALIBRATION, {"sha256": _digest(content), **content}, force)
+
+
+def load_any(path: str | Path) -> AnyCalibration:
+    """Read a calibration of any kind that `save` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not a calibration, has another version or a missing, unknown or invalid value, or
+        was modified.
+    """
+    document = _read(Path(path), CALIBRATION)
+    kind = document.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise InputError(f"calibration {path} has kind {quoted(kind)}: this labcdp knows {', '.join(_KINDS)}")
+    try:
+        made = _loaded(document.get("calibration"), _KINDS[kind], _arrays(document.get("arrays")))
+    except InputError as error:
+        raise InputError(f"calibration {path}, {error}") from error
+    if document.get("sha256") != _digest(document):
+        raise InputError(
+            f"calibration {path} was changed after it was written (its sha256 does not match): restore the original, "
+            "or calibrate again"
+        )
+    return made
+
+
+def load(path: str | Path) -> Calibration:
+    """Read the calibration of a monochrome camera; as `load_any`, and refuses that of a colour camera."""
+    calibration = load_any(path)
+    if not isinstance(calibration, Calibration):
+        raise InputError(f"calibration {path} is for a colour camera: give one of a monochrome camera")
+    return calibration
+
+
+def calibration_sha256(path: str | Path) -> str:
+    """Return the identifying hash in a calibration's file; raises InputError as `load_any`."""
+    return str(_read(Path(path), CALIBRATION).get("sha256"))
+
+
+def save_verification(verification: Verification, path: str | Path, *, force: bool = False) -> None:
+    """Write a verification to a JSON file; as `save`."""
+    content = {"verdict": verification.verdict, "verification": _dumped(verification)}
+    _write(path, VERIFICATION, content, force)
+
+
+def load_verification(path: str | Path) -> Verification:
+    """Read a verification that `save_verification` wrote; raises InputError as `load_any`."""
+    document = _read(Path(path), VERIFICATION)
+    try:
+        return _loaded(document.get("verification"), Verification)
+    except InputError as error:
+        raise InputError(f"verification {path}, {error}") from error
+
+
+@cache
+def _model_of(kind: Any) -> Any:
+    """Pydantic model with the only key ``value``, which forbids unknown keys in all dataclasses within it too."""
+    from pydantic import ConfigDict, create_model
+
+    return create_model("Document", __config__=ConfigDict(extra="forbid"), value=(kind, ...))
+
+
+def _dumped(value: object, arrays: dict[str, Any] | None = None) -> Any:
+    """Return a dataclass as values JSON can hold; arrays are put into a dictionary."""
+    document = _model_of(cast("Any", type(value))).model_construct(value=value)
+    return document.model_dump(mode="json", context={"arrays": arrays})["value"]
+
+
+def _loaded(content: Any, kind: type[_T], arrays: dict[str, Any] | None = None) -> _T:
+    """Make the dataclass again; raises InputError with the first key that is missing, unknown or wrong."""
+    try:
+        made: _T = validated_as(_model_of(cast("Any", kind)), {"value": content}, arrays=arrays or {}).value
+    except InputError as error:
+        raise InputError(str(error).replace("key value.", "key ", 1)) from error
+    return made
+
+
+def _write(path: str | Path, file_format: str, content: dict[str, Any], force: bool) -> None:
+    from ..output import write_file
+
+    document = {"format": file_format, "version": _FORMATS[file_format][1], **content}
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    write_file(path, (text + "\n").encode(), force=force)
+
+
+def _read(path: Path, file_format: str) -> dict[str, Any]:
+    """Read a document of this format and version."""
+    name, version, remedy = _FORMATS[file_format]
+    most_bytes = MOST_BYTES if file_format == CALIBRATION else _MOST_BYTES_VERIFICATION
+    document = read_json(path, f"a {name} that labcdp saved", most_bytes)
+    if not isinstance(document, dict) or document.get("format") != file_format:
+        raise InputError(
+            f"{path} is not a {name}: its key format is not {file_format!r}; give a file that labcdp saved"
+        )
+    found = document.get("version")
+    if found != version:
+        newer = isinstance(found, int) and found > version
+        advice = "use a newer labcdp" if newer else remedy
+        raise InputError(f"{name} {path} has version {quoted(found)}, this labcdp reads version {version}: {advice}")
+    return document
+
+
+def _text(arrays: dict[str, Any]) -> str | None:
+    """Arrays as the Base64 text of a compressed NumPy archive; None without arrays."""
+    if not arrays:
+        return None
+    file = BytesIO()
+    # The lowest level takes a quarter of NumPy's time and makes files as small: maps are mostly noise.
+    with ZipFile(file, "w", ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as entry:
+                np.lib.format.write_array(entry, np.asarray(array))
+    return b64encode(file.getvalue()).decode()
+
+
+def _arrays(text: Any) -> dict[str, Any]:
+    if text is None:
+        return {}
+    try:
+        data = b64decode(text, validate=True)
+    except (TypeError, ValueError) as error:
+        raise InputError("key arrays: it is no Base64 text") from error
+    try:
+        return dict(parse_npz(data, MOST_BYTES))
+    except InputError as error:
+        raise InputError(f"key arrays: {error}") from error
+
+
+def _digest(document: Any) -> str:
+    arrays = document.get("arrays")
+    content = {"kind": document["kind"], "calibration": document.get("calibration")}
+    if arrays is not None:
+        content["arrays"] = hashlib.sha256(arrays.encode()).hexdigest()
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()

@@ -1,1 +1,0 @@
-"""Calibration files, and their history."""

@@ -1,1 +1,0 @@
-"""Response curves from exposure brackets."""

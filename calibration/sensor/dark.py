@@ -1,0 +1,246 @@
+"""Dark signal as a function of exposure time, from dark frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import log, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ..frames.observations import DarkObservation
+from .dark_fit import (
+    DOUBLING_REL,
+    TYPICAL_DOUBLING_C,
+    clipping,
+    drift_of_black_level,
+    fit_curve,
+    mean_uncertainties_dn,
+    noise_line,
+    of_rounding,
+    of_unknown_rate,
+)
+
+#: Temperature difference to the dark frames at which the dark current changes by about a sixth.
+_TEMPERATURE_TOLERANCE_C = 2.0
+#: Change of the dark signal, in DN, that causes a warning.
+_WORTH_DN = 0.1
+
+Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class DarkModel:
+    """d(t, T) = `offset_dn` + `rate_dn_s` t 2^((T - T_ref) / T_d) (EMVA 1288 Release 4.0 Linear, dark current).
+
+    Parameters
+    ----------
+    offset_dn, rate_dn_s : float
+        DN at zero exposure, and its growth per second at T_ref (EMVA 1288: dark current, here times K).
+    covariance : tuple of tuple of float
+        Covariance of offset_dn, rate_dn_s and 1 / T_d, shape (3, 3).
+    noise_dn : float
+        Temporal noise of one pixel in the dark at zero exposure: read noise and rounding.
+    nonuniformity_dn : float
+        Standard deviation of slow changes of the dark signal across the sensor.
+    exposures_s : tuple of float
+        Exposures of the dark frames, ascending.
+    temperatures_c : tuple of float
+        Temperatures of the sets of dark frames, ascending; empty if one is unknown.
+    temperature_c : float or None
+        T_ref, None if unknown.
+    doubling_temperature_c : float or None
+        T_d; None if undetermined: `TYPICAL_DOUBLING_C` is then used with a large `covariance`.
+    patterns_dn : tuple of float
+        Standard deviation of the dark signal from pixel to pixel at each of `exposures_s` (EMVA 1288: DSNU, in DN),
+        that a dark library leaves; empty for none.
+    noise_rate_dn2_s : float
+        Growth of the temporal variance per second at T_ref, by the shot noise of the dark current.
+    drift_dn : float
+        Standard deviation of the black level from frame to frame, with noise of the pixels removed.
+    drift_dof : int
+        Degrees of freedom of `drift_dn`.
+    line_noise_dn, line_pattern_dn : (float, float)
+        Standard deviation of temporal noise and of the pattern that whole columns, and whole rows, have in common.
+    """
+
+    offset_dn: float
+    rate_dn_s: float
+    covariance: Covariance
+    noise_dn: float
+    nonuniformity_dn: float
+    exposures_s: tuple[float, ...]
+    temperatures_c: tuple[float, ...] = ()
+    temperature_c: float | None = None
+    doubling_temperature_c: float | None = None
+    patterns_dn: tuple[float, ...] = ()
+    noise_rate_dn2_s: float = 0.0
+    drift_dn: float = 0.0
+    drift_dof: int = 0
+    line_noise_dn: tuple[float, float] = (0.0, 0.0)
+    line_pattern_dn: tuple[float, float] = (0.0, 0.0)
+
+    def mean_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """d(t, T) in DN; an unknown temperature is assumed to be T_ref."""
+        return self.offset_dn + self.rate_dn_s * exposure_s * self.growth(temperature_c)
+
+    def sensitivities(self, exposure_s: float, temperature_c: float | None = None) -> NDArray[np.float64]:
+        """Return the derivatives of d(t, T) by the parameters in the order of `covariance`, shape (3,)."""
+        by_rate = exposure_s * self.growth(temperature_c)
+        by_doubling = 0.0
+        if temperature_c is not None and self.temperature_c is not None:
+            by_doubling = self.rate_dn_s * by_rate * log(2) * (temperature_c - self.temperature_c)
+        return np.array([1.0, by_rate, by_doubling])
+
+    def variance_dn2(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Variance of d(t, T) in DN^2 (GUM 5.2.2)."""
+        sensitivity = self.sensitivities(exposure_s, temperature_c)
+        return max(float(sensitivity @ np.array(self.covariance) @ sensitivity), 0.0)
+
+    def noise_variance_dn2(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Temporal variance of one pixel in the dark, in DN^2: read noise and shot noise of the dark current."""
+        return self.noise_dn**2 + self.noise_rate_dn2_s * exposure_s * self.growth(temperature_c)
+
+    def pattern_dn(self, exposure_s: float) -> float:
+        """Return the standard deviation of the dark signal from pixel to pixel, by straight lines between exposures."""
+        return float(np.interp(exposure_s, self.exposures_s, self.patterns_dn)) if self.patterns_dn else 0.0
+
+    def temperature_findings(self, frames: Iterable[tuple[float, float | None]], subject: str = "") -> list[Finding]:
+        """Warn of frames outside the temperatures of the dark frames, where that changes the dark signal.
+
+        Parameters
+        ----------
+        frames : iterable of (float, float or None)
+            Exposure in s and temperature in degC of each; the most affected is named.
+        subject : str
+            Subject of the finding.
+        """
+        if not self.temperatures_c:
+            return []
+        low, high = self.temperatures_c[0], self.temperatures_c[-1]
+        away = [(max(low - c, c - high), t, c) for t, c in frames if c is not None]
+        far = [
+            (abs(self.rate_dn_s) * t * (2 ** (beyond / TYPICAL_DOUBLING_C) - 1), t, c)
+            for beyond, t, c in away
+            if beyond > _TEMPERATURE_TOLERANCE_C
+        ]
+        if not far or max(far)[0] < _WORTH_DN:
+            return []
+        _, exposure_s, temperature_c = max(far)
+        return [
+            warning(
+                "temperature-not-covered",
+                subject,
+                exposure_s=exposure_s,
+                temperature_c=temperature_c,
+                lowest_c=low,
+                highest_c=high,
+            )
+        ]
+
+    def errors(self) -> NDArray[np.float64]:
+        """Independent errors of the parameters for one standard uncertainty, one a row; shape (n, 3), n at most 3."""
+        covariance = np.array(self.covariance)
+        # In units of the standard deviations, as DN and DN/s differ by orders of magnitude.
+        unit = np.sqrt(np.maximum(np.diag(covariance), 0))
+        safe = np.where(unit > 0, unit, 1)
+        values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+        kept = values > 1e-9
+        rows: NDArray[np.float64] = (vectors[:, kept] * np.sqrt(values[kept]) * unit[:, None]).T
+        return rows
+
+    @property
+    def offset_variance_dn2(self) -> float:
+        """Variance of `offset_dn`."""
+        return self.covariance[0][0]
+
+    @property
+    def rate_variance_dn2_s2(self) -> float:
+        """Variance of `rate_dn_s`."""
+        return self.covariance[1][1]
+
+    def growth(self, temperature_c: float | None) -> float:
+        """Return the dark current over that at T_ref; 1 for an unknown temperature."""
+        if temperature_c is None or self.temperature_c is None:
+            return 1.0
+        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
+        return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
+
+
+def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]]:
+    """Fit the dark signal and its noise to dark frames.
+
+    A weighted straight line over the exposure time; with dark frames at several temperatures also the doubling
+    temperature, if significant; else `TYPICAL_DOUBLING_C` with a standard uncertainty of a third of that growth. The
+    black level's drift from frame to frame is one number of all exposures, and part of each mean's uncertainty, which
+    is widened by the Birge ratio where the means scatter more. Dark frames at one exposure give a constant, which may
+    be dark current as far as it is above the nominal black level, or half a DN.
+
+    Parameters
+    ----------
+    darks : sequence of DarkObservation
+        At least one; of one camera state.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no observation, or cameras or settings differ.
+    """
+    _require_one_state(darks)
+    t = np.array([d.exposure_s for d in darks])
+    temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
+    reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
+    warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
+    drift_dn, drift_dof = drift_of_black_level(darks)
+    y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
+    parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
+    if np.unique(t).size == 1:
+        covariance += of_unknown_rate(float(t[0]), float(parameters[0]) - darks[0].state.nominal_black_dn)
+    else:
+        covariance += of_rounding(max(d.rounding_dn2 for d in darks), float(np.ptp(t)))
+    growth = 2 ** (warmer_c * parameters[2])
+    doubling_c = float(1 / parameters[2]) if covariance[2, 2] > 0 else None
+    if doubling_c is None and reference is not None:
+        covariance[2, 2] = (DOUBLING_REL / TYPICAL_DOUBLING_C) ** 2
+    noise = noise_line(darks, growth)
+    patterns = [_rms(d.pattern_dn for d in darks if d.exposure_s == e) for e in np.unique(t)]
+    model = DarkModel(
+        offset_dn=float(parameters[0]),
+        rate_dn_s=float(parameters[1]),
+        covariance=_rows(covariance),
+        noise_dn=sqrt(max(noise.intercept, 0.0)),
+        nonuniformity_dn=_rms(d.nonuniformity_dn for d in darks),
+        exposures_s=tuple(float(v) for v in np.unique(t)),
+        temperatures_c=() if reference is None else tuple(sorted(temperatures)),
+        temperature_c=reference,
+        doubling_temperature_c=doubling_c,
+        patterns_dn=tuple(patterns) if any(patterns) else (),
+        noise_rate_dn2_s=noise.slope,
+        drift_dn=drift_dn,
+        drift_dof=drift_dof,
+        line_noise_dn=(_rms(d.line_noise_dn[0] for d in darks), _rms(d.line_noise_dn[1] for d in darks)),
+        line_pattern_dn=(_rms(d.line_pattern_dn[0] for d in darks), _rms(d.line_pattern_dn[1] for d in darks)),
+    )
+    return model, [*clipping(darks), *findings]
+
+
+def _rms(values: Iterable[float]) -> float:
+    return sqrt(float(np.mean(np.square(list(values)))))
+
+
+def _rows(matrix: NDArray[np.floating[Any]]) -> Covariance:
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    return (a, b, c), (d, e, f), (g, h, i)
+
+
+def _require_one_state(darks: Sequence[DarkObservation]) -> None:
+    if not darks:
+        raise CalibrationError(
+            "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
+        )
+    for dark in darks[1:]:
+        darks[0].state.require(dark.state, "the first dark frames", f"the set of dark frames at {dark.exposure_s:g} s")

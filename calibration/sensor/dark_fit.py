@@ -1,0 +1,247 @@
+"""Fit of the dark signal over exposure and temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.finding import Finding, warning
+from ..frames.observations import DarkObservation
+from ..frames.rounding import ROUNDING_DN2, variance_before_rounding
+from ..frames.statistics import MAX_CLIPPED_SHARE
+
+#: Smallest temperature difference of dark frames for fitting the temperature dependence of the dark current.
+MIN_TEMPERATURE_SPAN_C = 3.0
+#: Standard uncertainties 1 / T_d must be above zero to be used.
+_DOUBLING_LIMIT = 3.0
+#: Assumed without such dark frames: the dark current of silicon doubles every 5 to 10 degC (EMVA 1288 Release 4.0
+#: Linear, dark current; J. Janesick, Photon Transfer, 2007), and a third of that growth is its standard uncertainty.
+TYPICAL_DOUBLING_C = 7.5
+DOUBLING_REL = 1 / 3
+
+
+def fit_curve(
+    t: NDArray[np.float64], warmer_c: NDArray[np.float64], y: NDArray[np.float64], u: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Finding]]:
+    """Offset, rate and 1 / T_d with their covariance; that of 1 / T_d is 0 where it is not determined."""
+    typical = 1 / TYPICAL_DOUBLING_C
+    if np.unique(t).size == 1:
+        constant = line(np.zeros_like(t), y, u)
+        found = [warning("dark-one-exposure", exposure_s=float(t[0]))]
+        return np.array([constant.intercept, 0.0, typical]), np.diag([constant.covariance[0, 0], 0.0, 0.0]), found
+    fitted = _with_temperature(t, warmer_c, y, u) if np.ptp(warmer_c) >= MIN_TEMPERATURE_SPAN_C else None
+    if fitted is None:
+        straight = line(t * 2 ** (warmer_c * typical), y, u)
+        covariance = np.zeros((3, 3))
+        covariance[:2, :2] = straight.covariance
+        fitted = np.array([straight.intercept, straight.slope, typical]), covariance
+    parameters, covariance = fitted
+    residuals = y - parameters[0] - parameters[1] * t * 2 ** (warmer_c * parameters[2])
+    grown = t * 2 ** (warmer_c * parameters[2])
+    n_parameters = 3 if covariance[2, 2] > 0 else 2
+    findings = contradictions(t, grown, y, u, residuals, n_parameters)
+    return parameters, covariance, findings + falling(t, float(parameters[1]), sqrt(covariance[1, 1]))
+
+
+def _with_temperature(
+    t: NDArray[np.float64], warmer_c: NDArray[np.float64], y: NDArray[np.float64], u: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Least squares of all three parameters; None if the dark frames do not determine them."""
+    from scipy.optimize import least_squares
+
+    start = line(t, y, u)
+    if start.slope <= 0 or t.size < 3:
+        return None
+    scale = np.array([1.0, start.slope, 1.0])
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        offset, rate, inverse = p * scale
+        model: NDArray[np.float64] = (offset + rate * t * 2 ** np.clip(warmer_c * inverse, -30, 30) - y) / u
+        return model
+
+    # EMVA 1288: the dark current doubles every 5 to 10 degC.
+    fit = least_squares(residuals, (start.intercept, 1.0, 1 / 8), x_scale="jac")
+    jacobian = np.asarray(fit.jac, dtype=np.float64)
+    if np.linalg.matrix_rank(jacobian / np.abs(jacobian).max(axis=0), tol=1e-6 * sqrt(t.size)) < 3:
+        return None
+    birge2 = max(1.0, 2 * fit.cost / (t.size - 3)) if t.size > 3 else 1.0
+    covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), np.float64) * birge2 * np.outer(scale, scale)
+    parameters: NDArray[np.float64] = np.asarray(fit.x, dtype=np.float64) * scale
+    known = parameters[2] > _DOUBLING_LIMIT * sqrt(covariance[2, 2]) and parameters[1] > 0
+    return (parameters, covariance) if known else None
+
+
+def of_unknown_rate(exposure_s: float, above_black_dn: float) -> NDArray[np.float64]:
+    """Covariance of a line of unknown rate through the mean at one exposure; shape (3, 3)."""
+    rate_dn_s = max(abs(above_black_dn), DRIFT_DN) / exposure_s
+    error = np.array([-rate_dn_s * exposure_s, rate_dn_s, 0.0])
+    return np.outer(error, error)
+
+
+def of_rounding(rounding_dn2: float, span_s: float) -> NDArray[np.float64]:
+    """Covariance by rounding, whose errors at neighbouring signals are alike and so tilt the line; shape (3, 3)."""
+    error = sqrt(rounding_dn2) * np.array([1.0, -2 / span_s, 0.0])
+    return np.outer(error, error)
+
+
+#: p-value of chi^2 below which the dark frames are inconsistent.
+_SMALL_P_VALUE = 0.01
+#: Largest difference of mean dark signal by normal drift of the black level.
+DRIFT_DN = 0.5
+
+
+def clipping(darks: Sequence[DarkObservation]) -> list[Finding]:
+    """Warn of dark frames with pixels at 0 DN."""
+    return [
+        warning("dark-clipped", exposure_s=d.exposure_s, share=float(d.black_share))
+        for d in darks
+        if d.black_share > MAX_CLIPPED_SHARE
+    ]
+
+
+def falling(t: NDArray[np.float64], rate_dn_s: float, uncertainty_dn_s: float) -> list[Finding]:
+    """Warn of a dark signal that decreases with the exposures `t`, given a rate and its standard uncertainty."""
+    if rate_dn_s * np.ptp(t) >= -DRIFT_DN or rate_dn_s >= -3 * uncertainty_dn_s:
+        return []
+    return [warning("dark-falls", rate_dn_s=-float(rate_dn_s))]
+
+
+def contradictions(
+    t: NDArray[np.float64],
+    grown_s: NDArray[np.float64],
+    y: NDArray[np.float64],
+    u: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    n_parameters: int,
+) -> list[Finding]:
+    """Return a warning if the dark frames scatter around the line more than noise and drift explain.
+
+    Parameters
+    ----------
+    t, grown_s : ndarray of float, shape (n,)
+        Exposures, and the same times the growth of the dark current with the temperature.
+    y, u, residuals : ndarray of float, shape (n,)
+        Means with standard uncertainties, and their deviations from the fit.
+    n_parameters : int
+        Of the fit.
+    """
+    from scipy.special import chdtrc
+
+    p_value = chdtrc(t.size - n_parameters, float(np.sum((residuals / u) ** 2))) if t.size > n_parameters else 1.0
+    if p_value >= _SMALL_P_VALUE or np.abs(residuals).max() <= DRIFT_DN:
+        return []
+    # Exposure without which a line fits best; residuals are misleading at the ends of the range.
+    left = [line(np.delete(grown_s, i), np.delete(y, i), np.delete(u, i)).chi_squared for i in range(t.size)]
+    worst = float(t[int(np.argmin(left))])
+    return [warning("dark-contradicts", exposure_s=worst, deviation_dn=float(np.abs(residuals).max()))]
+
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Line:
+    """y = `intercept` + `slope` x.
+
+    Parameters
+    ----------
+    intercept, slope : float
+        The line.
+    covariance : ndarray of float, shape (2, 2)
+        Of intercept and slope.
+    chi_squared : float
+        Sum of squared deviations over the variances of the points.
+    """
+
+    intercept: float
+    slope: float
+    covariance: FloatArray
+    chi_squared: float
+
+    @property
+    def intercept_uncertainty(self) -> float:
+        """Standard uncertainty of the intercept."""
+        return sqrt(float(self.covariance[0, 0]))
+
+    @property
+    def slope_uncertainty(self) -> float:
+        """Standard uncertainty of the slope; nan where it is not known."""
+        return sqrt(float(self.covariance[1, 1]))
+
+
+def line(x: FloatArray, y: FloatArray, u: FloatArray) -> Line:
+    """Fit a line, points weighted with 1 / u^2; a constant if all x are equal.
+
+    Parameters
+    ----------
+    x, y, u : ndarray of float, shape (n,)
+        Points, and the standard uncertainties of y, above 0.
+
+    Returns
+    -------
+    Line
+        Its covariance is widened by the Birge ratio squared if the points scatter more than u says. The slope of a
+        constant is 0 with unknown uncertainty (nan).
+    """
+    centre, scale = float(np.average(x, weights=1 / u**2)), float(np.ptp(x))
+    n = 2 if scale > 0 else 1
+    design = np.column_stack([np.ones_like(x), (x - centre) / (scale or 1.0)])[:, :n]
+    root = design / u[:, None]
+    covariance = np.linalg.inv(root.T @ root)
+    parameters = covariance @ (root.T @ (y / u))
+    chi_squared = float(np.sum(((y - design @ parameters) / u) ** 2))
+    covariance *= birge(chi_squared, x.size - n) ** 2
+    if n == 1:
+        return Line(float(parameters[0]), 0.0, np.diag([covariance[0, 0], np.nan]), chi_squared)
+    back = np.array([[1.0, -centre / scale], [0.0, 1 / scale]])
+    intercept, slope = back @ parameters
+    return Line(float(intercept), float(slope), back @ covariance @ back.T, chi_squared)
+
+
+def birge(chi_squared: float, dof: int) -> float:
+    """Birge ratio sqrt(chi^2 / dof), at least 1."""
+    return max(1.0, sqrt(chi_squared / dof)) if dof > 0 else 1.0
+
+
+def drift_of_black_level(darks: Sequence[DarkObservation]) -> tuple[float, int]:
+    """Return the standard deviation of the black level from frame to frame, and its degrees of freedom."""
+    freedoms = [d.n_frames - 1 for d in darks]
+    if sum(freedoms) == 0:
+        return 0.0, 0
+    excess = [d.frame_means_variance_dn2 - d.mean_noise_dn2 for d in darks]
+    return sqrt(max(float(np.average(excess, weights=freedoms)), 0.0)), sum(freedoms)
+
+
+def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> NDArray[np.float64]:
+    """Return the standard uncertainties of means by noise, drift of the black level and rounding."""
+    own = [(d.mean_noise_dn2 + drift_dn**2) / d.n_frames + d.rounding_dn2 for d in darks]
+    # Frames without noise still need a weight; the floor is far below any real uncertainty.
+    return np.sqrt(np.maximum(own, 1e-12))
+
+
+def noise_line(darks: Sequence[DarkObservation], growth: NDArray[np.float64]) -> Line:
+    """Fit the temporal variance over the exposure, times the growth of the dark current; constant unless it rises."""
+    t, variance = np.array([d.exposure_s for d in darks]) * growth, np.array([d.temporal_variance_dn2 for d in darks])
+    u = variance_uncertainties_dn2(darks)
+    if np.ptp(t) > 0:
+        rising = line(t, variance, u)
+        if rising.slope > 0 and rising.intercept > 0:
+            return rising
+    return line(np.zeros_like(t), variance, u)
+
+
+def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> NDArray[np.float64]:
+    """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
+    return np.array(
+        [
+            hypot(
+                max(d.temporal_variance_dn2, ROUNDING_DN2) * sqrt(2 / d.dof),
+                variance_before_rounding(d.temporal_variance_dn2).error_of(d.temporal_variance_dn2 - ROUNDING_DN2),
+            )
+            for d in darks
+        ]
+    )

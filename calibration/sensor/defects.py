@@ -1,0 +1,193 @@
+"""Defect pixels: detected in dark and flat frames by robust limits, each with a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cached_property, lru_cache
+from math import sqrt
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
+from ...core.errors import CalibrationError, InputError
+from ..frames.rounding import ROUNDING_DN2
+from ..frames.statistics import FrameStatistics
+
+#: Robust standard deviations from the median beyond which a pixel of the dark image is hot. None of five million normal
+#: pixels is expected there.
+HOT_LIMIT = 8.0
+#: Responsivity over that of the neighbourhood below or above which a pixel is dead.
+DEAD_LIMITS = (0.5, 1.5)
+#: False-alarm probability of a noisy pixel.
+NOISY_CHANCE = 1e-9
+#: Fewest frames of one exposure for detecting noisy pixels.
+MIN_FRAMES_NOISY = 8
+
+
+class Defect(IntFlag):
+    """Kinds of defects of a pixel."""
+
+    HOT = 1
+    DEAD = 2
+    STUCK = 4
+    NOISY = 8
+
+
+@dataclass(frozen=True, eq=False)
+class DefectMap(EqualByContent):
+    """Pixels that must not be used; two maps are equal if pixels and reasons are equal.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int32, shape (n,)
+        Where the pixels are, in the order of the image.
+    reasons : ndarray of uint8, shape (n,)
+        `Defect` flags.
+    image_shape : (int, int)
+        Height and width of the image.
+
+    Raises
+    ------
+    InputError
+        If the arrays differ in length, or a pixel lies outside the image.
+    """
+
+    rows: Annotated[NDArray[np.int32], StoredArray("int32", 1)]
+    columns: Annotated[NDArray[np.int32], StoredArray("int32", 1)]
+    reasons: Annotated[NDArray[np.uint8], StoredArray("uint8", 1)]
+    image_shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("rows", np.int32), ("columns", np.int32), ("reasons", np.uint8)):
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)), dtype))
+        if not self.rows.shape == self.columns.shape == self.reasons.shape:
+            raise InputError("rows, columns and reasons of a defect map differ in length: give one of each a pixel")
+        for values, size in zip((self.rows, self.columns), self.image_shape, strict=True):
+            if values.size and not (values.min() >= 0 and values.max() < size):
+                raise InputError(f"a defect pixel lies outside the image of {self.image_shape} (height, width)")
+
+    @classmethod
+    def of(cls, reasons: NDArray[np.uint8]) -> DefectMap:
+        """Defect map of an image of `Defect` flags, shape (height, width)."""
+        rows, columns = np.nonzero(reasons)
+        height, width = reasons.shape
+        return cls(rows.astype(np.int32), columns.astype(np.int32), reasons[rows, columns], (height, width))
+
+    def joined(self, other: DefectMap) -> DefectMap:
+        """Pixels of both maps with the reasons of both; raises InputError if they are of different image sizes."""
+        other.mask(self.image_shape)
+        reasons = np.zeros(self.image_shape, dtype=np.uint8)
+        for one in (self, other):
+            reasons[one.rows, one.columns] |= one.reasons
+        return DefectMap.of(reasons)
+
+    @lru_cache(maxsize=8)  # noqa: B019 - the few maps of a program, which each frame asks for
+    def cropped(self, corner: tuple[int, int], shape: tuple[int, int]) -> DefectMap:
+        """Map of the part of the image that has its upper left pixel at a `corner` (x, y)."""
+        rows, columns = self.rows - corner[1], self.columns - corner[0]
+        inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
+        return DefectMap(rows[inside], columns[inside], self.reasons[inside], shape)
+
+    @property
+    def n_pixels(self) -> int:
+        """How many pixels are defect."""
+        return self.rows.size
+
+    def count(self, reason: Defect) -> int:
+        """How many pixels have this defect."""
+        return int(np.count_nonzero(self.reasons & reason))
+
+    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Mask of the defect pixels; raises InputError for an image of another size."""
+        if shape != self.image_shape:
+            raise InputError(
+                f"the defect map is for {self.image_shape[1]} x {self.image_shape[0]} pixels, the image has "
+                f"{shape[1]} x {shape[0]}: find the defects with this image size"
+            )
+        mask = np.zeros(shape, dtype=np.bool_)
+        mask[self.rows, self.columns] = True
+        return mask
+
+    @cached_property
+    def content_sha256(self) -> str:
+        """Hash over all values."""
+        return content_sha256(self.rows, self.columns, self.reasons, np.array(self.image_shape))
+
+
+def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) -> DefectMap:
+    """Find defect pixels.
+
+    EMVA 1288 leaves the limits to the user but recommends robust ones; here they are multiples of 1.4826 times the
+    median absolute deviation, which the defects do not affect. hot: the mean dark value is more than `HOT_LIMIT` of
+    them above or below the median. dead: the responsivity is outside `DEAD_LIMITS` times the median of the 5 x 5 pixels
+    around. stuck: the pixel has the same value in light as in the dark, or is constant while its neighbours vary.
+    noisy: the variance over the frames exceeds that expected with probability `NOISY_CHANCE` for a normal pixel (chi^2
+    distribution); only from `MIN_FRAMES_NOISY` frames on.
+
+    Parameters
+    ----------
+    dark : FrameStatistics
+        Of dark frames, best at the longest exposure in use.
+    light : FrameStatistics or None
+        Of frames of a uniform source at half of saturation; None detects only hot and noisy pixels.
+
+    Raises
+    ------
+    CalibrationError
+        If the two are of different sizes, or the light is not brighter than the dark.
+    """
+    reasons = np.zeros(dark.shape, dtype=np.uint8)
+    deviation = dark.image_dn - np.median(dark.image_dn)
+    reasons[np.abs(deviation) > HOT_LIMIT * _robust_std(deviation, dark)] |= Defect.HOT.value
+    reasons[_noisy(dark)] |= Defect.NOISY.value
+    if light is not None:
+        if light.shape != dark.shape:
+            raise CalibrationError(f"the dark frames are {dark.shape} pixels, the light frames {light.shape}")
+        net = light.image_dn - dark.image_dn
+        around = _median_around(net)
+        typical = float(np.median(net))
+        if typical < 5 * sqrt(dark.typical_variance_dn2 + ROUNDING_DN2):
+            raise CalibrationError(
+                f"the light frames are {typical:.3g} DN above the dark ones, too little to find dead pixels: light the "
+                "sensor to half of its saturation"
+            )
+        low, high = DEAD_LIMITS
+        reasons[(net < low * around) | (net > high * around)] |= Defect.DEAD.value
+        unmoved = (light.variance_image_dn2 == 0) & (np.median(light.variance_image_dn2) > 0.5) & (light.n_frames > 3)
+        same = np.abs(net) <= 0.02 * np.maximum(around, 0)
+        reasons[same | unmoved] |= Defect.STUCK.value
+        reasons[_noisy(light)] |= Defect.NOISY.value
+    return DefectMap.of(reasons)
+
+
+def _robust_std(deviation: NDArray[np.floating[Any]], statistics: FrameStatistics) -> float:
+    """1.4826 times the median absolute deviation; not below noise and rounding of a mean over the frames."""
+    robust = 1.4826 * float(np.median(np.abs(deviation)))
+    return max(robust, sqrt(statistics.pixel_mean_variance_dn2))
+
+
+def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
+    """Pixels whose variance is too large compared with neighbours of equal signal."""
+    from scipy.stats import chi2
+
+    if statistics.n_frames < MIN_FRAMES_NOISY:
+        return np.zeros(statistics.shape, dtype=np.bool_)
+    dof = statistics.n_frames - 1
+    typical = statistics.typical_variance_dn2
+    brightest = max(
+        float(np.quantile(statistics.image_dn, 0.99)) / max(float(np.median(statistics.image_dn)), 1e-9), 1.0
+    )
+    limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, dof)) / dof
+    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, ROUNDING_DN2)
+    return noisy
+
+
+def _median_around(image: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Median of the 5 x 5 pixels around each pixel; pixels beyond the edge repeat those at it."""
+    import cv2
+
+    around: NDArray[np.float64] = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
+    return around

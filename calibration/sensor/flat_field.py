@@ -1,0 +1,233 @@
+"""Vignetting from frames of a uniform source: flat field and radial polynomial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, FindingValue, info
+from ...core.response import Response
+from ...core.vignetting import FlatField, RadialVignetting, middle_of
+from ..frames.measure import MeasuredFrames
+from .flat_structure import block_means, pixel_pattern, structure_findings
+
+#: Largest share of pixels without usable values that are treated as defects.
+_MAX_UNKNOWN_SHARE = 0.01
+#: Responsivity relative to the neighbours below which a pixel is dead and replaced by theirs.
+_DEAD = 0.05
+#: Critical value, in standard deviations, of the non-radial part of the map.
+_SIGNIFICANT = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredVignetting:
+    """Results for V from frames of a uniform source.
+
+    Parameters
+    ----------
+    flat : FlatField
+        The measured map.
+    radial : RadialVignetting
+        The polynomial through it.
+    prnu_rel : float
+        Standard deviation of the responsivity from pixel to pixel, noise removed (EMVA 1288: PRNU).
+    not_radial_rel : float
+        Standard deviation of smooth residuals of the polynomial, noise removed.
+    chosen : FlatField or RadialVignetting
+        Selected vignetting.
+    reason : Finding
+        Reason.
+    n_replaced : int
+        Pixels without a usable value, replaced by their neighbours'; to be included in the defect map.
+    findings : tuple of Finding
+        Findings on steps, spots and other artefacts.
+    """
+
+    flat: FlatField
+    radial: RadialVignetting
+    prnu_rel: float
+    not_radial_rel: float
+    chosen: FlatField | RadialVignetting
+    reason: Finding
+    n_replaced: int
+    findings: tuple[Finding, ...]
+
+
+def measure_vignetting(
+    lights: Sequence[MeasuredFrames],
+    darks: Sequence[MeasuredFrames],
+    source_nonuniformity_rel: float,
+    response: Response | None = None,
+    centre_px: tuple[float, float] | None = None,
+) -> MeasuredVignetting:
+    """Make a flat field from frames of a uniform source, fit the radial polynomial, and select one of them.
+
+    The dark signal is subtracted pixel by pixel at each exposure. Exposures are normalised by their medians and
+    averaged with inverse noise variances as weights, without clipped pixels. The flat field is selected if it contains
+    significant structure that the polynomial does not: the pattern of the pixels, or smooth non-radial changes.
+
+    Parameters
+    ----------
+    lights : sequence of MeasuredFrames
+        Of the uniform source, one for each exposure, at least 2 frames each, best at half of saturation.
+    darks : sequence of MeasuredFrames
+        Of dark frames at the same exposures.
+    source_nonuniformity_rel : float
+        Relative standard uncertainty of the source's uniformity by its certificate, for example 0.01.
+    response : Response or None
+        Response of the camera; None for linear.
+    centre_px : (float, float) or None
+        Optical axis (x, y) in pixels; None for the middle of the image.
+
+    Raises
+    ------
+    CalibrationError
+        If there are no light frames, dark frames are missing for an exposure, cameras or settings differ, frames are
+        not repeated, or too many pixels are clipped at every exposure.
+    """
+    net, variance, clipped = _signals(lights, darks, response or Response())
+    level, mean_variance, unknown = _averaged(net, variance, clipped)
+    if unknown.mean() > _MAX_UNKNOWN_SHARE:
+        raise CalibrationError(
+            f"{unknown.mean():.1%} of the pixels are saturated or black in all light frames: add a shorter or longer "
+            "exposure, best with the source at half of saturation"
+        )
+    relative, n_replaced = _repaired(level / level[middle_of(level.shape)].mean(), unknown)
+    scale = level[middle_of(level.shape)].mean()
+    random_rel = float(np.median(np.sqrt(mean_variance) / scale / relative))
+    relative /= relative[middle_of(relative.shape)].mean()
+    n_frames = sum(light.statistics.n_frames for light in lights)
+    flat = FlatField(relative.astype(np.float32), random_rel, source_nonuniformity_rel, n_frames)
+    radial, not_radial_rel = _fit_radial(relative, random_rel, source_nonuniformity_rel, centre_px)
+    prnu_rel = pixel_pattern(relative, random_rel)
+    chosen, reason = _choice(flat, radial, prnu_rel, not_radial_rel)
+    return MeasuredVignetting(
+        flat=flat,
+        radial=radial,
+        prnu_rel=prnu_rel,
+        not_radial_rel=not_radial_rel,
+        chosen=chosen,
+        reason=reason,
+        n_replaced=n_replaced,
+        findings=structure_findings(relative, radial, hypot(random_rel, prnu_rel)),
+    )
+
+
+def _signals(
+    lights: Sequence[MeasuredFrames], darks: Sequence[MeasuredFrames], response: Response
+) -> tuple[list[NDArray[np.float64]], list[float], list[NDArray[np.bool_]]]:
+    """Linearised signal above dark, its variance for a typical pixel, and what is clipped, for each exposure."""
+    if not lights:
+        raise CalibrationError("there is no light frame: take frames of a uniform source")
+    by_exposure = {dark.exposure_s: dark for dark in darks}
+    net, variance, clipped = [], [], []
+    for light in lights:
+        lights[0].state.require(light.state, "the first light frames", f"the set at {light.exposure_s:g} s")
+        dark = by_exposure.get(light.exposure_s)
+        if dark is None:
+            raise CalibrationError(
+                f"there are no dark frames at {light.exposure_s:g} s, the exposure of light frames: take at least 2"
+            )
+        light.state.require(dark.state, "the light frames", f"the set of dark frames at {dark.exposure_s:g} s")
+        if min(light.statistics.n_frames, dark.statistics.n_frames) < 2:
+            raise CalibrationError(
+                f"there is a single frame at {light.exposure_s:g} s: take at least 2 light and 2 dark frames, so that "
+                "noise can be distinguished from pattern"
+            )
+        above = light.statistics.image_dn.astype(float) - dark.statistics.image_dn
+        net.append(response.linearise(above))
+        slope = float(response.slope(np.median(above)))
+        noise = light.statistics.pixel_mean_variance_dn2 + dark.statistics.pixel_mean_variance_dn2
+        variance.append(slope**2 * noise)
+        clipped.append(light.statistics.clipped)
+    return net, variance, clipped
+
+
+def _averaged(
+    net: list[NDArray[np.float64]], variance: list[float], clipped: list[NDArray[np.bool_]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Noise-weighted mean of the exposures at the level of the first usable one, its variance, and what is unknown."""
+    usable = [i for i, mask in enumerate(clipped) if mask.mean() < 1]
+    total, weight = np.zeros(net[0].shape), np.zeros(net[0].shape)
+    if not usable:
+        return total, weight, np.ones(net[0].shape, dtype=np.bool_)
+    first = usable[0]
+    for i in usable:
+        both = ~(clipped[first] | clipped[i])
+        if not both.any():
+            continue
+        # Ratio of medians over the same pixels, so that clipped pixels of one do not shift it.
+        scale = float(np.median(net[i][both]) / np.median(net[first][both]))
+        if not scale > 0:
+            raise CalibrationError("light frames are not brighter than the dark ones: take frames of a uniform source")
+        w = np.where(clipped[i], 0.0, scale**2 / variance[i])
+        total += w * net[i] / scale
+        weight += w
+    unknown = weight == 0
+    weight[unknown] = 1.0
+    return total / weight, 1 / weight, unknown
+
+
+def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+    """Give pixels without a usable value that of their neighbours."""
+    import cv2
+
+    around = cv2.medianBlur(np.where(unknown, 1.0, relative).astype(np.float32), 5).astype(np.float64)
+    bad = unknown | (relative < _DEAD * around)
+    if around.min() <= 0:
+        raise CalibrationError("parts of the light frames are not brighter than the dark ones: light the whole sensor")
+    return np.where(bad, around, relative), int(np.count_nonzero(bad))
+
+
+def _fit_radial(
+    relative: NDArray[np.float64], random_rel: float, slow_rel: float, centre_px: tuple[float, float] | None
+) -> tuple[RadialVignetting, float]:
+    """Least-squares fit of b0 (1 + a2 r^2 + a4 r^4 + a6 r^6) to means of blocks, with relative errors.
+
+    Residuals are treated as noise.
+
+    The covariance of the coefficients follows from the residuals (GUM, H.3), b0 being fixed by the middle.
+    """
+    shape = (relative.shape[0], relative.shape[1])
+    r2 = block_means(RadialVignetting(0, 0, 0, centre_px).squared_radius(shape))
+    means = block_means(relative)
+    pixels = relative.size / means.size
+    design = np.column_stack([r2.ravel() ** power for power in range(4)])
+    design /= means.reshape(-1, 1)
+    parameters, *_ = np.linalg.lstsq(design, np.ones(means.size))
+    left = 1 - design @ parameters
+    dof = max(left.size - 4, 1)
+    variance = float(left @ left) / dof
+    inverse = np.linalg.inv(design.T @ design)
+    coefficients = parameters[1:] / parameters[0]
+    by_parameter = np.column_stack([-coefficients / parameters[0], np.eye(3) / parameters[0]])
+    covariance = by_parameter @ (variance * inverse) @ by_parameter.T
+    pattern = pixel_pattern(relative, random_rel)
+    of_noise = (random_rel**2 + pattern**2) / pixels
+    # The standard deviation of a variance is sqrt(2 / dof) of it.
+    significant = variance > of_noise * (1 + _SIGNIFICANT * sqrt(2 / dof))
+    not_radial = sqrt(variance - of_noise) if significant else 0.0
+    a2, a4, a6 = coefficients.tolist()
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in covariance)
+    return RadialVignetting(a2, a4, a6, centre_px, rows, hypot(slow_rel, not_radial)), not_radial
+
+
+def _choice(
+    flat: FlatField, radial: RadialVignetting, prnu_rel: float, not_radial_rel: float
+) -> tuple[FlatField | RadialVignetting, Finding]:
+    values: dict[str, FindingValue] = {
+        "prnu_rel": prnu_rel,
+        "not_radial_rel": not_radial_rel,
+        "noise_rel": flat.random_rel,
+        "n_frames": flat.n_frames,
+    }
+    if prnu_rel > flat.random_rel:
+        return flat, info("flat-field-for-pixels", **values)
+    if not_radial_rel > flat.random_rel:
+        return flat, info("flat-field-for-shape", **values)
+    return radial, info("flat-field-radial", **values)

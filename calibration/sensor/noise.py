@@ -1,0 +1,279 @@
+"""Temporal noise of the camera by photon transfer over the patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import inf, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import CalibrationError
+from ...core.finding import Finding, warning
+from ...core.response import Response
+from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
+from ..frames.rounding import ROUNDING_DN2
+from ..frames.statistics import MAX_CLIPPED_SHARE
+from .dark import DarkModel
+from .dark_fit import birge
+
+#: Rounds of weights of a fit with a tone curve.
+_TONE_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class TemporalNoise:
+    """Variance of one pixel over time: s^2 = K (DN - d) + dark_noise^2 (EMVA 1288).
+
+    A camera with a tone curve has this noise before the curve: (s^2 of h) / h'^2, and 1/12 DN^2 by rounding after it.
+
+    Parameters
+    ----------
+    k_dn_per_e : float
+        Overall system gain K; 0 if the noise does not grow with the signal. In linearised DN with a tone curve.
+    dark_noise_dn : float
+        Standard deviation in the dark at zero exposure, rounding included; in linearised DN and without rounding with a
+        tone curve.
+    tone : Response or None
+        Response h of a camera with a tone curve, None if DN and light are (nearly) proportional.
+    flicker_rel : float
+        Relative standard deviation of the light from frame to frame.
+    flicker_dof : int
+        Degrees of freedom of `flicker_rel`.
+    """
+
+    k_dn_per_e: float
+    dark_noise_dn: float
+    tone: Response | None = None
+    flicker_rel: float = 0.0
+    flicker_dof: int = 0
+
+    def covers(self, net_dn: float) -> bool:
+        """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""
+        tone = self.tone
+        return tone is None or tone.kind != "table" or tone.net_dn[1] <= net_dn <= tone.net_dn[-1]
+
+    def variance_dn2(self, net_dn: float, dark_variance_dn2: float | None = None) -> float:
+        """Variance of one pixel at a signal above dark; as `variances_dn2`."""
+        return float(self.variances_dn2(np.array(net_dn), dark_variance_dn2))
+
+    def variances_dn2(
+        self, net_dn: NDArray[np.floating[Any]], dark_variance_dn2: float | None = None
+    ) -> NDArray[np.float64]:
+        """Variance of one pixel at signals above dark, in DN^2, any shape.
+
+        Parameters
+        ----------
+        net_dn : ndarray of float
+            Signals.
+        dark_variance_dn2 : float or None
+            Variance in the dark at the same exposure and temperature; None for zero exposure. Not used with a tone
+            curve, whose noise in the dark says little about that at other signals.
+        """
+        if self.tone is None:
+            dark_dn2 = self.dark_noise_dn**2 if dark_variance_dn2 is None else dark_variance_dn2
+            variance: NDArray[np.float64] = self.k_dn_per_e * np.maximum(net_dn, 0.0) + dark_dn2
+            return variance
+        variance = self.k_dn_per_e * np.maximum(self.tone.linearise(net_dn), 0.0) + self.dark_noise_dn**2
+        return variance / self.tone.slope(net_dn) ** 2 + ROUNDING_DN2
+
+
+def fit_noise(
+    observations: Sequence[PatchObservation], dark: DarkModel, tone: Response | None = None
+) -> tuple[TemporalNoise, list[Finding]]:
+    """Fit the overall system gain K by photon transfer, and the flicker of the light.
+
+    var - var_dark = K (mean - mean_dark), a straight line through the dark point of the same exposure (EMVA 1288
+    Release 4.0 Linear), over the patches up to 70 % of saturation. Each point is weighted with the variance of a
+    variance, 2 s^4 / dof, from the fitted line itself.
+
+    Parameters
+    ----------
+    observations : sequence of PatchObservation
+        All patches and exposures.
+    dark : DarkModel
+        Mean and noise in the dark.
+    tone : Response or None
+        Response of a camera with a tone curve, over the range that it is known for. Noise is then fitted before the
+        curve, read noise with it, as the curve may be steep at dark.
+
+    Returns
+    -------
+    TemporalNoise
+        K, the dark noise and the flicker.
+    list of Finding
+        Findings for the user.
+    """
+    flicker_rel, flicker_dof = _flicker(observations, dark)
+    noise = TemporalNoise(0.0, dark.noise_dn, tone, flicker_rel, flicker_dof)
+    points = []
+    for o in observations:
+        dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
+        net_dn = o.net_dn_at_pixel(dark_dn)
+        if not noise.covers(net_dn):
+            continue
+        if _unclipped(o) and 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn):
+            dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
+            points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
+    if not points:
+        return noise, [warning("k-unknown", share=FIT_SHARE)]
+    net, variance, dof, dark_dn2 = np.array(points).T
+    if tone is not None:
+        k, read_dn = _before_tone(net, variance, dof, tone)
+        return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), []
+    k = weighted_gain(net, variance - dark_dn2, dark_dn2, dof).value
+    if k <= 0:
+        return noise, [warning("k-not-positive", k_dn_per_e=k)]
+    return replace(noise, k_dn_per_e=k), []
+
+
+def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, int]:
+    """Relative standard deviation of the light from frame to frame, and its degrees of freedom.
+
+    All patches of the same frames have it in common: it is a mean over them, weighted by how well each shows it, and
+    then over the exposures.
+    """
+    sets: dict[object, list[PatchObservation]] = {}
+    for o in observations:
+        if _unclipped(o):
+            sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
+    total, freedom = 0.0, 0
+    for group in sets.values():
+        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
+        noise = np.array([frame_noise_dn2(o, dark) for o in group])
+        seen = np.array([o.frame_means_variance_dn2 for o in group])
+        weight = net**4 / np.maximum(noise, 1e-12) ** 2
+        if (net <= 0).all():
+            continue
+        dof = group[0].n_frames - 1
+        total += dof * float(np.sum(weight * (seen - noise) / net**2) / weight.sum())
+        freedom += dof
+    return (sqrt(max(total / freedom, 0.0)), freedom) if freedom else (0.0, 0)
+
+
+def frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:
+    """Variance of a patch's mean of DN / V in one frame by noise of the pixels, columns, rows and black level."""
+    columns, rows = (part**2 / n for part, n in zip(dark.line_noise_dn, o.n_lines, strict=True))
+    return o.mean_inverse_v**2 * (o.temporal_variance_dn2 / o.n_pixels + columns + rows + dark.drift_dn**2)
+
+
+def _unclipped(o: PatchObservation) -> bool:
+    return max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
+
+
+def _before_tone(
+    net_dn: NDArray[np.float64], variance_dn2: NDArray[np.float64], dof: NDArray[np.float64], tone: Response
+) -> tuple[float, float]:
+    """K and read noise of h by least squares; neither is negative."""
+    from scipy.optimize import nnls
+
+    slope2 = tone.slope(net_dn) ** 2
+    design = np.column_stack([tone.linearise(net_dn), np.ones(net_dn.size)]) / slope2[:, None]
+    fitted_dn2 = variance_dn2
+    for _ in range(_TONE_ROUNDS):
+        weight = np.sqrt(dof) / np.maximum(fitted_dn2, ROUNDING_DN2)
+        found, _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
+        fitted_dn2 = design @ found + ROUNDING_DN2
+    return float(found[0]), sqrt(float(found[1]))
+
+
+FloatArray = NDArray[np.float64]
+
+#: Share of saturation up to which photon transfer is a straight line (EMVA 1288 Release 4.0 Linear).
+FIT_SHARE = 0.7
+#: Rounds of weights; they change little after the second.
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Slope:
+    """y = `value` x, with its standard uncertainty."""
+
+    value: float
+    standard_uncertainty: float
+
+
+def slope_through_origin(x: FloatArray, y: FloatArray, u: FloatArray, weighted: bool = False) -> Slope:
+    """Fit a line through the origin.
+
+    Parameters
+    ----------
+    x, y, u : ndarray of float, shape (n,)
+        Points, and the standard uncertainties of y, above 0.
+    weighted : bool
+        False for the least squares of EMVA 1288, all points alike; True weights with 1 / u^2, for points whose
+        uncertainties differ by orders.
+
+    Returns
+    -------
+    Slope
+        b = sum(w x y) / sum(w x^2). The uncertainty is propagated from u, sqrt(sum((w x u)^2)) / sum(w x^2), and
+        widened by the Birge ratio if the points scatter more than u says.
+    """
+    weight = 1 / u**2 if weighted else np.ones_like(x)
+    normal = float(np.sum(weight * x**2))
+    slope = float(np.sum(weight * x * y)) / normal
+    propagated = sqrt(float(np.sum((weight * x * u) ** 2))) / normal
+    return Slope(slope, propagated * birge(float(np.sum(((y - slope * x) / u) ** 2)), x.size - 1))
+
+
+def weighted_gain(
+    net_dn: FloatArray,
+    excess_dn2: FloatArray,
+    dark_dn2: FloatArray,
+    dof: FloatArray,
+    dark_dof: FloatArray | float = inf,
+) -> Slope:
+    """Fit var - var_dark = K (mean - mean_dark) with the variances of the variances, 2 s^4 / dof.
+
+    The weights follow from the fitted line: those from the points would be biased towards low values.
+
+    Parameters
+    ----------
+    net_dn, excess_dn2 : ndarray of float, shape (n,)
+        Signals above dark, and variances over those in the dark.
+    dark_dn2 : ndarray of float, shape (n,)
+        Variances in the dark at the same exposures.
+    dof, dark_dof : ndarray of float, shape (n,)
+        Degrees of freedom of both.
+    """
+    found = Slope(float(excess_dn2.sum() / net_dn.sum()), 0.0)
+    for _ in range(_ROUNDS):
+        light_dn2 = max(found.value, 0.0) * net_dn + dark_dn2
+        u = np.sqrt(2 * (light_dn2**2 / dof + dark_dn2**2 / dark_dof)) + 1e-12
+        found = slope_through_origin(net_dn, excess_dn2, u, weighted=True)
+    return found
+
+
+@dataclass(frozen=True)
+class GainSetting:
+    """Properties of a gain.
+
+    Parameters
+    ----------
+    gain_db : float
+        The gain.
+    factor, factor_random_rel : float
+        Responsivity over that at the calibration's own gain, and its relative standard uncertainty.
+    dark : DarkModel
+        d(t, T) at this gain.
+    noise : TemporalNoise
+        Noise of a pixel at this gain.
+    """
+
+    gain_db: float
+    factor: float
+    factor_random_rel: float
+    dark: DarkModel
+    noise: TemporalNoise
+
+
+def index_of_gain(settings: Sequence[GainSetting], gain_db: float) -> int:
+    """Index of a gain among settings; raises CalibrationError, naming the calibrated ones, if not found."""
+    for index, setting in enumerate(settings):
+        if abs(setting.gain_db - gain_db) <= GAIN_TOLERANCE_DB:
+            return index
+    known = " or ".join(f"{setting.gain_db:g} dB" for setting in settings)
+    raise CalibrationError(f"the calibration is for a gain of {known}, not {gain_db:g} dB: calibrate this gain too")

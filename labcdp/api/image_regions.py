@@ -13,7 +13,7 @@ from ..core.luminance import LuminanceMap
 from ..core.notebook import html_table
 from ..core.roi import Roi
 from ..metrics import Epsilon
-from ..metrics.regions.pair import PairResult, RegionResult, evaluate_pair
+from ..metrics.pair import PairResult, RegionResult, evaluate_pair
 from .arguments import Contrasts, as_contrasts
 from .variables import OF_CDP, cdp_values, columns, described
 

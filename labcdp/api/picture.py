@@ -17,7 +17,7 @@ from ..core.errors import InputError
 from ..core.finding import Finding, info, unique
 from ..core.luminance import LuminanceMap
 from ..core.notebook import html_table
-from ..evaluate.picture.light.picture import PictureConversion, picture_conversion
+from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
 from ..files.picture import Picture
 from ..files.read import read_picture

@@ -9,8 +9,8 @@ from .contrast import (
     weber_contrast,
     weber_contrast_of_means,
 )
-from .correlation.cdp import cdp_correlated
-from .correlation.inflation import variance_inflation
+from .correlated_cdp import cdp_correlated
+from .correlation import variance_inflation
 from .detection import CalibratedCdp, cdp, cdp_range, cdp_with_common_errors
 from .distribution import Distribution, Region
 from .neighbours import cdp_neighbours, cdp_neighbours_range, cdp_rectangle

@@ -259,3 +259,41 @@ def numeric_array(values: ArrayLike, name: str) -> NDArray[Any]:
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8:
         raise InputError(f"{name} has type {array.dtype}: give integers or floats of at most 64 bit")
     return array
+
+
+def image_array(image: ArrayLike) -> NDArray[Any]:
+    """Return an image as an array of integers or floats of two dimensions.
+
+    Raises
+    ------
+    InputError
+        If it has another number of dimensions, is masked, or is not of integers or floats of at most 64 bit.
+    """
+    array = numeric_array(image, "image")
+    if array.ndim != 2:
+        raise InputError(f"the image has {array.ndim} dimensions: give one of shape (height, width)")
+    return array
+
+
+def mask_array(mask: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.bool_]:
+    """Return a mask of an image as a boolean array.
+
+    Raises
+    ------
+    InputError
+        If it is not boolean, not of the image's `shape`, or marks no pixel.
+    """
+    array = np.asarray(mask)
+    if array.dtype != np.bool_ or array.shape != shape:
+        raise InputError(
+            f"{name} has type {array.dtype} and shape {array.shape}: give booleans of the image's shape {shape}"
+        )
+    if not array.any():
+        raise InputError(f"{name} marks no pixel: mark at least one")
+    return array
+
+
+def window_of(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Bounding box of a mask, as slices of rows and columns."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
-from .distribution import check_exact, weighted_sum
-from .image import image_array
+from .distribution import check_exact, image_array, weighted_sum
 from .pairs import RELATIVE_TOLERANCE
 from .result import DetectionProbability, NeighbourCdp, asked_contrasts, joined
 from .uncertainty import confidence_interval

@@ -1,13 +1,12 @@
 """Regions of interest: shapes, files, detection, and checks."""
 
-from .boards.checkerboard import detect_checkerboard
-from .boards.step_chart import detect_step_chart
+from .checkerboard import detect_checkerboard
 from .checks import check_region
-from .coincidence import new_shapes
 from .geometry import inset, require_simple
-from .region_file import REGION_SUFFIXES, image_size_of, load_regions, save_regions
-from .region_json import ImageSize
+from .proposals import new_shapes
+from .region_file import REGION_SUFFIXES, ImageSize, image_size_of, load_regions, save_regions
 from .shapes import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
+from .step_chart import detect_step_chart
 
 __all__ = [
     "REGION_SUFFIXES",

@@ -18,11 +18,11 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import read_picture
-from labcdp.metrics.regions.pair import PairResult, evaluate_pair
+from labcdp.metrics.pair import PairResult, evaluate_pair
 from labcdp.session import Session
 
 EXAMPLE = Path(labcdp.__file__).parent / "data" / "example-session"

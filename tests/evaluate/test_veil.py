@@ -15,12 +15,12 @@ from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import LuminanceMap
 from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.edges.edges import EdgeKind
 from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
-from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.files.read import read_picture
-from labcdp.metrics.regions.pair import evaluate_pair
+from labcdp.metrics.pair import evaluate_pair
 
 GLARES = (0.0, 0.3, 1.0, 4.0)
 

@@ -11,7 +11,7 @@ from PIL import Image
 from labcdp.cli.pictures.picture_options import PictureLightOptions
 from labcdp.core.errors import InputError
 from labcdp.core.finding import warning
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.files.video.open import frames_of, open_video
 from labcdp.files.video.selection import Selection

@@ -10,7 +10,7 @@ from av import logging as av_logging
 from PIL import Image
 
 from labcdp.core.errors import InputError
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import frames_of, left_out, open_video, video_paths

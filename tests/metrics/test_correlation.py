@@ -1,52 +1,72 @@
 from functools import partial
-from math import log10, nan, sqrt
+from math import sqrt
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, uniform_filter
 from scipy.stats import norm
 
 from labcdp.core.errors import InputError
+from labcdp.core.luminance import LuminanceMap
+from labcdp.core.roi import Roi
 from labcdp.metrics import cdp_correlated, variance_inflation
-from labcdp.metrics.correlation.lags import chosen, inflation_of_scores
+from labcdp.metrics.lags import inflation_by_lags, products_by_lag
+from labcdp.metrics.pair import evaluate_pair
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)
 LEFT, RIGHT = np.zeros(SHAPE, dtype=bool), np.zeros(SHAPE, dtype=bool)
 LEFT[:, :SIDE], RIGHT[:, -SIDE:] = True, True
+REPEATS = {30: 100, 60: 60, 150: 30}
 
 
-def noise(rng, averaged, shape=SHAPE):
-    """Normal noise of variance 1, averaged over squares of some pixels."""
-    white = rng.normal(size=(shape[0] + 2 * averaged, shape[1] + 2 * averaged))
-    return averaged * uniform_filter(white, averaged)[averaged:-averaged, averaged:-averaged]
+def smoothed(rng, shape, filtered=np.asarray, margin=20):
+    """Normal noise, smoothed, with a standard deviation of 1; cut from a larger field."""
+    impulse = np.zeros((41, 41))
+    impulse[20, 20] = 1
+    noise = filtered(rng.normal(size=(shape[0] + 2 * margin, shape[1] + 2 * margin)))
+    return noise[margin:-margin, margin:-margin] / sqrt(np.square(filtered(impulse)).sum())
+
+
+def gaussian(sigma):
+    return partial(gaussian_filter, sigma=sigma) if sigma else np.asarray
 
 
 def by_lags(image, mask=None):
     mask = np.ones(image.shape, dtype=bool) if mask is None else mask
-    return inflation_of_scores(np.where(mask, image - image[mask].mean(), 0), mask)
+    return inflation_by_lags(np.where(mask, image - image[mask].mean(), 0), products_by_lag(mask.astype(float)).round())
 
 
-def patches(rng, averaged):
-    return np.where(LEFT, 100, 120) + 5 * noise(rng, averaged)
+@given(shape=st.tuples(st.integers(1, 9), st.integers(1, 9)), seed=st.integers(0, 2**32 - 1))
+def test_products_by_lag_as_by_brute_force(shape, seed):
+    values, (height, width) = np.random.default_rng(seed).normal(size=shape), shape
+    found = products_by_lag(values)
+    for dy in range(1 - height, height):
+        for dx in range(1 - width, width):
+            first = values[max(-dy, 0) : height - max(dy, 0), max(-dx, 0) : width - max(dx, 0)]
+            second = values[max(dy, 0) :, max(dx, 0) :][: first.shape[0], : first.shape[1]]
+            assert found[dy, dx] == pytest.approx((first * second).sum(), abs=1e-12)
 
 
-def truth():
-    low, high = (norm.cdf((ratio * 100 - 120) / (5 * np.hypot(ratio, 1))) for ratio in (1.1, 1.3))
-    return high - low
+@given(shape=st.tuples(st.integers(3, 40), st.integers(3, 8)), share=st.floats(0.3, 1), seed=st.integers(0, 2**32 - 1))
+def test_a_region_seen_in_a_mirror_has_the_same_inflation(shape, share, seed):
+    rng = np.random.default_rng(seed)
+    image, mask = rng.normal(size=shape) + rng.normal(0, 0.5, (shape[0], 1)), rng.random(shape) < share
+    mask[0, :2] = True
+    expected = by_lags(image, mask)
+    assert by_lags(image[:, ::-1], mask[:, ::-1]) == pytest.approx(expected, rel=1e-9)
+    assert by_lags(image.T, mask.T) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("smoothed", [partial(uniform_filter, size=3), partial(gaussian_filter, sigma=2.0), np.asarray])
-def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(smoothed):
+@pytest.mark.parametrize("filtered", [partial(uniform_filter, size=3), gaussian(2.0), np.asarray])
+def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(filtered):
     """At contrasts on a flank of the CDP, where a pixel counts in proportion, and near its maximum."""
-    rng, margin, repeats = np.random.default_rng(14), 20, 200
-    impulse = np.zeros((41, 41))
-    impulse[20, 20] = 1
-    scale = 5 / sqrt(np.square(smoothed(impulse)).sum())
+    rng, repeats = np.random.default_rng(14), 150
     found, covered = {0.15: [], 0.2: [], 0.3: []}, []
     for _ in range(repeats):
-        noise = scale * smoothed(rng.normal(size=(SHAPE[0] + 2 * margin, SHAPE[1] + 2 * margin)))
-        image = np.where(LEFT, 100, 120) + noise[margin:-margin, margin:-margin]
+        image = np.where(LEFT, 100, 120) + 5 * smoothed(rng, SHAPE, filtered)
         for contrast, results in found.items():
             results.append(cdp_correlated(image, LEFT, RIGHT, contrast))
     for contrast, results in found.items():
@@ -61,8 +81,42 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(smooth
     assert np.mean(covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.7])
-@pytest.mark.parametrize("slope", [0.3, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.6, 1.2, 2.0, 3.0])
+def test_intervals_of_means_cover_the_truth_however_far_the_noise_reaches(sigma):
+    """Each size by itself, and all of them together: 3 sigma below 95 %."""
+    rng, all_covered = np.random.default_rng(12), []
+    for size, repeats in REPEATS.items():
+        mask, found = np.ones((size, size), dtype=bool), []
+        for _ in range(repeats):
+            noise = smoothed(rng, mask.shape, gaussian(sigma))
+            u = noise.std(ddof=1) * sqrt(variance_inflation(noise, mask) / noise.size)
+            found.append((abs(noise.mean()) <= 1.96 * u, u))
+        covered, stated = np.array(found).T
+        all_covered += covered.tolist()
+        assert covered.mean() >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), size
+        # Smoothing by a Gaussian of s px makes the variance of a mean 4 pi s^2 times as large, once s is a pixel.
+        assert np.median(stated) <= 1.25 * sqrt(max(1, 4 * np.pi * sigma**2)) / size
+    assert np.mean(all_covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / len(all_covered))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 3.0])
+def test_intervals_of_contrasts_and_cdp_of_a_map_cover_the_truth(sigma):
+    """CDP of two normal regions of 100 and 140 with noise of 5, whose truth is known from a million pixels."""
+    rng = np.random.default_rng(30 + int(10 * sigma))
+    bright, dark = (rng.normal(mean, 5.0, 10**6) for mean in (140, 100))
+    truth = np.mean((bright / dark >= 1.15) & (bright / dark <= 1.45))
+    repeats, covered = 60, np.zeros(2)
+    rois = [Roi.rectangle(name, x, 0, SIDE, SIDE) for name, x in (("bright", 0), ("dark", SIDE))]
+    for _ in range(repeats):
+        light = np.concatenate([mean + 5 * smoothed(rng, (SIDE, SIDE), gaussian(sigma)) for mean in (140, 100)], axis=1)
+        found = evaluate_pair(LuminanceMap(light, np.full(light.shape, 0.05), (), np.zeros(light.shape, np.uint8)),
+                              *rois, (0.3,))  # fmt: skip
+        low, high = found.results[0].confidence_interval
+        covered += (abs(found.contrast.value - 0.4) <= 1.96 * found.contrast.standard_error, low <= truth <= high)
+    assert (covered / repeats >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats)).all()
+
+
+@pytest.mark.parametrize(("sigma", "slope"), [(0.0, 0.5), (0.7, 0.3), (0.7, 2.0)])
 def test_uncertainty_does_not_jump_between_pictures_of_an_unchanged_scene(sigma, slope):
     """Light that rises across a region by about the noise is neither noise in one picture nor light in the next."""
     rng, mask, repeats = np.random.default_rng(43), np.ones((60, 60), dtype=bool), 60
@@ -78,23 +132,13 @@ def test_uncertainty_does_not_jump_between_pictures_of_an_unchanged_scene(sigma,
     assert np.median(stated) > 0.9 * scatter * (1 - 3 / sqrt(2 * repeats))
 
 
-def test_noise_correlated_over_3_x_3_pixels_doubles_to_triples_the_standard_error():
-    rng = np.random.default_rng(15)
-    results = [cdp_correlated(patches(rng, 3), LEFT, RIGHT, 0.2) for _ in range(60)]
-    factors = [result.correlation_inflation for result in results]
-    assert 2 < np.mean(factors) < 3
-    scatter = np.std([result.cdp for result in results], ddof=1)
-    stated = sqrt(np.mean([result.standard_error**2 for result in results]))
-    assert stated == pytest.approx(scatter, rel=4 / sqrt(2 * 60))
-
-
 @pytest.mark.parametrize(("averaged", "expected"), [(1, 1), (2, 4), (3, 9)])
 def test_the_inflation_is_the_sum_of_the_autocorrelation(averaged, expected):
     rng = np.random.default_rng(18)
     # A disc, to have a mask with no straight edge.
     y, x = np.ogrid[:90, :100]
     disc = (y - 45) ** 2 + (x - 50) ** 2 < 40**2
-    found = [by_lags(noise(rng, averaged, (90, 100)), disc) for _ in range(30)]
+    found = [by_lags(smoothed(rng, (90, 100), partial(uniform_filter, size=averaged)), disc) for _ in range(30)]
     assert np.mean(found) == pytest.approx(expected, rel=0.1)
 
 
@@ -104,22 +148,6 @@ def test_a_pattern_of_rows_is_found():
     found = [by_lags(rng.normal(size=shape) + rng.normal(0, 0.3, (shape[0], 1))) for _ in range(30)]
     # Variance of the mean of a row over that of 80 independent pixels of the same variance.
     assert np.mean(found) == pytest.approx((0.3**2 + 1 / 80) / ((1 + 0.3**2) / 80), rel=0.15)
-
-
-def test_a_strip_whose_far_lags_count_is_not_taken_for_independent():
-    """The sum over all lags of a strip is 0 whatever the noise: by itself it would say that nothing is correlated."""
-    rng = np.random.default_rng(41)
-    strips = gaussian_filter1d(rng.normal(size=(6000, 160)), 6, axis=1)[:, 60:-60]
-    factors = {True: [], False: []}
-    for strip in strips:
-        limit = 2 * sqrt(log10(strip.size) / strip.size)
-        *_, all_right = chosen((strip - strip.mean())[None], np.ones((1, strip.size)), limit, 5, 2.3)
-        factors[all_right].append(by_lags(strip[None]))
-    assert len(factors[True]) >= 20
-    # What a strip knows of its noise is little, but about as much as others do of theirs.
-    spread = np.std(factors[True], ddof=1) / sqrt(len(factors[True]))
-    assert np.mean(factors[True]) > np.mean(factors[False]) / 2 + 3 * spread
-    assert 1 not in factors[True]
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (1, 8), (1, 16), (16, 1), (1, 40), (2, 8), (3, 3), (4, 4), (8, 8)])
@@ -132,10 +160,38 @@ def test_independent_noise_stays_so_on_tiny_regions(shape):
     assert 1 - three_sigma <= np.mean(stated) <= 1.15 + three_sigma
 
 
-def test_pixels_outside_the_mask_do_not_matter():
-    image = noise(np.random.default_rng(20), 3)
-    other = np.where(LEFT, image, nan)
-    assert variance_inflation(other, LEFT) == pytest.approx(variance_inflation(image, LEFT))
+@pytest.mark.parametrize("outline", ["203 x 199", "circle"])
+def test_a_gradient_across_a_large_region_does_not_widen_the_interval_of_white_noise(outline):
+    """Blocks of pixels do not fill it: those that are cut off would show the gradient as noise."""
+    height, width = (203, 199) if outline == "203 x 199" else (400, 400)
+    y, x = np.mgrid[:height, :width]
+    inside = np.ones((height, width), dtype=bool) if outline == "203 x 199" else np.hypot(x - 200, y - 200) < 199
+    light = 100 + 10 * (2 * y / height - 1) + np.random.default_rng(3).normal(0, 1, (height, width))
+    assert variance_inflation(light, inside) == 1
+
+
+def test_regions_of_any_outline_and_of_few_pixels_have_a_factor():
+    rng = np.random.default_rng(0)
+    for shape in ((1, 1), (1, 2), (2, 2), (1, 40), (40, 1), (3, 50), (5, 5)):
+        for image in (rng.normal(size=shape), np.arange(np.prod(shape), dtype=float).reshape(shape)):
+            assert variance_inflation(image, np.ones(shape, dtype=bool)) >= 1
+    y, x = np.mgrid[:40, :40]
+    disc = np.hypot(x - 20, y - 20) < 18
+    assert variance_inflation(rng.normal(size=(40, 40)), disc) == 1
+    smooth = smoothed(rng, (40, 40), gaussian(2.0))
+    # What lies outside does not matter.
+    assert variance_inflation(np.where(disc, smooth, 1e6), disc) == pytest.approx(variance_inflation(smooth, disc))
+
+
+@pytest.mark.parametrize("width", [1, 6])
+def test_a_thin_region_is_not_more_often_taken_for_correlated_than_chance_says(width):
+    """Four tests at 1 % each, and one of the lags: a diagonal line, whose blocks, if it has any, are cut off."""
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[:600, :600]
+    thin = np.abs(x - y) < width
+    found = [variance_inflation(rng.normal(size=thin.shape), thin) > 1 for _ in range(40)]
+    assert np.mean(found) <= 0.05 + 3 * sqrt(0.05 * 0.95 / 40)
+    assert variance_inflation(smoothed(rng, (600, 600), gaussian(2.0)), thin) > 5
 
 
 @pytest.mark.parametrize(
@@ -150,3 +206,11 @@ def test_pixels_outside_the_mask_do_not_matter():
 def test_unusable_masks_are_refused(masks, message):
     with pytest.raises(InputError, match=message):
         cdp_correlated(np.ones(SHAPE), *masks, 0.2)
+
+
+def test_a_strip_whose_far_lags_count_is_not_taken_for_independent():
+    """The sum over all lags of a strip is 0 whatever the noise: by itself it would say that nothing is correlated."""
+    strips = gaussian_filter1d(np.random.default_rng(41).normal(size=(2000, 160)), 6, axis=1)[:, 60:-60]
+    # In these the lags beyond the near ones count.
+    factors = [by_lags(strips[number][None]) for number in (619, 651, 835, 869, 1176, 1207, 1214, 1243, 1341)]
+    assert min(factors) > np.mean([by_lags(strip[None]) for strip in strips[:600]]) / 2

@@ -12,8 +12,8 @@ from labcdp.core.finding import info, warning
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
 from labcdp.core.roi import Roi
 from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
-from labcdp.metrics.regions.pair import evaluate_pair, evaluate_region, paired_errors
-from labcdp.metrics.regions.region import RegionPixels
+from labcdp.metrics.pair import evaluate_pair, evaluate_region, paired_errors
+from labcdp.metrics.region import RegionPixels
 
 SHAPE = (60, 90)
 LEFT, RIGHT = Roi.rectangle("left", 5, 5, 30, 40), Roi.rectangle("right", 50, 10, 30, 40)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
 from labcdp.regions import EllipseShape, GridShape, PolygonShape, RectangleShape, load_regions, rois_of, save_regions
-from labcdp.regions.region_json import parse_regions, regions_json
+from labcdp.regions.region_file import parse_regions, regions_json
 
 POLYGON = {"name": "a", "kind": "polygon", "corners": [[10, 10], [40, 12.5], [38, 33]]}
 GRID = {"name": "g", "kind": "grid", "x": 1, "y": 2, "width": 9, "height": 9, "rows": 2, "columns": 2}

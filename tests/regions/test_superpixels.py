@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, label
 
 from labcdp.regions import require_simple
-from labcdp.regions.superpixels.proposals import propose_regions
-from labcdp.regions.superpixels.segment import inner, neighbours, superpixel_labels
+from labcdp.regions.proposals import propose_regions
+from labcdp.regions.superpixels import inner, neighbours, superpixel_labels
 
 
 def astray(labels, inside):

@@ -15,7 +15,7 @@ import pytest
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import LuminanceMap
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, MeterConfiguration
 from labcdp.web.bench.desk import MeterDesk

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files.read import read_picture
 from labcdp.metrics import cdp
-from labcdp.metrics.regions.pair import evaluate_pair
+from labcdp.metrics.pair import evaluate_pair
 from labcdp.regions import EllipseShape, PolygonShape, load_regions, rois_of
 from labcdp.web.regions.display import DisplayScale
 

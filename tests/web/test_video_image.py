@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files.stored_image import decoded_table
 from labcdp.files.video.selection import Position
 from labcdp.regions import load_regions

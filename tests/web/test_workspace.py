@@ -10,8 +10,8 @@ import pytest
 from labcdp.core.errors import InputError
 from labcdp.core.finding import warning
 from labcdp.core.luminance import LuminanceMap
-from labcdp.metrics.regions.pair import evaluate_pair
-from labcdp.metrics.regions.region import evaluate_region
+from labcdp.metrics.pair import evaluate_pair
+from labcdp.metrics.region import evaluate_region
 from labcdp.regions import RectangleShape, load_regions, save_regions
 from labcdp.web.regions.drawing import Drawing, History
 from labcdp.web.regions.files import DrawingFiles, Start

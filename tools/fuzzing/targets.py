@@ -64,7 +64,7 @@ def _chain(_: Path, file: Path) -> Any:
 
 
 def _camera(_: Path, file: Path) -> Any:
-    from labcdp.evaluate.picture.light.camera_specification import load_camera_specification
+    from labcdp.evaluate.picture.camera_specification import load_camera_specification
 
     specification = load_camera_specification(file).model_dump(mode="json")
     _require_kept(tomllib.loads(file.read_text("utf-8-sig")), specification)
@@ -130,7 +130,7 @@ def _list(folder: Path, _: Path) -> Any:
 
 def _regions(_: Path, file: Path) -> Any:
     from labcdp.regions import load_regions
-    from labcdp.regions.region_json import regions_json
+    from labcdp.regions.region_file import regions_json
 
     shapes = load_regions(file, (320, 240))
     text = regions_json(shapes, None)

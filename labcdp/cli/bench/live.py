@@ -18,7 +18,7 @@ from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera
 from ...drivers.simulated.bench import SimulatedBench
-from ...evaluate.picture.light.picture import PictureConversion, picture_conversion
+from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
 from ...session.meter_tables import MeterConfiguration

@@ -21,7 +21,7 @@ from ...core.quantity import Quantity, quantity_table
 from ...core.result import InputFile, Result
 from ...evaluate.bench.session import mismatch
 from ...evaluate.bench.session_result import session_input
-from ...evaluate.picture.light.picture import PictureConversion, calibrated_conversion
+from ...evaluate.picture.conversion import PictureConversion, calibrated_conversion
 from ...files import read_picture
 from ...files.luminance_file import SUFFIXES, metadata, save_luminance
 from ...output import write_file

@@ -9,10 +9,10 @@ from pathlib import Path
 import typer
 
 from ...core.result import InputFile
+from ...evaluate.picture.conversion import PictureConversion
 from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from ...evaluate.picture.edges.page import write_contrast_map
 from ...evaluate.picture.edges.result import MapSource, map_result
-from ...evaluate.picture.light.picture import PictureConversion
 from ...files.picture import Picture
 from ...files.read import read_picture
 from ..output import Results

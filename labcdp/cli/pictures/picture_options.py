@@ -13,7 +13,7 @@ from ...core.computer.cluster import TlsFiles
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
-from ...evaluate.picture.light.picture import PictureConversion, picture_conversion
+from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...evaluate.video.archive_run import Workers
 from ...evaluate.video.settings import Reference
 from ...files.video.selection import Position, Selection

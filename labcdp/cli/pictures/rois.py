@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ...core.result import Result
 from ...core.table import Column, Table
-from ...evaluate.picture.light.picture import PictureConversion
+from ...evaluate.picture.conversion import PictureConversion
 from ...files.read import read_picture
 from ...files.video.selection import Position
 from ...output.file import is_same_file

@@ -19,7 +19,7 @@ from ...core.spectral.photometry import source_names, spectral_weights
 from ...core.spectral.table import SpectralTable, read_spectral_file
 from ...core.table import Column, Table
 from ...drivers.simulated.devices import SimulatedBenchFile
-from ...evaluate.picture.light.camera_specification import CameraSpecification
+from ...evaluate.picture.camera_specification import CameraSpecification
 from ...evaluate.sweep.maps.axes import check_map
 from ...files.raw import PlaneClipping, planes_of
 from ...files.read import read_picture

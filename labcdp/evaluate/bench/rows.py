@@ -16,9 +16,9 @@ from ...core.errors import CalibrationError, InputError
 from ...core.roi import Roi
 from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
-from ...metrics.regions.limits import LimitVerdict, limit_verdict
-from ...metrics.regions.pair import evaluate_regions
-from ...metrics.regions.region import RegionPixels
+from ...metrics.pair import evaluate_regions
+from ...metrics.region import RegionPixels
+from ...metrics.uncertainty import LimitVerdict, limit_verdict
 from ...session import ContrastConfiguration, Session
 from .corrections import pixel_area_m2
 from .observe import ObservedSession

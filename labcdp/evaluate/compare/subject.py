@@ -22,8 +22,8 @@ from ..bench.calibrate import calibrate_recorded
 from ..bench.quantities import lens_text, meter_text
 from ..bench.session import evaluate_session
 from ..bench.session_result import session_input, session_result
+from ..picture.conversion import PictureConversion
 from ..picture.image import ImageRequest
-from ..picture.light.picture import PictureConversion
 from ..picture.result import PictureTask
 from ..picture.tables import ReportedPicture
 from ..sweep.maps.axes import check_map

@@ -16,7 +16,7 @@ from ...core.luminance import LuminanceMap
 from ...core.roi import Roi
 from ...files.picture import Picture
 from ...metrics import ContrastDistribution, contrast_histogram
-from ...metrics.regions.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
+from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .neighbours import NeighbourEvaluation, Rectangle, evaluate_neighbours
 
 

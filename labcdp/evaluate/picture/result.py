@@ -15,9 +15,9 @@ from ...files.read import read_picture
 from ...regions import load_regions
 from ...report.envelope import envelope_json
 from ...report.sheets import result_workbook
+from .conversion import PictureConversion
 from .figures import image_figures
 from .image import ImageEvaluation, ImageRequest, evaluate_image
-from .light.picture import PictureConversion
 from .page import overview_page, picture_page
 from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
 

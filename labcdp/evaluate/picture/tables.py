@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 from ...core.table import Column, Table, uncertain, uncertain_values
 from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, DetectionResult, NeighbourCdp
-from ...metrics.regions.pair import RegionResult
-from ...metrics.regions.region import REASONS
+from ...metrics.pair import RegionResult
+from ...metrics.region import REASONS
 from .image import ImageEvaluation, ImagePair, ImageRequest
 from .neighbours import NeighbourEvaluation, Rectangle
 

@@ -16,8 +16,8 @@ from ...core.finding import Finding, info, warning
 from ...core.result import InputFile
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
-from ...metrics.regions.pair import require_apart
-from ..picture.light.picture import Calibrated, PictureConversion
+from ...metrics.pair import require_apart
+from ..picture.conversion import Calibrated, PictureConversion
 from .settings import ReferenceContrast, VideoSettings, make_reference
 
 #: Name of the journal in the folder of the results.

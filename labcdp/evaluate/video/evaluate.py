@@ -16,10 +16,10 @@ from ...core.errors import InputError
 from ...core.finding import Finding, info
 from ...core.result import InputFile
 from ...files.video.source import VideoSource
-from ...metrics.regions.pair import size_findings
+from ...metrics.pair import size_findings
 from ...output import Destination, open_results
 from ...report.findings import finding_text
-from ..picture.light.picture import PictureConversion, picture_conversion
+from ..picture.conversion import PictureConversion, picture_conversion
 from .checks import JOURNAL, conversion_findings, evaluation_head, opened_video, require_regions
 from .dataset import VideoRows, as_json
 from .findings import VideoFindings, recorded

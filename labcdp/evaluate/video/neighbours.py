@@ -18,7 +18,7 @@ from ...metrics.contrast import TargetContrast
 from ...metrics.neighbours import FEWEST_LINES
 from ...metrics.pairs import RELATIVE_TOLERANCE
 from ...metrics.uncertainty import confidence_interval
-from ..picture.light.picture import PictureConversion
+from ..picture.conversion import PictureConversion
 
 
 def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:

@@ -18,10 +18,10 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...files.video.source import VideoFrame
 from ...metrics import Epsilon, cdp_neighbours_range
-from ...metrics.regions.pair import PairResult, evaluate_regions, require_apart
-from ...metrics.regions.region import RegionPixels
+from ...metrics.pair import PairResult, evaluate_regions, require_apart
+from ...metrics.region import RegionPixels
 from ...tracking import TrackedRoi
-from ..picture.light.picture import PictureConversion
+from ..picture.conversion import PictureConversion
 from ..picture.neighbours import neighbour_contrast
 from .dataset import FINDINGS, NOTE, OF_CONTRAST, OF_FRAME, OF_REGION, as_json, names
 from .findings import note_of, recorded, restored, saturation
@@ -231,7 +231,7 @@ def variables(row: Row) -> Row:
 def evaluate_frame_pair(
     frame: Frame, conversion: PictureConversion, rois: Sequence[Roi], contrasts: Sequence[float], epsilon: Epsilon
 ) -> PairResult:
-    """Evaluate two regions of a frame as `labcdp.metrics.regions.pair.evaluate_pair` does.
+    """Evaluate two regions of a frame as `labcdp.metrics.pair.evaluate_pair` does.
 
     Parameters
     ----------

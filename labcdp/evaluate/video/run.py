@@ -20,7 +20,7 @@ from ...files.video.open import frames_of
 from ...files.video.source import VideoFrame, VideoSource
 from ...report.findings import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
-from ..picture.light.picture import PictureConversion
+from ..picture.conversion import PictureConversion
 from .pipeline import ahead, in_order
 from .rows import MEASURED, FrameRows, is_end, variables
 from .settings import Observer, Progress, ReferenceContrast, VideoSettings

@@ -21,7 +21,7 @@ from ..regions.workspace import Workspace
 from .live_camera import LiveCamera
 
 if TYPE_CHECKING:
-    from ...evaluate.picture.light.picture import PictureConversion
+    from ...evaluate.picture.conversion import PictureConversion
 
 
 #: Most images per second; more are not seen.
@@ -145,7 +145,7 @@ class LiveImages:
             self.mismatch = ""
             self.black_dn = self._conversion.options.black_level_dn or self.black_dn
         except CalibrationError as error:
-            from ...evaluate.picture.light.picture import picture_conversion
+            from ...evaluate.picture.conversion import picture_conversion
 
             image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
             self.mismatch = f"The calibration does not apply: {error}"

@@ -28,8 +28,8 @@ from .recording import PageOperator, Recording, with_regions
 
 if TYPE_CHECKING:
     from ...acquire import Progress
-    from ...evaluate.picture.light.picture import PictureConversion
-    from ...metrics.regions.pair import PairResult
+    from ...evaluate.picture.conversion import PictureConversion
+    from ...metrics.pair import PairResult
     from ..server import Server
 
 #: Seconds between two curves of the CDP.

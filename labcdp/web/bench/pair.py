@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...core.roi import Roi
 from ...metrics import cdp
-from ...metrics.regions.pair import PairResult
-from ...metrics.regions.region import RegionResult
+from ...metrics.pair import PairResult
+from ...metrics.region import RegionResult
 from ..regions.drawing import Drawing
 from ..regions.measurements import Evaluation, Measured, Measurements
 from ..regions.page_image import PageImage

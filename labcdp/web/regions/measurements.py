@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ...core.errors import LabcdpError
 from ...core.finding import Finding
 from ...core.roi import Roi
-from ...metrics.regions.pair import PairResult, evaluate_regions, require_apart
-from ...metrics.regions.region import RegionResult, result_of_region
+from ...metrics.pair import PairResult, evaluate_regions, require_apart
+from ...metrics.region import RegionResult, result_of_region
 from ...regions import check_region
 from .drawing import Drawing
 from .page_image import PageImage

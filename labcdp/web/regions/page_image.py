@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from ...core.finding import Finding, unique
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.roi import Roi
-from ...metrics.regions.region import RegionPixels
+from ...metrics.region import RegionPixels
 from ...report.digits import Z_95, significant, with_half_width
 from .shape_edit import ImageSize
 
 if TYPE_CHECKING:
     from ...core.frame import Frame
-    from ...evaluate.picture.light.picture import PictureConversion
+    from ...evaluate.picture.conversion import PictureConversion
     from ...files.picture import Picture
 
 #: Text for an invalid pixel under the pointer.

@@ -68,7 +68,7 @@ def propose(image: PageImage, method: Method, size_px: int | None = None) -> tup
 
 
 def _superpixels(light: NDArray[Any], size_px: int) -> tuple[Shape, ...]:
-    from ...regions.superpixels.proposals import propose_regions
+    from ...regions.proposals import propose_regions
 
     found = propose_regions(light, size_px)
     if not found:

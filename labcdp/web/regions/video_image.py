@@ -12,7 +12,7 @@ from .page_image import PageImage
 
 if TYPE_CHECKING:
     from ...core.frame import Frame
-    from ...evaluate.picture.light.picture import PictureConversion
+    from ...evaluate.picture.conversion import PictureConversion
     from ...files.video.selection import Position
     from ...files.video.source import VideoSource
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import isfinite, nan
 
 from ...core.finding import Finding, unique
-from ...metrics.regions.limits import limit_verdict
+from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
 from ...report.digits import (
     Z_95,

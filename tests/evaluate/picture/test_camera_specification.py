@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.core.errors import ConfigurationError
 from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
-from labcdp.evaluate.picture.light.camera_specification import load_camera_specification
+from labcdp.evaluate.picture.camera_specification import load_camera_specification
 from labcdp.session.examples import example_session
 
 EXAMPLE = example_session().parent / "cameras" / "thesis-2018.toml"

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files.read import PictureOptions, read_picture
-from labcdp.metrics.regions.pair import evaluate_pair, evaluate_region
-from labcdp.metrics.regions.rounding import rounding_uncertainty_dn
+from labcdp.metrics.pair import evaluate_pair, evaluate_region
+from labcdp.metrics.region import rounding_uncertainty
 
 LEFT, RIGHT = Roi.rectangle("left", 0, 0, 30, 40), Roi.rectangle("right", 30, 0, 30, 40)
 
@@ -31,7 +31,7 @@ def test_the_interval_of_a_mean_has_the_light_in_it(noise_dn):
     covered = 0
     for mean in rng.uniform(10, 11, 500):
         dn = np.rint(mean + noise_dn * rng.normal(size=1000))
-        uncertainty = np.hypot(rounding_uncertainty_dn(dn.std()), dn.std() / sqrt(1000))
+        uncertainty = np.hypot(rounding_uncertainty(dn.std(), 1.0), dn.std() / sqrt(1000))
         covered += abs(dn.mean() - mean) <= 1.96 * uncertainty
     assert covered / 500 >= 0.95 - 3 * sqrt(0.95 * 0.05 / 500)
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
-from labcdp.evaluate.picture.light.picture import picture_conversion
 from labcdp.files.read import PictureOptions, read_picture
 from labcdp.metrics import cdp_neighbours
 from labcdp.regions import RectangleShape

@@ -36,9 +36,9 @@ from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
 from labcdp.core.vignetting import Cos4Vignetting
-from labcdp.evaluate.picture.light.camera_specification import CameraSpecification
-from labcdp.evaluate.picture.light.dn_light import specified_light
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.camera_specification import CameraSpecification
+from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.dn_light import specified_light
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.light.picture import picture_conversion
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
 from labcdp.evaluate.video.neighbours import NeighbourTables
@@ -27,7 +27,7 @@ from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
-from labcdp.metrics.regions.pair import evaluate_pair
+from labcdp.metrics.pair import evaluate_pair
 
 BRIGHT, DARK = Roi.rectangle("bright", 20, 20, 24, 20), Roi.rectangle("dark", 60, 20, 24, 20)
 CONTRASTS = (0.5, 1.0, 2.0)

@@ -16,7 +16,7 @@ from ....metrics.contrast import TargetContrast
 from ....metrics.detection import result_of_tally
 from ....metrics.pairs import tally_pairs
 from ....metrics.uncertainty import confidence_interval
-from ....regions.superpixels.segment import Neighbours
+from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
 from .regions import MapRegions
 

@@ -13,7 +13,7 @@ from ....core.finding import Finding, info, warning
 from ....core.luminance import LuminanceMap
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrast
-from ....regions.superpixels.segment import Neighbours, neighbours
+from ....regions.superpixels import Neighbours, neighbours
 from .edges import FALSE_ALARM, EdgeKind, MapEdges, map_edges
 from .noise import MapNoise, map_noise
 from .regions import MapRegions, map_regions, mean_of

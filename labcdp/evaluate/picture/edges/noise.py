@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrast
-from ....regions.superpixels.segment import neighbours
+from ....regions.superpixels import neighbours
 from .regions import MapRegions, map_cut, mean_and_std
 
 #: Most blocks of the image, each inside a region, for estimating the correlation of its noise.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....core.luminance import Invalid, LuminanceMap
 from ....metrics import Distribution
-from ....regions.superpixels.segment import inner, seen_half, superpixel_labels
+from ....regions.superpixels import inner, seen_half, superpixel_labels
 
 #: Pixels this close to another region are left out: lens and pixel mix the light of both sides there.
 _MARGIN_PX, _SMALL_MARGIN_PX = 2, 1

@@ -1,15 +1,16 @@
-"""Regions proposed by superpixels: what looks alike is joined, and an outline that the user can confirm is drawn."""
+"""Regions proposed by superpixels, for the user to confirm; and which regions are new."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shapes import PolygonShape
-from .segment import Neighbours, inner, neighbours, superpixel_labels
+from .shapes import PolygonShape, Shape
+from .superpixels import Neighbours, inner, neighbours, superpixel_labels
 
 #: Neighbours are alike if their means differ by less than this part of them, or by this many standard errors.
 _ALIKE, _STANDARD_ERRORS = 0.02, 4.0
@@ -146,3 +147,37 @@ def _outlines(mask: NDArray[np.uint8], corner: tuple[int, int]) -> Iterator[Any]
             simple: Any = shapely.Polygon(part.exterior).simplify(_SIMPLER_PX, preserve_topology=True)
             if simple.is_valid and not simple.is_empty:
                 yield simple
+
+
+#: Regions coincide if they have at least this part of their joint area in common.
+_COMMON_PART = 0.9
+
+
+def new_shapes(found: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, ...]:
+    """Return the shapes with a region that coincides with none of the known ones, whatever their names.
+
+    Parameters
+    ----------
+    found : iterable of Shape
+        Such as what a detection finds.
+    known : sequence of Shape
+        What there is.
+
+    Notes
+    -----
+    Two regions coincide if at least 90 % of their joint area is common to both (P. Jaccard's index, 1901): a pixel more
+    or less at the edges, as between two images of one target, makes no second region.
+    """
+    import shapely
+
+    there = [shapely.Polygon(roi.corners) for roi in chain.from_iterable(shape.rois() for shape in known)]
+    tree = shapely.STRtree(there)
+
+    def is_there(polygon: Any) -> bool:
+        near = (there[index] for index in tree.query(polygon))
+        return any(
+            (common := polygon.intersection(other).area) >= _COMMON_PART * (polygon.area + other.area - common)
+            for other in near
+        )
+
+    return tuple(shape for shape in found if not all(is_there(shapely.Polygon(roi.corners)) for roi in shape.rois()))

@@ -10,14 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.errors import InputError
-from ..contrast import ContrastDefinition, Epsilon, TargetContrast
-from ..detection import result_of_tally
-from ..distribution import Distribution
-from ..image import image_array, mask_array, window_of
-from ..pairs import PairTally, bright_and_dark, tally_pairs
-from ..result import CdpResult
-from .inflation import variance_inflation
+from ..core.errors import InputError
+from .contrast import ContrastDefinition, Epsilon, TargetContrast
+from .correlation import variance_inflation
+from .detection import result_of_tally
+from .distribution import Distribution, image_array, mask_array, window_of
+from .pairs import PairTally, bright_and_dark, tally_pairs
+from .result import CdpResult
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.roi import Roi
-from .. import Distribution, Estimate, snr
-from ..correlation.cdp import NoisyRegion
-from .rounding import rounding_uncertainty
+from ..core.errors import InputError
+from ..core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ..core.roi import Roi
+from . import Distribution, Estimate, snr
+from .correlated_cdp import NoisyRegion
 
 #: Reasons for invalid pixels.
 REASONS = {reason: str(reason.name).lower() for reason in Invalid}
@@ -54,19 +53,12 @@ class RegionResult:
 
 
 def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
-    """Evaluate one region of a map.
-
-    Parameters
-    ----------
-    luminance : LuminanceMap
-        The map; only the bounding box of the region is used.
-    roi : Roi
-        The region, in pixels of the image.
+    """Evaluate one region of a map, of which only its bounding box is used.
 
     Raises
     ------
     InputError
-        If the region lies outside the image, contains no pixel or a non-finite one.
+        If the region, in pixels of the image, lies outside it, contains no pixel or a non-finite one.
     """
     return result_of_region(RegionPixels.of(luminance, roi))
 
@@ -184,7 +176,7 @@ class RegionPixels(NoisyRegion):
     def rounding(self) -> float:
         """Standard uncertainty of the mean by the rounding to whole DN, where noise does not dither it."""
         steps = self.luminance.dn_step_in(self.part)
-        return 0.0 if steps is None else rounding_uncertainty(self.std, steps[self.mask])
+        return 0.0 if steps is None else rounding_uncertainty(self.std, float(np.mean(steps[self.mask])))
 
     @property
     def rounding_rel(self) -> float:
@@ -269,3 +261,30 @@ def finite_errors(relative: NDArray[np.floating[Any]] | float) -> _Array:
     """
     values = np.asarray(relative, dtype=float)
     return np.where(np.isfinite(values), values, 0.0)
+
+
+def rounding_uncertainty(std: float, step: float) -> float:
+    """Return the standard uncertainty by which rounding to whole DN shifts the mean of pixels, in luminance.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of the pixels after rounding; nan for a single one.
+    step : float
+        Mean luminance difference between successive DN; 0 where nothing was rounded.
+
+    Returns
+    -------
+    float
+        step / sqrt(12) where all pixels have one DN, 0 where they scatter by half a DN or more: noise then dithers the
+        rounding (B. Widrow and I. Kollar, Quantization Noise, 2008).
+
+    Notes
+    -----
+    sqrt((1/4 - s^2) / 3) for s = std / step: pixels with noise of less than half a DN have two DN, a share p of them
+    the upper one, and s^2 = p (1 - p). With negligible noise the true value lies midway between both, and the error of
+    the mean is 1/2 - p; with more noise it is smaller. Errors in between are assumed to be equally likely.
+    """
+    if not step > 0:
+        return 0.0
+    return step * sqrt(max(0.25 - (std / step if std >= 0 else 0.0) ** 2, 0.0) / 3)

@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.roi import Roi
-from ..shapes import PolygonShape
-from .grey_image import grey_values
+from ..core.errors import InputError
+from ..core.roi import Roi
+from .corners import grey_values
 from .lattice import At, Patch, largest_lattice, places_between
+from .shapes import PolygonShape
 
 FloatImage: TypeAlias = NDArray[np.float32]
 

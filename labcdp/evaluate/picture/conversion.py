@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from ....core.errors import CalibrationError, InputError
-from ....core.finding import Finding, info, warning
-from ....core.frame import Frame
-from ....core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ....core.pixel_format import PIXEL_FORMATS
-from ....files.picture import Picture
-from ....files.read import PictureOptions
-from ....files.stored_image import Encoding
+from ...core.errors import CalibrationError, InputError
+from ...core.finding import Finding, info, warning
+from ...core.frame import Frame
+from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ...core.pixel_format import PIXEL_FORMATS
+from ...files.picture import Picture
+from ...files.read import PictureOptions
+from ...files.stored_image import Encoding
 from .dn_light import relative_light, specified_light
 
 if TYPE_CHECKING:
-    from ....calibration import AnyCalibration
+    from ...calibration import AnyCalibration
     from .camera_specification import CameraSpecification
+
 
 Unit = Literal["cd/m^2", "relative"]
 #: Relative difference of f-numbers that rounding explains.
@@ -251,7 +252,7 @@ def picture_conversion(
         raise InputError("a calibration and a camera specification are given: give one")
     if encoding not in (None, "linear"):
         raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
-    from ....calibration import load_any
+    from ...calibration import load_any
 
     name = calibration.name if isinstance(calibration, Path) else "in memory"
     loaded = load_any(calibration) if isinstance(calibration, Path) else calibration

@@ -9,13 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.roi import Roi
-from ..geometry import inset
-from ..shapes import PolygonShape
-from .corners import At, Corners, FloatImage, Lattice, grown, real_corners, refined, sampled
-from .grey_image import grey_values, locally_stretched, stretched
-from .seeds import seeds
+from ..core.errors import InputError
+from ..core.roi import Roi
+from .corners import (
+    At,
+    Corners,
+    FloatImage,
+    Lattice,
+    grey_values,
+    grown,
+    locally_stretched,
+    real_corners,
+    refined,
+    sampled,
+    stretched,
+)
+from .geometry import inset
+from .saddles import seeds
+from .shapes import PolygonShape
 
 #: Corners are searched in an image of at most this many pixels along its longer side, then refined in the whole one.
 _LONGEST_PX = 1600

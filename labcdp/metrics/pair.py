@@ -11,15 +11,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
-from ...core.luminance import LuminanceMap, Window
-from ...core.roi import Roi
-from .. import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
-from ..contrast import TargetContrast
-from ..correlation.cdp import cdp_of_regions
-from ..detection import PairError, joined_errors
-from ..pairs import bright_and_dark, tally_pairs
+from ..core.errors import InputError
+from ..core.finding import Finding, info, warning
+from ..core.luminance import LuminanceMap, Window
+from ..core.roi import Roi
+from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
+from .contrast import TargetContrast
+from .correlated_cdp import cdp_of_regions
+from .detection import PairError, joined_errors
+from .pairs import bright_and_dark, tally_pairs
 from .region import RegionPixels, RegionResult, evaluate_region, region_result, variance_of_changes, with_uncertainty
 
 __all__ = [
@@ -116,7 +116,7 @@ def evaluate_pair(
     (`labcdp.metrics.variance_inflation`). The errors of the calibration, independent of it, are propagated as by
     `cdp_with_common_errors`: each is added and subtracted once, and the mean square of the two changes is its variance.
     The rounding to DN of each region is treated likewise where its noise does not dither it
-    (`labcdp.metrics.regions.rounding`).
+    (`labcdp.metrics.region`).
     """
     first, second = RegionPixels.of(luminance, a), RegionPixels.of(luminance, b)
     require_apart(first.placed, second.placed)

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.frame import Frame
-from ....core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
-from ....core.vignetting import Vignetting
-from ....files.stored_image import Encoding, decoded_table, looked_up
+from ...core.frame import Frame
+from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
+from ...core.vignetting import Vignetting
+from ...files.stored_image import Encoding, decoded_table, looked_up
 
 if TYPE_CHECKING:
     from .camera_specification import CameraSpecification
+
 
 _Maps = NDArray[np.float32]
 _Light = NDArray[np.float32] | NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ..core.errors import InputError
 
 #: Smallest side of a superpixel: fewer pixels than this squared are no region to measure.
 SMALLEST_SIZE_PX = 6

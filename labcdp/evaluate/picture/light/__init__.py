@@ -1,1 +1,0 @@
-"""Pictures and video frames to luminance."""

@@ -1,1 +1,0 @@
-"""Spatially correlated noise, and the CDP of regions with it."""

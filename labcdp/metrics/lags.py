@@ -1,0 +1,128 @@
+"""Inflation of the variance of a mean by the correlation of near pixels, summed over lags."""
+
+from __future__ import annotations
+
+from math import log10, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: A correlation is significant above this many times sqrt(log10(n) / pairs); the sum ends where this many consecutive
+#: lags are below (Politis 2003, with the recommended constants, but pairs instead of n: a mask may leave far fewer).
+_SIGNIFICANT, _LAGS_BELOW = 2.0, 5
+#: Critical value, in standard deviations, for the correlation along whole rows or columns: 1 % false positives.
+_LINE_SIGNIFICANT = 2.3
+_Array = NDArray[np.float64]
+
+
+def products_by_lag(image: _Array) -> _Array:
+    """Sum of the products of an image with itself at each lag, shape (2 height, 2 width).
+
+    The lag (dy, dx) stands at [dy, dx], negative ones from the ends, as Python counts.
+    """
+    shape = 2 * image.shape[0], 2 * image.shape[1]
+    products: _Array = np.fft.irfft2(np.square(np.abs(np.fft.rfft2(image, shape))), shape)
+    return products
+
+
+def inflation_by_lags(scores: _Array, pairs: _Array) -> float:
+    """Factor by which the correlation at near lags raises the variance of the mean of pixels.
+
+    Parameters
+    ----------
+    scores : ndarray of float, shape (height, width)
+        Pixels less their mean, 0 outside the mask.
+    pairs : ndarray of float, shape (2 height, 2 width)
+        `products_by_lag` of the mask.
+
+    Returns
+    -------
+    float
+        1 for independent pixels, or if all scores are 0; about 9 for noise averaged over 3 x 3 pixels; never below 1.
+
+    Notes
+    -----
+    The factor is the sum of the autocorrelation over lags (dy, dx), each lag at the number of pairs of pixels the mask
+    has for it. The lags used are selected from the data, separately for rows and columns: q is the last lag
+    along the axis before five consecutive ones whose correlation is below 2 sqrt(log10(n) / pairs), and the weight is 1
+    up to q + 1 and falls to 0 at 2 (q + 1), and only lag 0 is used if q is 0 (after D. N. Politis, Adaptive bandwidth
+    choice, J. Nonparametr. Stat. 15, 2003; one lag more, as the last correlations are often below the critical value).
+    The weight of a lag is the product of those, u and v, for both axes. A pattern of rows or columns correlates little
+    at each lag but over all lags; if the lags beyond 2 (q + 1) together exceed 0 by 2.3 standard deviations, all lags
+    along that axis are used: the weight is then that for the other axis, or u + v - u v if this holds for both. As the
+    mean is itself an estimate, the sum is too small by the share of all n^2 pairs that it covers, which is corrected.
+    Where it covers all pairs, as for all lags along a region of one row, the sum is 0 whatever the noise; the factor is
+    then the largest for any q from 0 to the selected one.
+    """
+    # Without pairs there is nothing but rounding errors.
+    products, n = np.where(pairs > 0, products_by_lag(scores), 0.0), float(pairs[0, 0])
+    scatter = float(products[0, 0])
+    if not scatter > 0:
+        return 1.0
+    least = _SIGNIFICANT * sqrt(log10(n) / n) * scatter / n
+    reaches = _reach(products[:, 0], pairs[:, 0], least), _reach(products[0], pairs[0], least)
+    whole = (
+        _lines_count(products, pairs, reaches),
+        _lines_count(products.T, pairs.T, reaches[::-1]),
+    )
+    if not any((*reaches, *whole)):
+        return 1.0
+
+    def factor(down: int, right: int, whole: tuple[bool, bool] = (False, False)) -> float | None:
+        """Sum over the selected lags, corrected for the estimated mean; None if that is not possible."""
+        weights = _weights(pairs.shape, (down, right), whole)
+        share = float(np.vdot(weights, pairs)) / n**2
+        return float(np.vdot(weights, products)) / scatter * (1 - 1 / n) / (1 - share) if share < 1 else None
+
+    found = factor(*reaches, whole)
+    if found is not None:
+        return max(found, 1.0)
+    # The sum over all lags is the square of the sum of the scores, 0. Near lags never cover all pairs: the weight of a
+    # region's farthest lag is less than 1.
+    nearer = (factor(min(reaches[0], most), min(reaches[1], most)) for most in range(max(reaches) + 1))
+    return max(1.0, *(one for one in nearer if one is not None))
+
+
+def _reach(products: _Array, pairs: _Array, least: float) -> int:
+    """Last lag along an axis before consecutive ones with a small mean product, up to a quarter of the lines.
+
+    `least` is for as many pairs as there are pixels; fewer pairs have a larger scatter.
+    """
+    reach = lag = 0
+    while lag < products.size // 8 and lag - reach < _LAGS_BELOW:
+        lag += 1
+        if abs(products[lag]) > least * sqrt(pairs[0] * pairs[lag]):
+            reach = lag
+    return reach
+
+
+def _along(reach: int, size: int) -> _Array:
+    """Weights of the lags along an axis: 1 up to the one after `reach`, falling to 0 at twice that."""
+    lags = np.abs(np.fft.fftfreq(size, 1 / size))
+    # Only lag 0 is used where none is significant.
+    return np.asarray(np.clip(2 - lags / (reach + 1), 0.0, 1.0) if reach else lags == 0, dtype=np.float64)
+
+
+def _weights(shape: tuple[int, ...], reaches: tuple[int, int], whole: tuple[bool, bool]) -> _Array:
+    """Weights of all lags; a lag selected by both axes is counted once."""
+    down, right = (_along(reach, size)[:, None] for reach, size in zip(reaches, shape, strict=True))
+    along = [np.ones_like(down) @ right.T] if whole[0] else []
+    along += [down @ np.ones_like(right).T] if whole[1] else []
+    both = down @ right.T
+    return both if not along else along[0] if len(along) == 1 else along[0] + along[1] - both
+
+
+def _lines_count(products: _Array, pairs: _Array, reaches: tuple[int, int]) -> bool:
+    """Whether the sum over the far lags along y exceeds a number of standard deviations.
+
+    Their variance is Bartlett's formula, summed over lags along the line. Pairs at a lag (dy, dx) are taken as those at
+    (dy, 0) times those at (0, dx) over all pixels.
+    """
+    down, right = (_along(reach, size) for reach, size in zip(reaches, pairs.shape, strict=True))
+    far = np.abs(np.fft.fftfreq(pairs.shape[0], 1 / pairs.shape[0])) > 2 * reaches[0] + 2
+    far_pairs = float(pairs[far, 0].sum())
+    if far_pairs < 0.5:
+        return False
+    means, means_across = (one / np.maximum(of, 1.0) * (of > 0) for one, of in ((down, pairs[:, 0]), (right, pairs[0])))
+    squares = np.square(pairs[0, 0] * means_across * (means @ products))
+    return bool(products[far, 0].sum() > _LINE_SIGNIFICANT * sqrt(2 * far_pairs * float(squares.sum())))

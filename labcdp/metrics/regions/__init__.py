@@ -1,1 +1,0 @@
-"""Contrast, CDP and related metrics of two regions of a luminance map, with uncertainties."""

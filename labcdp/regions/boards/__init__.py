@@ -1,1 +1,0 @@
-"""Checkerboards and step charts found in an image."""

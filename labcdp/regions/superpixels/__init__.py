@@ -1,1 +1,0 @@
-"""Superpixels and the regions that are proposed from them."""

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s
+from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s, combined
 from ...calibration.colour.budget import colour_budget, colour_budget_exposure_s
 from ...calibration.colour.model import ColourCalibration
-from ...calibration.emva.nonuniformity import combined
 from ...calibration.findings import BudgetRow
 from ...calibration.uncertainty import expanded_rel
 from ...core.finding import Finding, info

@@ -43,7 +43,7 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
 from labcdp.core.vignetting import AnyVignetting, FlatField, RadialVignetting, middle_of
-from labcdp.session.frame_file import frame_to_tiff
+from labcdp.session.frames import frame_to_tiff
 
 REPEATS = 21
 SHAPE = (2056, 2452)

@@ -11,8 +11,8 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ..core.finding import Finding, log_findings, unique
 from ..core.reading import Reading
+from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .findings import FitTest, ResponsivityFit

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ..core.finding import Finding
 from ..core.response import ResponseKind
+from ..core.result import Finding
 
 #: Reason for leaving data out.
 Reason: TypeAlias = Literal[

@@ -8,8 +8,8 @@ from datetime import datetime
 from math import hypot, inf, sqrt
 
 from ..core.errors import CalibrationError
-from ..core.finding import Finding, info, warning
 from ..core.reading import MeterIdentity, Reading
+from ..core.result import Finding, info, warning
 from ..session import MeterCertificate
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.

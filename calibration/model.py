@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from ..core.errors import InputError
-from ..core.finding import Finding
 from ..core.frame import Frame
 from ..core.luminance import WHOLE, LuminanceMap, Window
-from ..core.spectral.mismatch import Source
-from ..core.spectral.table import SpectralTable
+from ..core.result import Finding
+from ..core.spectra import Source, SpectralTable
 from .convert.conversion import to_luminance
 from .converter import Converter
 from .findings import FitTest, LeftOut, ModelStep

@@ -11,8 +11,8 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from ..core.errors import CalibrationError
-from ..core.finding import Finding, info, warning
 from ..core.reading import CD_M2_PER_FL, Reading
+from ..core.result import Finding, info, warning
 from .findings import LeftOut
 from .meter import require_one_correction
 

@@ -7,8 +7,7 @@ from datetime import datetime
 from math import isfinite
 
 from ..core.errors import InputError
-from ..core.spectral.mismatch import Source
-from ..core.spectral.table import SpectralTable
+from ..core.spectra import Source, SpectralTable
 from ..session import MeterCertificate
 
 

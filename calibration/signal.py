@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
-from ..core.finding import Finding, info
 from ..core.response import Response
+from ..core.result import Finding, info
 from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation
 from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2

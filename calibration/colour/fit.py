@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, info, log_findings, unique, warning
 from ...core.frame import PLANES
 from ...core.reading import Reading
-from ...core.spectral.mismatch import f1_prime, weighted_sum
-from ...core.spectral.table import SpectralTable
+from ...core.result import Finding, info, log_findings, unique, warning
+from ...core.spectra import SpectralTable, f1_prime, weighted_sum
 from ..calibrate import fit
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows

@@ -10,11 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
-from ...core.spectral.mismatch import Source
-from ...core.spectral.table import SpectralTable
+from ...core.result import Finding
+from ...core.spectra import Source, SpectralTable
 from ..findings import LeftOut
 from ..frames.observations import CameraState
 from ..frames.planes import split

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, info, warning
 from ...core.frame import PLANES
 from ...core.reading import Reading
+from ...core.result import Finding, info, warning
 from ..convert.patch import PatchLuminance, patch_luminance
 from ..findings import LeftOut
 from ..fit.intake import MIN_PATCHES, gain_settings

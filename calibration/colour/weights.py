@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.finding import Finding, warning
-from ...core.spectral.mismatch import Source, least_f1_prime, response_per_luminance
-from ...core.spectral.table import SpectralTable
+from ...core.result import Finding, warning
+from ...core.spectra import Source, SpectralTable, least_f1_prime, response_per_luminance
 from ..fit.scatter import scatter_around_mean
 from ..model import Calibration
 from .conversion import COLOURS, colours_of_planes

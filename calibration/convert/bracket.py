@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Conversion, Invalid, LuminanceMap, PixelErrors, Window, require_alike
+from ...core.result import Finding, warning
 from ..frames.observations import CameraState
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import log_findings
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
+from ...core.result import log_findings
 from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
 from ..converter import Converter, common_errors
 from ..frames.nonuniformity import slow_rel

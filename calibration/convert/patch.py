@@ -10,8 +10,8 @@ from math import hypot, inf, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.luminance import CommonError
+from ...core.result import Finding, warning
 from ..converter import FLICKER, Converter, common_errors
 from ..frames.nonuniformity import slow_rel, vignetting_errors
 from ..frames.observations import PatchObservation

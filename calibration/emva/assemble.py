@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.finding import Finding, unique
+from ...core.result import Finding, unique
 from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..sensor.dark_fit import drift_of_black_level

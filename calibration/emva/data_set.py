@@ -7,8 +7,8 @@ from os import PathLike
 from typing import Any
 
 from ...core.errors import CalibrationError, InputError
-from ...core.finding import Finding, warning
 from ...core.frame import CameraIdentity
+from ...core.result import Finding, warning
 from ..frames.measure import MeasuredFrames
 from ..frames.nonuniformity import spatial_variance
 from ..frames.observations import CameraState, DarkObservation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ...core.finding import Finding, info, warning
+from ...core.result import Finding, info, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2
 from .dark import LEAST_VARIANCE_DN2

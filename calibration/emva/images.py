@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import read_bytes
-from ...core.disk.quoting import shown
+from ...core.disk.files import shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
 from .index import DataSetIndex, IndexBlock

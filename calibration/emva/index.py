@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from ...core.disk import is_file, quoted, read_text
-from ...core.disk.quoting import shortened
+from ...core.disk.files import shortened
 from ...core.errors import InputError
 
 #: Name of the index in the folder of a data set.

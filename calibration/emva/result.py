@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding
+from ...core.result import Finding
 from ..frames.observations import DarkObservation
 from ..frames.statistics import FrameStatistics
 from .series import SeriesPoint

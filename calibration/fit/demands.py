@@ -8,7 +8,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, info, warning
+from ...core.result import Finding, info, warning
 from ..findings import FitTest
 from ..sensor.noise import GainSetting
 from ..uncertainty import expanded_half_width

@@ -6,9 +6,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.reading import Reading
 from ...core.response import Response
+from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation
 from ..readings import PatchReading, combine_readings

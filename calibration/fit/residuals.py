@@ -8,8 +8,8 @@ from math import inf, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.reading import Reading
+from ...core.result import Finding, warning
 from ..convert.patch import PatchLuminance
 from ..findings import FitError
 from ..frames.observations import PatchObservation

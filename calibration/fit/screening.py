@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.reading import Reading
+from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading, contradict, likely_cause, single_reading

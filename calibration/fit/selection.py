@@ -9,7 +9,7 @@ from math import sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, info
+from ...core.result import Finding, info
 from ..findings import ModelStep
 from ..sensor.response import ResponseCurve
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared

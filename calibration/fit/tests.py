@@ -9,7 +9,7 @@ from math import inf, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, FindingValue, info, warning
+from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..findings import FitTest
 from ..sensor.dark import DarkModel

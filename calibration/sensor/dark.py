@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from .dark_fit import (
     DOUBLING_REL,

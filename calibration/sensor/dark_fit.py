@@ -9,7 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2, variance_before_rounding
 from ..frames.statistics import MAX_CLIPPED_SHARE

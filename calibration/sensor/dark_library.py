@@ -11,9 +11,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
+from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
 from ...core.errors import CalibrationError, InputError
-from ...core.finding import Finding, FindingValue, info
+from ...core.result import Finding, FindingValue, info
 from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
+from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
 from ...core.errors import CalibrationError, InputError
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import FrameStatistics

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, FindingValue, info
 from ...core.response import Response
+from ...core.result import Finding, FindingValue, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
 from .flat_structure import block_means, pixel_pattern, structure_findings

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ...core.vignetting import RadialVignetting
 
 #: Blocks along the longer side of the image for smooth changes.

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.response import Response
+from ...core.result import Finding, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import MAX_CLIPPED_SHARE

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.frame import Frame
 from ...core.response import Response
+from ...core.result import Finding, warning
 from ..frames.observations import CameraState
 
 #: Fewest exposures: two determine the effect of a factor of exposure, the third tests it.

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding
 from ...core.reading import Reading
+from ...core.result import Finding
 from ..colour.conversion import own_rel
 from ..colour.model import ColourCalibration
 from ..convert.patch import PatchLuminance, numbered, patch_luminance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from statistics import median
 
-from ...core.finding import Finding, FindingValue, info, warning
+from ...core.result import Finding, FindingValue, info, warning
 from .result import CLEAR_Z, Verification, VerifiedPatch
 
 

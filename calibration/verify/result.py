@@ -9,7 +9,7 @@ from math import hypot, isfinite
 from typing import Literal
 
 from ...core.errors import InputError
-from ...core.finding import Finding
+from ...core.result import Finding
 from ..frames.observations import CameraState
 from ..meter import MeterScale
 from ..readings import MeasuredPatch

@@ -9,8 +9,8 @@ from math import hypot, inf, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
 from ...core.reading import Reading
+from ...core.result import Finding, warning
 from ..colour.conversion import luminance_of_planes
 from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch

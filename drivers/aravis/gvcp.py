@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address, IPv4Interface
 
-from ...core.disk.quoting import printable
+from ...core.disk.files import printable
 from ...core.errors import InputError
 from ..camera import CameraError, CameraNotFoundError
 from ..device import on_error

@@ -12,7 +12,7 @@ from pydantic import Field
 from ...chain import Chain, ImagingChain
 from ...core.disk import read_toml
 from ...core.errors import ConfigurationError
-from ...session.bench_tables import FeatureName, NotNegative, Number, Positive, Table, Text, Whole
+from ...session.tables import FeatureName, NotNegative, Number, Positive, Table, Text, Whole
 from ...session.validation import validated
 from .device import SENSOR_BITS
 from .genicam import Naming, feature

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import Final, Literal
 
 from ...core.clock import Clock, SimulatedClock
-from ...core.disk.quoting import MOST_QUOTED, quoted
+from ...core.disk.files import MOST_QUOTED, quoted
 from ...core.errors import ConfigurationError
 from .in_process import CameraTrouble, TroubledCamera
 from .meter import Fault, FaultyMeter, SimulatedLS

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ...core.computer.compiled import compiled
+from ...core.computer import compiled
 
 #: Mean electrons below which a Poisson number is found exactly, by inversion; above, by its normal approximation with
 #: the right variance and skewness (Cornish and Fisher).

@@ -14,7 +14,7 @@ from ...chain import ImagingChain, PatchScene
 from ...chain import Patch as ScenePatch
 from ...chain.sensor import Sensor
 from ...core.errors import ConfigurationError
-from ...core.spectral.photometry import electron_radiance_per_cd_m2
+from ...core.photometry import electron_radiance_per_cd_m2
 from ...session import Patch, SessionConfiguration
 from .faults import Drifts
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.errors import InputError, SessionError
-from ..core.finding import Finding, info, warning
 from ..core.frame import CameraIdentity, Frame
 from ..core.pixel_format import pixel_format
 from ..core.reading import Reading
+from ..core.result import Finding, info, warning
 from ..drivers.manual import CsvMeter, MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110
 from ..files import IMAGE_SUFFIXES, FileDefaults, FileFrame, read_image, read_raw

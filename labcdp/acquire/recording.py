@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from ..core.clock import Clock
-from ..core.computer.threads import InterruptSafeThread
+from ..core.computer import InterruptSafeThread
 from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading

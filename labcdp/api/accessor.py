@@ -13,8 +13,8 @@ from ..evaluate.sweep.maps.dips import SnrDip
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
 from ..evaluate.sweep.maps.ranges import LEVELS, Isoline, UsableRange, isolines
 from ..output import write_file
-from ..report.netcdf import dataset_bytes
-from ..report.netcdf import read_dataset as read_netcdf
+from ..report.files import dataset_bytes
+from ..report.files import read_dataset as read_netcdf
 from .arguments import PathArgument, as_path
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.roi import Roi
 from ..evaluate.picture.image import ImageRequest

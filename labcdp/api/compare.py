@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 
 from ..calibration import AnyCalibration
-from ..core.notebook import html_table
-from ..core.result import InputFile
+from ..core.result import InputFile, html_table
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
 from ..evaluate.sweep.plan import Axis
-from ..report.cells import text_table
-from ..report.envelope import envelope
-from ..report.findings import finding_text
+from ..report.files import envelope
+from ..report.text import finding_text, text_table
 from .arguments import PathArgument, as_contrasts, as_path
 from .picture import Stated, conversion_of, require_known
 from .session import CalibratedSession

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.finding import Finding
 from ..core.luminance import LuminanceMap
-from ..core.notebook import html_table
+from ..core.result import Finding, html_table
 from ..core.roi import Roi
 from ..metrics import Epsilon
 from ..metrics.pair import PairResult, RegionResult, evaluate_pair

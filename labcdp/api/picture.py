@@ -14,15 +14,14 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration
 from ..core.errors import InputError
-from ..core.finding import Finding, info, unique
 from ..core.luminance import LuminanceMap
-from ..core.notebook import html_table
+from ..core.result import Finding, html_table, info, unique
 from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import Rectangle, evaluate_neighbours
 from ..files.picture import Picture
 from ..files.read import read_picture
 from ..metrics import Epsilon
-from ..report.findings import finding_text
+from ..report.text import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions
 from .variables import OF_CDP, cdp_values, columns, described, noted

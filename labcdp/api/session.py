@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Literal
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_any, save
 from ..core.errors import InputError
-from ..core.notebook import html_table
-from ..core.result import InputFile
+from ..core.result import InputFile, html_table
 from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.corrections import UniformLight, calibration_for, corrections_of, require_same_optics
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.recorded import certificate_of
 from ..evaluate.bench.session import evaluate_session
 from ..evaluate.bench.session_result import session_input
-from ..report.findings import warning_texts
+from ..report.text import warning_texts
 from ..session import ContrastConfiguration
 from ..session import Session as _Session
 from .arguments import Contrasts, PathArgument, as_contrasts, as_path

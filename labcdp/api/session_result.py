@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.notebook import html_table, number
-from ..core.result import InputFile
+from ..core.result import InputFile, html_table, number
 from ..evaluate.bench.session import SessionEvaluation
 from ..evaluate.bench.session_result import session_result
-from ..report.envelope import envelope
-from ..report.findings import warning_texts
+from ..report.files import envelope
+from ..report.text import warning_texts
 from .variables import OF_CDP, cdp_values, columns, described
 
 if TYPE_CHECKING:

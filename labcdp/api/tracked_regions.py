@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..core.errors import InputError, LabcdpError
-from ..core.finding import Finding, error, unique
+from ..core.result import Finding, error, unique
 from ..core.roi import Roi
 from ..evaluate.video.findings import restored
 from ..evaluate.video.settings import Progress, VideoSettings

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.finding import Finding
+from ..core.result import Finding
 from ..metrics import DetectionResult
-from ..report.findings import finding_text
+from ..report.text import finding_text
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError, LabcdpError
-from ..core.notebook import html_table
+from ..core.result import html_table
 from ..evaluate.picture.conversion import PictureConversion
 from ..evaluate.video.dataset import VideoRows
 from ..evaluate.video.evaluate import Part, evaluated_parts

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..core.disk.quoting import closest, shortened, shown
+from ..core.disk.files import closest, shortened, shown
 from ..core.errors import ConfigurationError, InputError
 from .hdr import Hdr
 from .registry import class_of, type_of

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError
 from .parameters import check_number, check_whole
 from .signal import Capture

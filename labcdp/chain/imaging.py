@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.errors import CalibrationError, InputError
 from ..core.frame import Frame
 from ..core.luminance import RANGE_MARGIN, CommonError, Invalid, LuminanceMap
-from ..core.spectral.photometry import photon_radiance_per_cd_m2
+from ..core.photometry import photon_radiance_per_cd_m2
 from ..core.vignetting import Vignetting
 from .optics import Optics, Windscreen
 from .scene.scene import luminance_map
@@ -113,7 +113,7 @@ class ImagingChain:
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.core.spectral.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
     windscreen : Windscreen or None
         None for an open bench.
     optics : Optics

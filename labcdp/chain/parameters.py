@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError
 
 #: Most pixels of a side of a scene or sensor; a larger frame would not fit into any memory.

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..core.disk import parse_toml
-from ..core.disk.toml_text import toml_text
+from ..core.disk.text import toml_text
 from ..core.errors import ConfigurationError, InputError
-from ..core.spectral.photometry import photon_radiance_per_cd_m2
+from ..core.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
 from .document import changed, parts_of_document, scene_table, sensor_tables, settings_table, stage_table
 from .hdr import Hdr
@@ -91,7 +91,7 @@ class ChainParts:
     name, description : str
         What the chain is.
     spectrum : str
-        Spectrum of the light, as `labcdp.core.spectral.photometry.photon_radiance_per_cd_m2` takes it.
+        Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
     scene : Scene
         What the camera looks at.
     before : tuple of (str, Stage)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError
 
 FloatArray = NDArray[np.float64]

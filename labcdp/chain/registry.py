@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..core.disk import is_file, read_text
 from ..core.disk.documents import MOST_BYTES_OF_TOML
-from ..core.disk.quoting import closest, shown
+from ..core.disk.files import closest, shown
 from ..core.errors import ConfigurationError, InputError
 
 #: Entry points of installed packages under this name are loaded when a chain file names something unknown.

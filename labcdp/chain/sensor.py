@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from ..core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ..core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from .fixed_pattern import (
     FixedPattern,
     Stream,

@@ -114,7 +114,7 @@ class Context:
     Parameters
     ----------
     spectrum : str
-        Spectrum of the light, as `labcdp.core.spectral.photometry` takes it.
+        Spectrum of the light, as `labcdp.core.photometry` takes it.
     seed : int
         Fixes everything random of a run.
     pixel_pitch_m : float or None

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.spectral.photometry import electron_radiance_per_cd_m2
+from ..core.photometry import electron_radiance_per_cd_m2
 from .fixed_pattern import Stream, block_generator
 from .parameters import LARGEST_SIDE, Range, check_ranges, check_whole
 from .signal import Capture, Context, Signal, check_shape, settings_of

@@ -14,7 +14,7 @@ from types import FrameType
 
 import typer
 
-from ..core.disk.quoting import reason, shortened
+from ..core.disk.files import reason, shortened
 from ..core.errors import InputError, LabcdpError
 from .commands import Commands
 from .terminal import log_to_terminal, say

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..core.disk.quoting import printable
+from ..core.disk.files import printable
 from ..core.errors import InputError
-from ..core.finding import unique
-from ..report.digits import significant
+from ..core.result import unique
+from ..report.text import significant
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -104,12 +104,11 @@ def say(text: str) -> None:
 def print_result(result: Result, as_json: bool) -> None:
     """Print a result: as JSON on standard output, or its tables there and its findings on standard error."""
     if as_json:
-        from ..report.envelope import envelope_json
+        from ..report.files import envelope_json
 
         sys.stdout.write(envelope_json(result))
         return
-    from ..report.cells import is_number, text_table
-    from ..report.findings import finding_text
+    from ..report.text import finding_text, is_number, text_table
 
     for table in result.tables:
         if table.detail or not len(table):

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .disk.quoting import quoted
+from .disk.files import quoted
 from .errors import InputError
 
 Packing = Literal["byte", "word", "lsb12", "gige12"]

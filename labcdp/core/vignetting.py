@@ -10,7 +10,7 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .disk.stored_array import EqualByContent, StoredArray, content_sha256, read_only
+from .disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
 from .errors import InputError
 
 #: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.

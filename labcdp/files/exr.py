@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.disk import parse_json, shortened
 from ..core.errors import InputError
-from ..core.finding import Finding, info
+from ..core.result import Finding, info
 from .stored_image import BT709_LUMINANCE, StoredImage, decoder_messages, real_numbers, require_size
 
 EXR = b"\x76\x2f\x31\x01"

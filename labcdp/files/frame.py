@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding, info, warning
 from ..core.frame import CameraIdentity, Frame
 from ..core.pixel_format import pixel_format
+from ..core.result import Finding, info, warning
 from .picture import PictureOptions
 
 #: Exposure of pictures without one; relative luminance does not depend on it.

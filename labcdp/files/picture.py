@@ -10,12 +10,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError
-from ..core.finding import Finding, warning
 from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.pixel_format import pixel_format
+from ..core.result import Finding, warning
 from .stored_image import MAX_PIXELS, Encoding
 
 

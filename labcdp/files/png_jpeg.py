@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ..core.disk import quoted
 from ..core.disk.arrays import npy_header, parse_npy
-from ..core.disk.quoting import reason
+from ..core.disk.files import reason
 from ..core.errors import InputError
-from ..core.finding import Finding, info, warning
 from ..core.pixel_format import pixel_format
+from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
 from .stored_image import (
     ENCODING_NAMES,

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.finding import info, warning
 from ..core.frame import CameraIdentity, Frame
+from ..core.result import info, warning
 from .exr import EXR, exr_text, read_exr
 from .file_frame import FileDefaults, camera_of, picture_bytes
 from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, Scale, frame_of_pixels, make_frame, scale_of

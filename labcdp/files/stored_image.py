@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding, info, warning
+from ..core.result import Finding, info, warning
 from .exif import ExifFacts
 
 #: How values are encoded: in proportion to light, or by the curve of IEC 61966-2-1 (sRGB) or of ITU-R BT.709.

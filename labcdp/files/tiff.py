@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json
 from ..core.disk.tiff import open_tiff, require_pixels
 from ..core.errors import InputError
-from ..core.finding import Finding, info
+from ..core.result import Finding, info
 from .exif import ExifFacts, read_exif
 from .stored_image import (
     BT709_LUMINANCE,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding, info, warning
 from ..core.luminance import LuminanceMap, Window
+from ..core.result import Finding, info, warning
 from ..core.roi import Roi
 from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
 from .contrast import TargetContrast

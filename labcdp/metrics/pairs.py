@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.computer.threads import each_in_thread
+from ..core.computer import each_in_thread
 from ..core.errors import InputError
 from .distribution import Distribution, Region, as_distribution, weighted_sum
 

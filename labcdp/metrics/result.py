@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from ..core.notebook import html_table, number
+from ..core.result import html_table, number
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 
 

@@ -13,9 +13,19 @@ from types import TracebackType
 from typing import Self, TypeAlias
 
 from ..core.errors import InputError
-from .file import Buffer, cannot_be_written, fsync_folder, is_same_file, put_in_place, write_file
+from .file import (
+    Buffer,
+    cannot_be_written,
+    fsync_folder,
+    is_same_file,
+    is_staging,
+    lock_folder,
+    make_folder,
+    put_in_place,
+    staging_name,
+    write_file,
+)
 from .file_list import LIST_FILE, FileList, ListedFile, by_name, is_inside, read_list
-from .place import is_staging, lock_folder, make_folder, staging_name
 
 
 class ResultsFolder:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding, warning
+from ..core.result import Finding, warning
 from ..core.roi import Roi
 
 _Array: TypeAlias = NDArray[np.float64]

@@ -16,7 +16,7 @@ from io import BytesIO
 from math import atan2, cos, degrees, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING
 
-from ..core.disk.quoting import quoted, reason
+from ..core.disk.files import quoted, reason
 from ..core.errors import InputError
 from .geometry import in_one_line, is_simple
 from .shapes import MOST_REGIONS, CompositeShape, EllipseShape, PolygonShape, RectangleShape, Shape

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..core.disk import parse_json, quoted, read_bytes, shortened
-from ..core.disk.quoting import closest
+from ..core.disk.files import closest
 from ..core.errors import InputError
 from ..output import write_file
 from .imagej import imagej_file, parse_imagej

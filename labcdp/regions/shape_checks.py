@@ -8,7 +8,7 @@ from math import isfinite
 from numbers import Real
 from typing import Any
 
-from ..core.disk.quoting import MOST_QUOTED, quoted
+from ..core.disk.files import MOST_QUOTED, quoted
 from ..core.errors import InputError
 
 #: Coordinates beyond any image.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from math import ceil, cos, pi, radians, sin, sqrt
 from typing import ClassVar, TypeAlias
 
-from ..core.disk.quoting import quoted
+from ..core.disk.files import quoted
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .geometry import require_simple

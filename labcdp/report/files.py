@@ -1,16 +1,112 @@
-"""The common files of all results: numbers, page, spreadsheet and figures."""
+"""The common files of all results: JSON in one envelope, page, spreadsheet and figures; datasets as NetCDF."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import files
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from ..core.disk import read_bytes, reason
+from ..core.disk.tiff import read_in_child
+from ..core.errors import InputError
 from ..core.result import Result
-from .envelope import envelope_json
-from .figure import ReportFigure
+from ..core.table import Table
 from .html import render_page
-from .layout import Page
+from .layout import Page, ReportFigure
 from .sheets import result_workbook
+from .text import finding_text
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+#: Name and version of the envelope.
+SCHEMA, SCHEMA_VERSION = "labcdp-result", 1
+#: Packages whose versions a result depends on.
+_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "numba")
+
+
+def envelope(result: Result) -> dict[str, Any]:
+    """Return a result as JSON-compatible values.
+
+    Parameters
+    ----------
+    result : Result
+        What to write. Fractions stay fractions, with unit ``1``; unknown and infinite values are null.
+    """
+    return {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "kind": result.kind,
+        "title": result.title,
+        "versions": {"labcdp": version("labcdp"), **{name: version(name) for name in _PACKAGES}},
+        "simulated": result.simulated,
+        "seed": result.seed,
+        "inputs": [{"role": one.role, "path": one.path, "sha256": one.sha256} for one in result.inputs],
+        "configuration": _plain(result.configuration),
+        "findings": [
+            {
+                "code": finding.code,
+                "severity": finding.severity,
+                "subject": finding.subject,
+                "values": _plain(finding.values),
+                "text": finding_text(finding),
+            }
+            for finding in result.findings
+        ],
+        "tables": {table.name: _table(table) for table in result.tables},
+    }
+
+
+def envelope_json(result: Result) -> str:
+    """Return a result as JSON text."""
+    return json.dumps(envelope(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of the envelope."""
+    text = files("labcdp").joinpath("data/schema/result.schema.json").read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def _table(table: Table) -> dict[str, Any]:
+    return {
+        "title": table.title,
+        "columns": [
+            {
+                "name": column.name,
+                "label": column.label,
+                "unit": "1" if column.unit == "%" else column.unit,
+                "meaning": column.meaning,
+            }
+            for column in table.columns
+        ],
+        "rows": [_row(table, row) for row in table.rows()],
+    }
+
+
+def _row(table: Table, row: dict[str, Any]) -> dict[str, Any]:
+    units = {column.unit_of for column in table.columns if column.unit_of}
+    return {name: "1" if name in units and value == "%" else _plain(value) for name, value in row.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return JSON-compatible values: no NumPy types, no nan and no infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
 
 
 def result_files(
@@ -35,3 +131,96 @@ def result_files(
         "results.xlsx": result_workbook(result, time or datetime.now(UTC)),
         **{f"figures/{figure.file_name}": figure.png for figure in figures},
     }
+
+
+#: Largest size of a file, and signatures of HDF5 and classic NetCDF.
+_MOST_BYTES = 2**31
+_SIGNATURES = (b"\x89HDF\r\n\x1a\n", b"CDF")
+#: Compressed by zlib, with a checksum that detects damage.
+_NUMBERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+
+
+def dataset_bytes(dataset: Dataset, what: str) -> bytes:
+    """Return a labelled result as content of a NetCDF-4 file; equal results give equal bytes.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset whose attributes are texts and numbers.
+    what : str
+        Name of the result in messages.
+
+    Raises
+    ------
+    InputError
+        If it holds values that NetCDF cannot store.
+    """
+    encoding = {
+        name: _NUMBERS for name, variable in dataset.data_vars.items() if variable.ndim and variable.dtype.kind in "iuf"
+    }
+    try:
+        return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
+    except (TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise InputError(
+            f"the {what} holds what NetCDF cannot ({reason(error)}): give attributes that are texts or numbers"
+        ) from error
+
+
+def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
+    """Write a Dataset block by block in constant memory; equal blocks give equal bytes.
+
+    Parameters
+    ----------
+    path : Path
+        Written incrementally: give a temporary name and rename.
+    blocks : iterable of xarray.Dataset
+        At least one; variables with the dimension `along` are concatenated, all others are taken from the first.
+    along : str
+        The dimension.
+    """
+    from netCDF4 import Dataset as File
+
+    size = 0
+    for block in blocks:
+        start, size = size, size + block.sizes[along]
+        grown = {name: variable for name, variable in block.variables.items() if along in variable.dims}
+        if not start:
+            encoding = {
+                name: {**_NUMBERS, "chunksizes": variable.shape}
+                for name, variable in grown.items()
+                if variable.dtype.kind in "biuf" and variable.size
+            }
+            block.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding, unlimited_dims=[along])
+            continue
+        with File(path, "a") as file:
+            file.set_auto_maskandscale(False)
+            for name, variable in grown.items():
+                index = tuple(slice(start, size) if name == along else slice(None) for name in variable.dims)
+                file[str(name)][index] = variable.values
+
+
+def read_dataset(path: Path, what: str) -> Dataset:
+    """Read a labelled result into memory and close the file; `what` names it in messages.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or is damaged.
+    """
+    data = read_bytes(path, f"the path of a {what} (.nc)", _MOST_BYTES)
+    if not data.startswith(_SIGNATURES):
+        raise InputError(f"{path} is no NetCDF file: give the path of a {what} (.nc)")
+    try:
+        # A single damaged byte can make HDF5 loop forever.
+        dataset: Dataset = read_in_child(f"{__name__}:_load", data)
+    except InputError as error:
+        raise InputError(
+            f"{path} is damaged or no NetCDF file ({error}): restore it from a copy, or make the {what} again"
+        ) from error
+    return dataset
+
+
+def _load(data: bytes) -> Dataset:
+    import xarray as xr
+
+    return xr.load_dataset(data, engine="netcdf4")

@@ -1,23 +1,24 @@
-"""Pages as self-contained HTML files."""
+"""Pages and certificates as self-contained HTML files."""
 
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.finding import Finding, unique
+from ..core.result import Finding, unique
 from ..core.table import Table
-from .cells import is_number, text_table
-from .digits import printable
-from .figure import ReportFigure
-from .findings import finding_text
-from .layout import Block, Page, Script, Verbatim
+from .layout import Block, Facts, Page, ReportFigure, Script, State, Verbatim
+from .text import finding_text, is_number, printable, text_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from plotly.graph_objects import Figure
+
 
 #: Rows of a table that a page shows; the spreadsheet has all.
 _MOST_ROWS = 2000
@@ -96,3 +97,68 @@ def _cells(table: Table) -> dict[str, Any]:
         "rows": rows,
         "left_out": max(0, len(table) - _MOST_ROWS),
     }
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate.
+
+    Parameters
+    ----------
+    kind, title : str
+        What it certifies, and of which device.
+    number : sequence of (str, str)
+        Number, dates and operator.
+    identification, conditions : Facts
+        Devices, and how was measured.
+    picture : ReportFigure
+        The target.
+    results : Table or None
+        The results with their uncertainties.
+    statements : sequence of (str, str)
+        Titles and texts, for example on uncertainty and traceability.
+    banner : str
+        Prominent notice, for example that the data is simulated; may be empty.
+    verdict, verdict_text : str
+        Verdict in words; may be empty.
+    state : {'good', 'bad', 'open'}
+        Colour of the verdict.
+    """
+
+    kind: str
+    title: str
+    number: Sequence[tuple[str, str]]
+    identification: Facts
+    conditions: Facts
+    picture: ReportFigure
+    results: Table | None = None
+    statements: Sequence[tuple[str, str]] = ()
+    banner: str = ""
+    verdict: str = ""
+    verdict_text: str = ""
+    state: State = "open"
+
+
+def render_certificate(sheet: Certificate) -> bytes:
+    """Return a certificate as a self-contained HTML page for A4; all text is escaped."""
+    template = environment().get_template("certificate.html")
+    return template.render(sheet=sheet, version=version("labcdp")).encode()
+
+
+_FONT = 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans", sans-serif'
+
+
+def interactive(figure: Figure, scroll_zoom: bool = False) -> Script:
+    """Return a figure with plotly.js (4.8 MB) embedded.
+
+    Parameters
+    ----------
+    figure : plotly.graph_objects.Figure
+        The figure; it gets the common style.
+    scroll_zoom : bool
+        Whether the mouse wheel zooms.
+    """
+    figure.update_layout(template="plotly_white", font_family=_FONT)
+    # plotly's own button would upload the figure to plotly's servers.
+    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False, "scrollZoom": scroll_zoom}
+    return Script(figure.to_html(full_html=False, include_plotlyjs=True, div_id="figure", config=config))

@@ -1,4 +1,4 @@
-"""Elements of a page: the answer as cards, panels next to each other, then sections."""
+"""Elements of a page: figures, the answer as cards, panels next to each other, then sections."""
 
 from __future__ import annotations
 
@@ -6,10 +6,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from ..core.finding import Finding
-from ..core.result import Result
+from ..core.result import Finding, Result
 from ..core.table import Table
-from .figure import ReportFigure
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure with its caption.
+
+    Parameters
+    ----------
+    file_name : str
+        Its name in the folder of the figures.
+    png : bytes
+        The picture.
+    caption : str
+        Caption.
+    alternative : str
+        Alternative text for screen readers.
+    """
+
+    file_name: str
+    png: bytes
+    caption: str
+    alternative: str
+
 
 #: Colour of an answer.
 State: TypeAlias = Literal["good", "bad", "open"]

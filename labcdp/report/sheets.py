@@ -13,9 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 from ..core.errors import InputError
 from ..core.result import Result
 from ..core.table import Column, LongTable, Table
-from .cells import cell_decimals, is_number
-from .digits import printable
-from .findings import finding_text
+from .text import cell_decimals, finding_text, is_number, printable
 
 if TYPE_CHECKING:
     from xlsxwriter import Workbook

@@ -1,6 +1,5 @@
 """Sessions: one measurement in a folder the user can read, safe against kills and checked when read."""
 
-from .bench_tables import CameraConfiguration, LensConfiguration, SourceConfiguration
 from .configuration import (
     ConditionsConfiguration,
     ContrastConfiguration,
@@ -9,12 +8,13 @@ from .configuration import (
     PlanConfiguration,
     SessionConfiguration,
     TargetConfiguration,
+    example_configuration,
+    example_session,
 )
-from .examples import example_configuration, example_session
 from .files import StoredFile
-from .meter_tables import MeterCertificate, MeterConfiguration
 from .records import EventRecord, FrameRecord, ReadingRecord, Record, Role
 from .store import Session
+from .tables import CameraConfiguration, LensConfiguration, MeterCertificate, MeterConfiguration, SourceConfiguration
 
 __all__ = [
     "CameraConfiguration",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from importlib.resources import files
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -11,15 +12,16 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from ..core.disk import parse_toml, read_toml
-from ..core.disk.toml_text import toml_text
+from ..core.disk.text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.pixel_format import PIXEL_FORMATS
 from ..core.roi import Roi
-from .bench_tables import (
+from .tables import (
     CameraConfiguration,
     Count,
     Fraction,
     LensConfiguration,
+    MeterConfiguration,
     NotNegative,
     Number,
     Positive,
@@ -30,7 +32,6 @@ from .bench_tables import (
     Whole,
     with_spectra,
 )
-from .meter_tables import MeterConfiguration
 from .validation import validated
 
 #: Two exposures are the same setting within this relative difference: cameras round to their clock.
@@ -258,3 +259,26 @@ class SessionConfiguration(Table):
     def to_toml(self) -> str:
         """Write all values, also those left at their default, as TOML; the inverse is `from_toml`."""
         return toml_text(self.model_dump(by_alias=True, exclude_none=True))
+
+
+_DATA = Path(str(files("labcdp"))) / "data"
+
+
+def example_configuration() -> str:
+    """Return the configuration of the demonstration as TOML, with comments."""
+    return (_DATA / "bench.toml").read_text(encoding="utf-8")
+
+
+def example_simulated_bench() -> str:
+    """Return the description of the standard simulated bench as TOML, with comments."""
+    return (_DATA / "simulated-bench.toml").read_text(encoding="utf-8")
+
+
+def example_session() -> Path:
+    """Return the folder of a small session recorded on the simulated bench."""
+    return _DATA / "example-session"
+
+
+def example_camera() -> str:
+    """Return a camera specification as TOML, with comments: that of the 2018 thesis' camera."""
+    return (_DATA / "cameras" / "thesis-2018.toml").read_text(encoding="utf-8")

@@ -15,8 +15,7 @@ from ..core.errors import SessionError
 from ..output.file import fsync_folder, is_temporary
 from .configuration import SessionConfiguration
 from .files import FRAMES, read_checked, reported, write_whole
-from .journal import Journal
-from .journal_text import FORMER_END, JOURNAL, Entry, read_journal
+from .journal import FORMER_END, JOURNAL, Entry, Journal, read_journal
 from .records import SUPERSEDED, event_record
 
 CONFIGURATION = "session.toml"

@@ -14,7 +14,7 @@ from ..core.errors import InputError, SessionError
 from ..core.frame import CameraIdentity, checked_metadata
 from ..core.reading import Reading
 from .files import StoredFile
-from .journal_text import Entry
+from .journal import Entry
 
 Role = Literal["light", "dark"]
 _Content = TypeVar("_Content", bound=BaseModel)

@@ -3,35 +3,38 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
 from ..core.clock import Clock, SystemClock
-from ..core.disk.quoting import shown
+from ..core.disk.files import shown
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from .configuration import SessionConfiguration
-from .folder import create_folder, remove_session, require_session
-from .frame_folder import FrameFolder
-from .journal import CLOCK, Journal
-from .journal_text import JOURNAL, Entry, Line, read_journal
-from .recorded import RecordedSession
+from .files import read_checked
+from .folder import create_folder, problems, read_configuration, remove_session, require_session, unrecorded
+from .frames import FrameFolder, frame_from_tiff
+from .journal import CLOCK, JOURNAL, Entry, Journal, Line, read_journal
 from .records import (
+    EXPOSURES,
     ROLES,
     SUPERSEDED,
     EventRecord,
     FrameRecord,
     ReadingRecord,
+    Record,
     Role,
     event_record,
     frame_content,
     frame_record,
     reading_content,
     reading_record,
+    record,
+    superseded,
 )
 
 _OWN_KINDS = ("session", "readme", "frame", "reading", "torn line", CLOCK, SUPERSEDED)
@@ -40,7 +43,7 @@ _SYSTEM_CLOCK = SystemClock()
 _log = logging.getLogger(__name__)
 
 
-class Session(RecordedSession):
+class Session:
     """A recorded session; made by `create` or `open`, a context manager.
 
     Whatever an ``add_`` method has returned is on the disk, and stays there if the process is killed. One
@@ -51,13 +54,16 @@ class Session(RecordedSession):
     path : Path
         The session's folder.
     entries : list of Entry
-        The journal's lines.
+        The journal's lines; the list grows while the session is recorded.
     journal : Journal or None
         The journal if open for writing.
     """
 
     def __init__(self, path: Path, entries: list[Entry], journal: Journal | None) -> None:
-        super().__init__(path, entries)
+        self.path = path
+        self._entries = entries
+        self._records: list[Record] = []
+        self.configuration = read_configuration(path, entries)
         self._journal = journal
         self._folder = FrameFolder(path, entries[0].content["compress"])
 
@@ -133,6 +139,76 @@ class Session(RecordedSession):
     def __exit__(self, *exc: object) -> None:
         """Close."""
         self.close()
+
+    @property
+    def records(self) -> list[Record]:
+        """All records in the order they were made."""
+        self._records += [record(entry) for entry in self._entries[len(self._records) :]]
+        return list(self._records)
+
+    def frames(self, role: Role | None = None) -> list[FrameRecord]:
+        """List the records of the frames that count, or of those with a role, in order."""
+        return [r for r in self._counting() if isinstance(r, FrameRecord) and role in (None, r.role)]
+
+    def readings(self) -> list[ReadingRecord]:
+        """List the records of the meter's readings that count, in order."""
+        return [r for r in self._counting() if isinstance(r, ReadingRecord)]
+
+    def _counting(self) -> Iterator[Record]:
+        records = self.records
+        left_out = superseded(records)
+        return (r for r in records if r.sequence not in left_out)
+
+    @property
+    def exposures_s(self) -> tuple[float, ...] | None:
+        """Exposures of the plan, or those last found where the plan has none; None if they are still to be found."""
+        if self.configuration.plan.exposures_s is not None:
+            return self.configuration.plan.exposures_s
+        found = [r for r in self.records if isinstance(r, EventRecord) and r.kind == EXPOSURES]
+        return tuple(found[-1].content["exposures_s"]) if found else None
+
+    def load(self, frame: FrameRecord) -> Frame:
+        """Read a frame, bit for bit as it was recorded.
+
+        Raises
+        ------
+        SessionError
+            If its file is missing, truncated or altered.
+        """
+        return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
+
+    def damaged(self) -> list[tuple[FrameRecord, str]]:
+        """List the frames that count whose files are missing or altered, each with its fault."""
+        found = []
+        for frame in self.frames():
+            try:
+                read_checked(self.path, frame.file)
+            except SessionError as error:
+                found.append((frame, str(error)))
+        return found
+
+    def unrecorded(self) -> list[str]:
+        """Files in the folder that the journal does not know, as names inside it.
+
+        A whole frame is among them if its writer was killed just before it could add the line to the journal.
+        """
+        return unrecorded(self.path, self._entries)
+
+    def problems(self) -> list[str]:
+        """Check the journal on the disk and every file in it; one line for each fault, none if all is sound."""
+        return problems(self.path, self._entries)
+
+    def verify(self) -> None:
+        """Check everything, as `problems` does.
+
+        Raises
+        ------
+        SessionError
+            If something is missing, truncated or altered; names the first fault and how many there are.
+        """
+        found = self.problems()
+        if found:
+            raise SessionError(found[0] + (f" (fault 1 of {len(found)})" if len(found) > 1 else ""))
 
     def add_frame(self, frame: Frame, role: Role = "light", patch: str | None = None) -> FrameRecord:
         """Record a frame; as `add_frames`."""

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..core.disk.quoting import closest, quoted, shortened
+from ..core.disk.files import closest, quoted, shortened
 from ..core.errors import ConfigurationError
 
 #: Length of what a validator says, which may name all patches.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import dist, hypot, isfinite
 
-from ..core.finding import Finding
+from ..core.result import Finding
 from ..core.roi import Roi
 from .alignment import Fit
 from .geometry import Matrix, carried, local_scale, shift

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.finding import Finding
+from ..core.result import Finding
 from ..core.roi import Roi
 from .follower import Follower
 from .geometry import Matrix, carried, inverse

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.finding import Finding, FindingValue, warning
+from ..core.result import Finding, FindingValue, warning
 from ..core.roi import Roi
 from .geometry import Matrix, inverse, scaling, shift, transform
 from .sight import Sight, noise_dn, smooth

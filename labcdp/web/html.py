@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from ..report.digits import printable
+from ..report.text import printable
 
 #: Text of a cell, alone or with its class.
 Cell = str | tuple[str, str]

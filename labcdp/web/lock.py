@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..core.errors import InputError
-from ..report.digits import printable
+from ..report.text import printable
 
 #: Upper limit of the size of a lock file's content.
 _MOST_BYTES = 400

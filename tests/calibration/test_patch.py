@@ -5,7 +5,7 @@ import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.core.errors import CalibrationError
-from labcdp.core.finding import info
+from labcdp.core.result import info
 
 EXPOSURES_S = (0.001, 0.008, 0.064)
 

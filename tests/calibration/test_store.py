@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from labcdp.calibration import fit, load, save
 from labcdp.core.errors import InputError
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.session import MeterCertificate
 

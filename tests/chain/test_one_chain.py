@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from labcdp.chain import Chain, Checkerboard, ImageScene, preset_names, preset_text
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.core.disk.toml_text import toml_text
+from labcdp.core.disk.text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError
 from labcdp.evaluate.sweep.plan import Axis, Sweep
 from labcdp.evaluate.sweep.run import run_sweep

@@ -8,7 +8,7 @@ import pytest
 from labcdp.chain import Chain, ExposureSettings, Sensor, ThesisSensor
 from labcdp.chain.signal import Capture, Context, Signal
 from labcdp.core.errors import InputError
-from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
+from labcdp.core.photometry import photon_radiance_per_cd_m2
 from labcdp.metrics import cdp_neighbours
 
 #: Photons s^-1 m^-2 per lux: 500 nm at 1000 lm/W.

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from labcdp.calibration import load, save
 from labcdp.cli.app import app
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 from labcdp.session import example_session
 
 #: Bars of work done before a mistake could be seen, and what a person was asked, may stand before its line.

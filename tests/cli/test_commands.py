@@ -18,7 +18,7 @@ from labcdp.cli.app import app, unwinding
 from labcdp.cli.bench.demo import demonstrate
 from labcdp.cli.commands import all_commands
 from labcdp.cli.terminal import log_to_terminal
-from labcdp.core.spectral.photometry import spectral_weights
+from labcdp.core.photometry import spectral_weights
 from labcdp.drivers.simulated import SimulatedBenchFile
 from labcdp.output import ResultsFolder
 from labcdp.session import Session

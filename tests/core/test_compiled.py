@@ -18,7 +18,7 @@ print(json.dumps([one.tolist() for one in luminance_of_ycbcr(luma, blue, red, pa
 """
 FORGETS = """
 import sys; sys.path.insert(0, sys.argv[1])
-from labcdp.core.computer.compiled import compiled
+from labcdp.core.computer import compiled
 import some_kernel
 print(compiled(some_kernel.one)(1))
 """

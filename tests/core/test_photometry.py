@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.core.spectral.photometry import (
+from labcdp.core.photometry import (
     as_quantum_efficiency,
     electron_radiance_per_cd_m2,
     photon_radiance_per_cd_m2,
@@ -72,7 +72,7 @@ def test_works_without_matplotlib_and_leaves_numpy_alone():
     program = """
 import sys; sys.modules["matplotlib"] = None
 import numpy as np
-from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
+from labcdp.core.photometry import photon_radiance_per_cd_m2
 before = np.get_printoptions()
 print(photon_radiance_per_cd_m2("D65") > 1e16, np.get_printoptions() == before)
 """

@@ -8,15 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.core.spectral.mismatch import (
+from labcdp.core.photometry import spectral_weights
+from labcdp.core.spectra import (
+    SpectralTable,
     f1_prime,
     least_f1_prime,
     mismatch_factor,
     mismatch_findings,
+    read_spectral_file,
     weighted_sum,
 )
-from labcdp.core.spectral.photometry import spectral_weights
-from labcdp.core.spectral.table import SpectralTable, read_spectral_file
 
 NM, _, V = spectral_weights("E")
 

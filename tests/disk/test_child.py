@@ -2,7 +2,7 @@
 
 import pytest
 
-from labcdp.core.disk import child
+from labcdp.core.disk.tiff import read_in_child
 from labcdp.core.errors import InputError
 
 READERS = """
@@ -31,12 +31,12 @@ def raises(data):
 def read(tmp_path, monkeypatch):
     (tmp_path / "readers_of_test.py").write_text(READERS)
     monkeypatch.syspath_prepend(tmp_path)
-    return lambda name: child.read_in_child(f"readers_of_test:{name}", b"12345")
+    return lambda name: read_in_child(f"readers_of_test:{name}", b"12345")
 
 
 @pytest.mark.parametrize("name", ["loops", "crashes", "takes_all", "raises"])
 def test_results_come_back_and_what_goes_wrong_is_an_error(read, monkeypatch, name):
     assert read("length") == {"length": 5}
-    monkeypatch.setattr(child, "_SECONDS", 1)
+    monkeypatch.setattr("labcdp.core.disk.tiff._SECONDS", 1)
     with pytest.raises(InputError, match=r"damaged|not read|HDF error|MemoryError|memory"):
         read(name)

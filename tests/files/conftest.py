@@ -122,7 +122,7 @@ def measured():
     """
     import colour
 
-    from labcdp.core.spectral.photometry import spectral_weights
+    from labcdp.core.photometry import spectral_weights
 
     nm, power, visibility = spectral_weights("LED-B3")
     camera = colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]

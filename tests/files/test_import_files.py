@@ -15,11 +15,11 @@ from labcdp.calibration import Setup, patch_luminance
 from labcdp.calibration.colour.conversion import colour_patch_luminance
 from labcdp.calibration.colour.fit import fit_colour
 from labcdp.core.errors import InputError, SessionError
-from labcdp.core.finding import info, warning
 from labcdp.core.frame import CameraIdentity
+from labcdp.core.result import info, warning
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.recorded import lens_of
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 from labcdp.session import EventRecord, Session, SessionConfiguration
 
 from .conftest import picture_files

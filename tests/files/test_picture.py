@@ -15,13 +15,13 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image, ImageOps
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import info, warning
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.pixel_format import PIXEL_FORMATS
+from labcdp.core.result import info, warning
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.exr import luminance_weights
 from labcdp.files.read import picture_paths
-from labcdp.session.frame_file import frame_to_tiff
+from labcdp.session.frames import frame_to_tiff
 
 from .png_bytes import png
 

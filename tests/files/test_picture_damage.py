@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import warning
 from labcdp.core.luminance import LuminanceMap
+from labcdp.core.result import warning
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.luminance_file import save_luminance
 

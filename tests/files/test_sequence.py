@@ -7,11 +7,11 @@ import pytest
 import tifffile
 from PIL import Image
 
-from labcdp.core.finding import info
+from labcdp.core.result import info
 from labcdp.files import PictureOptions
 from labcdp.files.video.open import frames_of, open_video
 from labcdp.files.video.selection import Position, Selection
-from labcdp.report.findings import finding_text
+from labcdp.report.text import finding_text
 from labcdp.session import example_session
 
 

@@ -10,13 +10,13 @@ from PIL import Image
 
 from labcdp.cli.pictures.picture_options import PictureLightOptions
 from labcdp.core.errors import InputError
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.files.video.open import frames_of, open_video
 from labcdp.files.video.selection import Selection
 from labcdp.session import example_session
-from labcdp.session.frame_file import frame_to_tiff
+from labcdp.session.frames import frame_to_tiff
 
 GREY = np.random.default_rng(4).integers(0, 256, (12, 16), dtype=np.uint8)
 

@@ -14,7 +14,7 @@ from labcdp.core.errors import CalibrationError
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.verification import verify_session
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 from labcdp.session import Session, SessionConfiguration
 
 from .conftest import BLACK_DN, PLACES, picture_files, write_frame

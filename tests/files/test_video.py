@@ -15,7 +15,7 @@ from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import frames_of, left_out, open_video, video_paths
 from labcdp.files.video.selection import Chooser, Position, Selection
-from labcdp.report.findings import finding_text
+from labcdp.report.text import finding_text
 
 from .video_files import N, bars, moving, mux_jpegs, write
 

@@ -8,8 +8,8 @@ from scipy.ndimage import uniform_filter
 from scipy.special import ndtr
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import info, warning
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
+from labcdp.core.result import info, warning
 from labcdp.core.roi import Roi
 from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
 from labcdp.metrics.pair import evaluate_pair, evaluate_region, paired_errors

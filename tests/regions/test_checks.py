@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 from labcdp.core.roi import Roi
 from labcdp.regions import check_region
 

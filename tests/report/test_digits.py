@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.report import digits
+from labcdp.report import text as digits
 
 POSITIVE = st.floats(1e-9, 1e9)
 

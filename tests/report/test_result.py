@@ -12,16 +12,13 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import Finding, info, unique, warning
-from labcdp.core.result import InputFile, Result
+from labcdp.core.result import Finding, InputFile, Result, info, unique, warning
 from labcdp.core.table import Column, Table, uncertain, uncertain_values
-from labcdp.report.cells import text_table
-from labcdp.report.envelope import envelope, envelope_json, schema
-from labcdp.report.figure import ReportFigure
-from labcdp.report.findings import templates
+from labcdp.report.files import envelope, envelope_json, schema
 from labcdp.report.html import render_page
-from labcdp.report.layout import Card, Facts, Page, Section
+from labcdp.report.layout import Card, Facts, Page, ReportFigure, Section
 from labcdp.report.sheets import result_workbook
+from labcdp.report.text import templates, text_table
 
 TIME = datetime(2026, 1, 2, tzinfo=UTC)
 COLUMNS = (

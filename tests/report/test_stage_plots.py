@@ -6,8 +6,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from labcdp.metrics import Distribution, cdp_range, contrast_distribution
-from labcdp.report.figures.plots import _drawn_contrasts
-from labcdp.report.figures.stage_plots import _bars, stage_figure
+from labcdp.report.plots import _bars, _drawn_contrasts, stage_figure
 
 VERMILLION, BLUE, GREY = (213, 94, 0), (0, 114, 178), (153, 153, 153)
 

@@ -40,16 +40,14 @@ def test_frames_recorded_together_are_as_those_recorded_one_by_one(session, make
 
 
 def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, make_frame, monkeypatch):
-    from labcdp.session import frame_folder
-
-    good = frame_folder.tiff_parts
+    from labcdp.session.frames import tiff_parts
 
     def fails_at_the_third(frame, compress):
         if frame.frame_id == 2:
             raise InputError("no")
-        return good(frame, compress)
+        return tiff_parts(frame, compress)
 
-    monkeypatch.setattr(frame_folder, "tiff_parts", fails_at_the_third)
+    monkeypatch.setattr("labcdp.session.frames.tiff_parts", fails_at_the_third)
     batch = [(make_frame(seed), "light", None) for seed in range(4)]
     with pytest.raises(InputError, match=r"^no$"):
         session.add_frames(batch)

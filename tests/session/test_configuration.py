@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.core.disk.toml_text import toml_text
+from labcdp.core.disk.text import toml_text
 from labcdp.core.errors import ConfigurationError
 from labcdp.session import GuessConfiguration, PlanConfiguration, SessionConfiguration
 

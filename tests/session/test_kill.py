@@ -19,7 +19,7 @@ import pytest
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import Session, SessionConfiguration
-from labcdp.session.frame_file import frame_to_tiff
+from labcdp.session.frames import frame_to_tiff
 
 KILLS = 40
 

@@ -3,7 +3,7 @@
 import pytest
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.core.spectral.table import SpectralTable
+from labcdp.core.spectra import SpectralTable
 from labcdp.session import Session, SessionConfiguration
 
 RGB = "wavelength_nm,R,G,B\n380,0,0,0\n500,0.1,1,0.5\n600,1,0.2,0\n780,0,0,0\n"

@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as arrays
 from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame, Readout
 from labcdp.session import EventRecord, FrameRecord, ReadingRecord, Session
-from labcdp.session.frame_file import frame_from_tiff, frame_to_tiff
+from labcdp.session.frames import frame_from_tiff, frame_to_tiff
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from jsonschema import Draft202012Validator
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 
 from .conftest import HEIGHT, WIDTH, Served
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import warning
 from labcdp.core.luminance import LuminanceMap
+from labcdp.core.result import warning
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.metrics.region import evaluate_region
 from labcdp.regions import RectangleShape, load_regions, save_regions

@@ -271,7 +271,7 @@ def _videos(folder: Path) -> None:
 def _netcdf(folder: Path) -> None:
     import xarray as xr
 
-    from labcdp.report.netcdf import dataset_bytes
+    from labcdp.report.files import dataset_bytes
 
     number = np.arange(20)
     data = {"time_s": ("frame", number / 25), "measured_contrast": ("frame", RNG.uniform(1, 3, 20))}

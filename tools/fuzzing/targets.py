@@ -51,7 +51,7 @@ class WrongNumberError(Exception):
 
 def _chain(_: Path, file: Path) -> Any:
     from labcdp.chain import Chain
-    from labcdp.core.disk.toml_text import toml_text
+    from labcdp.core.disk.text import toml_text
 
     chain = Chain.load(file)
     given = tomllib.loads(file.read_text())
@@ -102,7 +102,7 @@ def _require_kept(given: Any, read: Any) -> None:
 
 
 def _spectrum(_: Path, file: Path) -> Any:
-    from labcdp.core.spectral.table import read_spectral_file
+    from labcdp.core.spectra import read_spectral_file
 
     return {name: (one.wavelength_nm, one.values) for name, one in read_spectral_file(file).columns.items()}
 

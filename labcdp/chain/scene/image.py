@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.disk import read_bytes
 from ...core.disk.arrays import parse_npy
-from ...core.disk.quoting import shortened, shown
+from ...core.disk.files import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
 from ..fixed_pattern import kept

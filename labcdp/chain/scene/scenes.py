@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.quoting import shown
+from ...core.disk.files import shown
 from ...core.errors import InputError
 from ..parameters import LARGEST_SIDE, check_number, check_whole
 from ..point_spread import pixel_means

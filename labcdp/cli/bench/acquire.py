@@ -15,8 +15,7 @@ from ...acquire import acquire as run
 from ...acquire.plan import holds_something, no_bare_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.errors import InputError, SessionError
-from ...core.quantity import Quantity, quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...regions import load_regions
 from ...session import FrameRecord, ReadingRecord, Session, SessionConfiguration

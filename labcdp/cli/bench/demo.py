@@ -10,8 +10,7 @@ import typer
 
 from ...acquire import acquire
 from ...calibration import save
-from ...core.finding import Finding, info
-from ...core.result import Result
+from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.devices import SimulatedBenchFile

@@ -11,11 +11,9 @@ import numpy as np
 import typer
 
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
-from ...core.quantity import Quantity, quantity_table
 from ...core.reading import ReadingSeries
-from ...core.result import Result
+from ...core.result import Finding, Quantity, Result, info, quantity_table, warning
 from ...core.table import Column, Table, uncertain, uncertain_values
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.aravis.gvcp import set_address as change_address
@@ -25,7 +23,7 @@ from ...drivers.meter import measure_series
 from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
 from ...drivers.minolta_ls.protocol import MeterMode
 from ...output import check_file, write_file
-from ...session.frame_file import frame_to_tiff
+from ...session.frames import frame_to_tiff
 from ..options import METER_MODEL_OPTION, METER_OPTION, parse_seconds
 from ..output import FORCE_OPTION
 from ..terminal import JSON_OPTION, print_result, say

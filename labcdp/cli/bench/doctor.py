@@ -29,7 +29,7 @@ from ...drivers.doctor.computer import host_facts, host_findings, no_camera_find
 from ...drivers.doctor.meter import check_meter
 from ...drivers.network import interfaces
 from ...output import check_file, write_file
-from ...report.envelope import envelope_json
+from ...report.files import envelope_json
 from ..options import METER_MODEL_OPTION
 from ..terminal import JSON_OPTION, print_result, say
 

@@ -9,8 +9,7 @@ import typer
 
 from ...acquire.import_files import ImportFile, import_session
 from ...core.errors import InputError
-from ...core.quantity import Quantity, quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...session import Role, SessionConfiguration
 from ..terminal import JSON_OPTION, print_result, progress_bars, say
 

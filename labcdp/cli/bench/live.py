@@ -12,8 +12,7 @@ import typer
 
 from ...acquire.plan import prepare_camera
 from ...core.errors import InputError
-from ...core.quantity import Quantity, quantity_table
-from ...core.result import Result
+from ...core.result import Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera
@@ -21,7 +20,7 @@ from ...drivers.simulated.bench import SimulatedBench
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
-from ...session.meter_tables import MeterConfiguration
+from ...session.tables import MeterConfiguration
 from ...web.bench.desk import BenchOfPage
 from ...web.bench.live_bench import LiveBench
 from ...web.bench.live_camera import LiveCamera

@@ -15,18 +15,16 @@ from ...calibration import AnyCalibration, load_any
 from ...calibration.convert.bracket import Bracket, bracket_luminance
 from ...calibration.record import calibration_sha256
 from ...core.errors import InputError
-from ...core.finding import Finding, unique
 from ...core.frame import Frame
-from ...core.quantity import Quantity, quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
 from ...evaluate.bench.session import mismatch
 from ...evaluate.bench.session_result import session_input
 from ...evaluate.picture.conversion import PictureConversion, calibrated_conversion
 from ...files import read_picture
 from ...files.luminance_file import SUFFIXES, metadata, save_luminance
 from ...output import write_file
-from ...report.digits import exposures
-from ...report.figures.maps import luminance_picture
+from ...report.maps import luminance_picture
+from ...report.text import exposures
 from ...session import FrameRecord, Session
 from ..options import parse_seconds
 from ..output import FORCE_OPTION, output_file

@@ -33,7 +33,7 @@ from ...evaluate.bench.session import SessionEvaluation, evaluate_session
 from ...evaluate.bench.session_page import write_results
 from ...evaluate.bench.session_result import session_input, session_result
 from ...output import ResultsFolder
-from ...report.envelope import SCHEMA, envelope_json
+from ...report.files import SCHEMA, envelope_json
 from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
 from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
 from ..output import Results, default_folder, show_page

@@ -20,7 +20,7 @@ from ...evaluate.bench.observe import ObservedSession
 from ...evaluate.bench.session import mismatch
 from ...evaluate.bench.session_result import session_input
 from ...evaluate.bench.verification import verification_result, verify_session
-from ...report.envelope import envelope_json
+from ...report.files import envelope_json
 from ...session import MeterCertificate, Session, SessionConfiguration
 from ..bench.acquire import record
 from ..bench.device_options import DeviceChoice, DeviceOptions

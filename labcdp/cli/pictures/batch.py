@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import typer
 
-from ...core.computer.processes import Processes, usable_cores
+from ...core.computer import Processes, usable_cores
 from ...core.disk import real_path
 from ...core.errors import LabcdpError
 from ..terminal import say

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import typer
 
-from ...core.computer.cluster import TlsFiles
+from ...core.cluster import TlsFiles
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi

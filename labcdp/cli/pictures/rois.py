@@ -11,15 +11,14 @@ from typing import Any, Literal
 import typer
 
 from ...core.errors import InputError
-from ...core.finding import Finding, info
-from ...core.result import Result
+from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
 from ...evaluate.picture.conversion import PictureConversion
 from ...files.read import read_picture
 from ...files.video.selection import Position
 from ...output.file import is_same_file
 from ...regions import Shape, load_regions, new_shapes
-from ...report.findings import finding_text
+from ...report.text import finding_text
 from ...web.lock import locked
 from ...web.maps.files import dataset_image
 from ...web.maps.tab import map_page

@@ -24,7 +24,7 @@ from ...evaluate.video.settings import Observer, VideoSettings, make_reference
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
 from ...regions import image_size_of
-from ...report.envelope import envelope
+from ...report.files import envelope
 from ...tracking import method_among
 from ..options import contrasts_or_measured, parse_tolerance
 from ..output import Results, show_page

@@ -13,7 +13,7 @@ from ...core.result import Result
 from ...core.table import Column, Table
 from ...evaluate.camera.sensor import chain_text
 from ...output import write_file
-from ...session.examples import example_camera, example_configuration, example_simulated_bench
+from ...session.configuration import example_camera, example_configuration, example_simulated_bench
 from ..output import FORCE_OPTION, output_file
 from ..terminal import JSON_OPTION, print_result, say
 

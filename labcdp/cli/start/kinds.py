@@ -12,11 +12,18 @@ from ...calibration.record import load_verification
 from ...chain import Chain
 from ...core.disk.documents import read_json, read_toml
 from ...core.errors import InputError, LabcdpError
-from ...core.finding import Finding
 from ...core.frame import Frame
-from ...core.spectral.mismatch import COMMON_ILLUMINANTS, f1_prime, least_f1_prime, mismatch_factor, weighted_sum
-from ...core.spectral.photometry import source_names, spectral_weights
-from ...core.spectral.table import SpectralTable, read_spectral_file
+from ...core.photometry import source_names, spectral_weights
+from ...core.result import Finding
+from ...core.spectra import (
+    COMMON_ILLUMINANTS,
+    SpectralTable,
+    f1_prime,
+    least_f1_prime,
+    mismatch_factor,
+    read_spectral_file,
+    weighted_sum,
+)
 from ...core.table import Column, Table
 from ...drivers.simulated.devices import SimulatedBenchFile
 from ...evaluate.picture.camera_specification import CameraSpecification
@@ -26,10 +33,10 @@ from ...files.read import read_picture
 from ...files.video.open import VIDEO_SUFFIXES, open_video
 from ...output import LIST_FILE
 from ...regions import load_regions, rois_of
-from ...report.findings import finding_text
-from ...report.netcdf import read_dataset
+from ...report.files import read_dataset
+from ...report.text import finding_text
 from ...session import Session, SessionConfiguration
-from ...session.journal_text import JOURNAL
+from ...session.journal import JOURNAL
 
 #: Kind, properties by name, further tables, and commands with {file} for the path.
 Description: TypeAlias = "tuple[str, dict[str, str], list[Table], list[str]]"

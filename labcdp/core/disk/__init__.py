@@ -4,9 +4,21 @@ Whatever is wrong with a file becomes one line of `InputError` that names the fi
 """
 
 from .documents import parse_json, parse_toml, read_json, read_toml, record_model, validated_as
-from .files import file_sha256, is_file, open_regular, read_at_most, read_bytes, read_text, real_path, require_regular
-from .quoting import printable, quoted, reason, shortened
-from .tables import CsvRow, CsvTable, read_csv
+from .files import (
+    file_sha256,
+    is_file,
+    open_regular,
+    printable,
+    quoted,
+    read_at_most,
+    read_bytes,
+    read_text,
+    real_path,
+    reason,
+    require_regular,
+    shortened,
+)
+from .text import CsvRow, CsvTable, read_csv
 
 __all__ = [
     "CsvRow",

@@ -13,8 +13,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
 from ..errors import ConfigurationError, InputError
-from .files import AnyPath, name_of, read_bytes, read_text
-from .quoting import MOST_DIGITS, quoted, reason
+from .files import MOST_DIGITS, AnyPath, name_of, quoted, read_bytes, read_text, reason
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter

@@ -12,8 +12,7 @@ from typing import IO, Any
 
 from ..errors import InputError
 from .documents import parse_json
-from .files import open_regular
-from .quoting import reason
+from .files import open_regular, reason
 
 #: Seconds after which lines are flushed to the disk; to the operating system they go at once, so that only a power
 #: cut costs the last ones, and these are computed again.

@@ -13,8 +13,8 @@ from ...calibration import AnyCalibration, Calibration, Setup, fit, fit_colour
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
-from ...core.finding import unique, warning
 from ...core.frame import Frame
+from ...core.result import unique, warning
 from ...core.vignetting import AnyVignetting
 from ...session import FrameRecord, MeterCertificate, Session
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames

@@ -13,13 +13,11 @@ from ...calibration import AnyCalibration, Calibration, PatchResidual
 from ...core.result import Result
 from ...core.table import Z_95, Table
 from ...output import Destination, write_files
-from ...report.cells import cell_text
-from ...report.digits import day, exposure, fixed, listed, printable, shortened, significant, with_half_width
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, png
+from ...report.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, png
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section
+from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section
 from ...report.sheets import result_workbook
+from ...report.text import cell_text, day, exposure, fixed, listed, printable, shortened, significant, with_half_width
 from .calibration_result import PATCH_PIXELS
 from .quantities import range_text, responsivity
 

@@ -16,12 +16,9 @@ from ...calibration.colour.budget import colour_budget, colour_budget_exposure_s
 from ...calibration.colour.model import ColourCalibration
 from ...calibration.findings import BudgetRow
 from ...calibration.uncertainty import expanded_rel
-from ...core.finding import Finding, info
-from ...core.quantity import quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Result, info, quantity_table
 from ...core.table import Column, Table, uncertain
-from ...report.digits import exposures, significant
-from ...report.findings import finding_text
+from ...report.text import exposures, finding_text, significant
 from .quantities import RESPONSES, RESPONSIVITY, conditions, quantities
 
 #: Pixels a patch is taken to have where the uncertainty of a calibration is stated.

@@ -9,12 +9,10 @@ from datetime import datetime
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.verify.result import Verdict, Verification
 from ...core.table import Column, Table
-from ...report.certificate import Certificate, render_certificate
-from ...report.digits import day, exposures, minute, shortened, significant, with_half_width
-from ...report.figure import ReportFigure
-from ...report.figures.maps import close_picture
-from ...report.findings import finding_text
-from ...report.layout import SIMULATED, Facts, State
+from ...report.html import Certificate, render_certificate
+from ...report.layout import SIMULATED, Facts, ReportFigure, State
+from ...report.maps import close_picture
+from ...report.text import day, exposures, finding_text, minute, shortened, significant, with_half_width
 from ...session import ConditionsConfiguration, Session
 from .calibration_result import PATCH_PIXELS, budget_at
 from .observe import ObservedSession

@@ -11,17 +11,14 @@ import numpy as np
 
 from ...calibration.verify.history import CameraHistory, HistoryPoint
 from ...core.errors import InputError
-from ...core.finding import Finding, unique, warning
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Result, unique, warning
 from ...core.table import Column, Table
 from ...output import write_file
-from ...report.cells import cell_text
-from ...report.digits import minute, printable
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
+from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
 from ...report.html import render_page
-from ...report.layout import Card, Page, Section, State
+from ...report.layout import Card, Page, ReportFigure, Section, State
 from ...report.sheets import result_workbook
+from ...report.text import cell_text, minute, printable
 from ..columns import with_expanded
 from .quantities import RESPONSIVITY
 

@@ -10,10 +10,10 @@ from ...calibration.colour.model import ColourCalibration
 from ...calibration.meter import MeterScale
 from ...calibration.sensor.noise import GainSetting
 from ...calibration.uncertainty import expanded_rel
-from ...core.quantity import Quantity
 from ...core.reading import MeterIdentity
+from ...core.result import Quantity
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
-from ...report.digits import exposures, fixed, minute, significant
+from ...report.text import exposures, fixed, minute, significant
 from ...session import LensConfiguration
 
 #: Unit of a responsivity.

@@ -13,8 +13,8 @@ from ...calibration.readings import combine_readings
 from ...calibration.uncertainty import expanded_rel
 from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError, InputError
+from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.roi import Roi
-from ...core.spectral.photometry import photon_radiance_per_cd_m2
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.pair import evaluate_regions
 from ...metrics.region import RegionPixels

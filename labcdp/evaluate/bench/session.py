@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, unique, warning
 from ...core.luminance import Invalid, LuminanceMap, chosen
+from ...core.result import Finding, unique, warning
 from ...core.roi import Roi
-from ...core.spectral.mismatch import mismatch_findings
-from ...core.spectral.table import ONLY, SpectralTable
+from ...core.spectra import ONLY, SpectralTable, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, Session, SessionConfiguration
 from .observe import ObservedSession
 from .recorded import by_exposure, by_patch, lens_of, measured_in, require_patches

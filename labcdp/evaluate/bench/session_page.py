@@ -9,14 +9,12 @@ from typing import TypeAlias
 from ...core.result import Result
 from ...metrics import ContrastDistribution
 from ...output import Destination, write_files
-from ...report.cells import cell_text
-from ...report.digits import day, exposure, percent, printable, share_percent, shortened
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import reduction
-from ...report.figures.maps import luminance_picture, regions_picture
-from ...report.figures.plots import ContrastPanel, contrast_figures
+from ...report.drawing import reduction
 from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, Section, State, Verbatim
+from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.maps import luminance_picture, regions_picture
+from ...report.plots import ContrastPanel, contrast_figures
+from ...report.text import cell_text, day, exposure, percent, printable, share_percent, shortened
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
 from .rows import ContrastRow, Verdict

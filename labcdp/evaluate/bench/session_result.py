@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from ...calibration import AnyCalibration
-from ...core.finding import Finding, info, unique
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Result, info, unique
 from ...core.table import Column, Table, uncertain
-from ...report.digits import day, exposures, minute
+from ...report.text import day, exposures, minute
 from ...session import Session
 from ..columns import with_interval
 from .calibration_result import calibration_tables, summarised

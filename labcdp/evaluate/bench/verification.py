@@ -9,10 +9,9 @@ from ...calibration import AnyCalibration
 from ...calibration.verify.result import Verification
 from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
-from ...core.finding import unique
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, uncertain
-from ...report.digits import exposures, minute, significant
+from ...report.text import exposures, minute, significant
 from ...session import MeterCertificate, Session
 from .calibration_result import summarised
 from .corrections import calibration_for, corrections_of

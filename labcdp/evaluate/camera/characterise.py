@@ -38,7 +38,7 @@ from ...calibration.frames.nonuniformity import Estimate, spatial_variance
 from ...calibration.frames.observe import dark_observation
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ...session import Session
 from .frames import (
     SessionFrames,

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from ...calibration.emva.dark import fit_dark_current, snr
 from ...calibration.emva.transfer import linearity
 from ...calibration.sensor.noise import FIT_SHARE
-from ...report.digits import Z_95, with_half_width
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import (
+from ...report.drawing import (
     BLUE,
     GREEN,
     ORANGE,
@@ -24,6 +22,8 @@ from ...report.figures.drawing import (
     one_two_five,
     png,
 )
+from ...report.layout import ReportFigure
+from ...report.text import Z_95, with_half_width
 from .frames import patch_deviations
 
 if TYPE_CHECKING:

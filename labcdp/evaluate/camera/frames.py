@@ -18,8 +18,8 @@ from ...calibration.frames.measure import MeasuredFrames, measure_frames, measur
 from ...calibration.frames.planes import plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError, InputError
-from ...core.finding import Finding, info
-from ...core.spectral.photometry import photon_radiance_per_cd_m2
+from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
 from ..bench.corrections import natural_vignetting, pixel_area_m2
 from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, one_two_five, png
+from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, one_two_five, png
+from ...report.layout import ReportFigure
 from .figures import figure_of, sized
 
 if TYPE_CHECKING:

@@ -11,14 +11,12 @@ from ...calibration.emva.result import Characterisation
 from ...calibration.emva.result import Quantity as Stated
 from ...calibration.emva.series import SeriesPoint
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
-from ...core.quantity import Quantity, quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...output import Destination, write_files
-from ...report.cells import cell_text
-from ...report.figure import ReportFigure
 from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, Section
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section
+from ...report.text import cell_text
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
 from .nonuniformity import spatial_figures

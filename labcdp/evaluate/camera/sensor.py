@@ -14,10 +14,10 @@ from pydantic import Field, create_model
 from ...calibration.frames.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
 from ...core.disk import read_json, read_toml
-from ...core.disk.toml_text import toml_text
+from ...core.disk.text import toml_text
 from ...core.errors import ConfigurationError, InputError
-from ...report.envelope import SCHEMA
-from ...session.bench_tables import Number, Positive, Table
+from ...report.files import SCHEMA
+from ...session.tables import Number, Positive, Table
 from ...session.validation import validated
 
 AnyChain = TypeVar("AnyChain", bound=Chain)

@@ -13,12 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.result import Result
 from ...output import Destination, write_files
-from ...report.digits import printable
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import SMALL_SIZE, finish, label, new_figure, png
+from ...report.drawing import SMALL_SIZE, finish, label, new_figure, png
 from ...report.files import result_files
-from ...report.findings import finding_text
-from ...report.layout import SIMULATED, Block, Card, Facts, Page, Section, State, input_facts
+from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
+from ...report.text import finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.static import set_scale

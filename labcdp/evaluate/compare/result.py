@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...core.finding import Finding, info, warning
-from ...core.result import Result
+from ...core.result import Finding, Result, info, warning
 from ...core.table import Column, Table
-from ...report.cells import cell_text
+from ...report.text import cell_text
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis

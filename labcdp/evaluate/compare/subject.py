@@ -14,10 +14,9 @@ from ...core.disk import parse_toml, read_json
 from ...core.errors import InputError
 from ...core.result import InputFile, Result
 from ...regions import load_regions, rois_of
-from ...report.envelope import SCHEMA, envelope
-from ...report.netcdf import read_dataset
+from ...report.files import SCHEMA, envelope, read_dataset
 from ...session import Session
-from ...session.journal_text import JOURNAL
+from ...session.journal import JOURNAL
 from ..bench.calibrate import calibrate_recorded
 from ..bench.quantities import lens_text, meter_text
 from ..bench.session import evaluate_session

@@ -10,8 +10,8 @@ from pydantic import Field, field_validator, model_validator
 from ...chain.optics import Optics, Windscreen
 from ...core.disk import read_toml
 from ...core.errors import InputError
-from ...core.spectral.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
-from ...session.bench_tables import Fraction, NotNegative, Number, Positive, Table, Text
+from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ...session.tables import Fraction, NotNegative, Number, Positive, Table, Text
 from ...session.validation import validated
 
 Bits = Annotated[int, Field(strict=True, ge=1, le=16)]

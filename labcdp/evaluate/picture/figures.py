@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.roi import Roi
-from ...report.digits import percent, shortened
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import (
+from ...report.drawing import (
     BLUE,
     GREEN,
     ORANGE,
@@ -24,8 +22,10 @@ from ...report.figures.drawing import (
     png,
     taken_literally,
 )
-from ...report.figures.image_drawing import ImageFigure, drawn_pixels
-from ...report.figures.plots import ContrastPanel, contrast_figures
+from ...report.layout import ReportFigure
+from ...report.maps import ImageFigure, drawn_pixels
+from ...report.plots import ContrastPanel, contrast_figures
+from ...report.text import percent, shortened
 from .tables import combined, neighbour_name
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.finding import Finding, info, unique, warning
 from ...core.luminance import LuminanceMap
+from ...core.result import Finding, info, unique, warning
 from ...core.roi import Roi
 from ...files.picture import Picture
 from ...metrics import ContrastDistribution, contrast_histogram

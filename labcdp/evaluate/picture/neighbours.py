@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
 from ...core.luminance import LuminanceMap, Window
+from ...core.result import Finding, info, warning
 from ...metrics import CalibratedCdp, ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 
 #: Corner pixels x0, y0, x1, y1 of a rectangle, both in.

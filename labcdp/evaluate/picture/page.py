@@ -7,11 +7,9 @@ from dataclasses import replace
 
 from ...core.result import Result
 from ...core.table import Table
-from ...report.cells import cell_text
-from ...report.digits import exposure
-from ...report.figure import ReportFigure
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Block, Card, Facts, Links, Page, Section, input_facts
+from ...report.layout import SIMULATED, Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
+from ...report.text import cell_text, exposure
 from .tables import ReportedPicture
 
 #: Cards of a page; the table has all.

@@ -9,11 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.finding import Finding, error, unique
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Result, error, unique
 from ...files.read import read_picture
 from ...regions import load_regions
-from ...report.envelope import envelope_json
+from ...report.files import envelope_json
 from ...report.sheets import result_workbook
 from .conversion import PictureConversion
 from .figures import image_figures

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.digits import shortened, significant
-from ...report.figures.drawing import block_mean
-from ...report.figures.interactive import interactive
-from ...report.html import render_page
+from ...report.drawing import block_mean
+from ...report.html import interactive, render_page
 from ...report.layout import Page, Section
+from ...report.text import shortened, significant
 from .figures import luminance_label
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from ...chain import Chain, ImageScene
-from ...core.disk.json_text import results_json
-from ...core.disk.quoting import shown
+from ...core.disk.files import shown
+from ...core.disk.text import results_json
 from ...core.errors import InputError
-from ...core.finding import Finding, info
+from ...core.result import Finding, info
 
 Value = float | int | str
 

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.finding import Finding, info
-from ...core.result import Result
+from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
 from ...output import Destination, write_files
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import BLUE, VERMILLION, finish, new_figure, png
+from ...report.drawing import BLUE, VERMILLION, finish, new_figure, png
 from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, Section
+from ...report.layout import Card, Facts, Page, ReportFigure, Section
 from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ReproducedRow, ThesisReproduction
 
 #: Where the published values come from.

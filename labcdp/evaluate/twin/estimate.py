@@ -11,9 +11,9 @@ from ...calibration.emva.result import Characterisation, Quantity
 from ...calibration.sensor.noise import index_of_gain
 from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
-from ...core.finding import Finding, info
 from ...core.frame import Frame
-from ...core.spectral.photometry import photon_radiance_per_cd_m2
+from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.result import Finding, info
 from ...core.vignetting import FlatField
 from ...session import Session, SessionConfiguration
 from ..bench.corrections import pixel_area_m2

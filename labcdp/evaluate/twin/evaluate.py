@@ -10,9 +10,9 @@ from typing import TypeAlias
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.emva.result import Characterisation
 from ...core.errors import CalibrationError
-from ...core.finding import Finding, info, warning
+from ...core.result import Finding, info, warning
 from ...metrics.contrast import TargetContrast
-from ...report.findings import finding_text
+from ...report.text import finding_text
 from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch

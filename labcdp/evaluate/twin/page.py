@@ -12,12 +12,10 @@ import numpy as np
 
 from ...core.result import Result
 from ...output import Destination, write_files
-from ...report.digits import Z_95
-from ...report.figure import ReportFigure
-from ...report.figures.drawing import BLUE, VERMILLION, finish, new_figure, png
+from ...report.drawing import BLUE, VERMILLION, finish, new_figure, png
 from ...report.files import result_files
-from ...report.findings import finding_text
-from ...report.layout import SIMULATED, Card, Facts, Page, Section, State, Verbatim
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.text import Z_95, finding_text
 from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation

@@ -14,7 +14,7 @@ from ...calibration.emva.result import Quantity
 from ...calibration.frames.rounding import mean_before_rounding
 from ...calibration.sensor.dark_library import DarkLibrary
 from ...chain import Sensor
-from ...core.finding import Finding
+from ...core.result import Finding
 from ...core.vignetting import FlatField
 
 #: Variance of the dark signal above which the steps of the converter are dithered.

@@ -8,9 +8,7 @@ from math import comb
 from typing import Any
 
 from ...calibration.uncertainty import critical_value
-from ...core.finding import Finding, info, unique, warning
-from ...core.quantity import quantity_table
-from ...core.result import InputFile, Result
+from ...core.result import Finding, InputFile, Result, info, quantity_table, unique, warning
 from ...core.table import Column, Table, uncertain
 from ..bench.session_result import provenance_table
 from ..camera.result import stated

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...output.file import cannot_be_written, put_in_place, temporary_name, write_file
-from ...report.digits import fixed
+from ...report.text import fixed
 from .findings import note_of
 
 if TYPE_CHECKING:

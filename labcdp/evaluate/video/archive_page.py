@@ -8,11 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ...core.finding import error
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Result, error
 from ...core.table import Column, Table
 from ...output import Destination, write_files
-from ...report.envelope import envelope_json
+from ...report.files import envelope_json
 from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook

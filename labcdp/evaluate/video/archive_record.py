@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from ...core.disk import open_regular, read_json, validated_as
-from ...core.disk.json_text import results_json
+from ...core.disk.text import results_json
 from ...core.errors import InputError
 from ...output import ResultsFolder
 from ...output.file import is_temporary

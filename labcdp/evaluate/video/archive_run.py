@@ -12,17 +12,17 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ...core.computer.cluster import Cluster, TlsFiles, open_cluster
-from ...core.computer.processes import Processes
-from ...core.disk.json_text import results_json
+from ...core.cluster import Cluster, TlsFiles, open_cluster
+from ...core.computer import Processes
+from ...core.disk.text import results_json
 from ...core.errors import InputError, LabcdpError
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ...output import LIST_FILE, ResultsFolder
 from .archive_record import ArchiveTask, finished_values, record_finished
 from .checks import package_versions
 
 #: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as
-#: `labcdp.report.envelope` does, or why it failed. It is sent to other processes: a function of a module, or a
+#: `labcdp.report.files` does, or why it failed. It is sent to other processes: a function of a module, or a
 #: `functools.partial` of one, with the same results everywhere.
 Work: TypeAlias = Callable[[Path, Mapping[str, ResultsFolder]], Mapping[str, Mapping[str, Any] | LabcdpError]]
 

@@ -12,8 +12,7 @@ from typing import Any
 from ...calibration.record import calibration_sha256
 from ...core.disk.journal import Row, recorded_head
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
-from ...core.result import InputFile
+from ...core.result import Finding, InputFile, info, warning
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.pair import require_apart

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.disk import parse_json
 from ...core.errors import InputError
-from ...core.finding import Finding
+from ...core.result import Finding
 from ...core.table import Column
 from .findings import restored
 

@@ -10,15 +10,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from ...core.disk.files import shown
 from ...core.disk.journal import LineJournal
-from ...core.disk.quoting import shown
 from ...core.errors import InputError
-from ...core.finding import Finding, info
-from ...core.result import InputFile
+from ...core.result import Finding, InputFile, info
 from ...files.video.source import VideoSource
 from ...metrics.pair import size_findings
 from ...output import Destination, open_results
-from ...report.findings import finding_text
+from ...report.text import finding_text
 from ..picture.conversion import PictureConversion, picture_conversion
 from .checks import JOURNAL, conversion_findings, evaluation_head, opened_video, require_regions
 from .dataset import VideoRows, as_json

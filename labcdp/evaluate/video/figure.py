@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ...core.result import Result
 from ...core.table import Z_95
-from ...report.digits import shortened
-from ...report.figures.drawing import (
+from ...report.drawing import (
     BLUE,
     GREEN,
     LABEL_SIZE,
@@ -23,6 +22,7 @@ from ...report.figures.drawing import (
     png,
     taken_literally,
 )
+from ...report.text import shortened
 from .frame_findings import period_s, runs, times_s
 from .result import DETECTED_CDP, contrast_name
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 from math import isnan
 from typing import Any
 
-from ...core.finding import Finding, FindingValue, info, warning
-from ...report.findings import finding_text
+from ...core.result import Finding, FindingValue, info, warning
+from ...report.text import finding_text
 
 #: Share of saturated pixels above which a contrast of a region is not to be trusted.
 TOO_SATURATED = 0.01

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding
+from ...core.result import Finding
 from ...core.table import Column, Table
 from .dataset import blocks_of, findings_of
 from .findings import is_lost, note_of, reason_of

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.computer.compiled import compiled
+from ...core.computer import compiled
 
 #: Pixels of a row that are processed together: where all are equal, no pair needs a look-up.
 _PIECE = 128

@@ -14,14 +14,11 @@ from ...core.result import Result
 from ...core.table import Column, LongTable, Table
 from ...output import Destination, open_results
 from ...output.file import cannot_be_written
-from ...report.cells import cell_text
-from ...report.digits import fixed, percent, printable, significant
-from ...report.envelope import envelope_json
-from ...report.figure import ReportFigure
+from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Page, Section, Verbatim, input_facts
-from ...report.netcdf import write_blocks
+from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, Verbatim, input_facts
 from ...report.sheets import MOST_COLUMNS, write_result
+from ...report.text import cell_text, fixed, percent, printable, significant
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
 from .result import DETECTED_CDP, contrast_name, is_neighbours, unit_of, video_result

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.disk import parse_json
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table
-from ...report.digits import percent
+from ...report.text import percent
 from .dataset import check_video
 from .findings import restored
 from .frame_findings import FrameFindings, times_s

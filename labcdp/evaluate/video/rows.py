@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ...core.disk.journal import Row
 from ...core.errors import InputError
-from ...core.finding import Finding, warning
 from ...core.frame import Frame
+from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...files.video.source import VideoFrame
 from ...metrics import Epsilon, cdp_neighbours_range

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
+from ...core.result import Finding, info, warning
 from ...core.roi import Roi
 from ...files.video.open import frames_of
 from ...files.video.source import VideoFrame, VideoSource
-from ...report.findings import finding_text
+from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.conversion import PictureConversion
 from .pipeline import ahead, in_order

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import file_sha256, reason
-from ...core.disk.quoting import shown
+from ...core.disk.files import shown
 from ...core.errors import InputError
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
 from ...metrics.contrast import TargetContrast
-from ...report.netcdf import read_dataset
+from ...report.files import read_dataset
 from ...tracking import TrackedRoi, methods_of
 
 #: Called for each evaluated frame: its number, the frame in 8 bits, where the regions are in it, and its results by

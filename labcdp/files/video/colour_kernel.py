@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.computer.compiled import compiled
+from ...core.computer import compiled
 
 
 @compiled

@@ -13,7 +13,7 @@ from av import FFmpegError
 from av import logging as av_logging
 from av.codec.context import Flags
 
-from ...core.finding import Finding, warning
+from ...core.result import Finding, warning
 from .source import size_differs
 
 #: Codecs whose decoder marks frames that it patched up; of others its messages count.

@@ -7,8 +7,8 @@ from os import PathLike
 from pathlib import Path
 
 from ...core.errors import InputError, LabcdpError
-from ...core.finding import Finding, warning
 from ...core.frame import Frame
+from ...core.result import Finding, warning
 from ..picture import PictureOptions
 from .selection import Chooser, Selection
 from .source import Entry, VideoFrame, VideoSource, size_differs
@@ -40,7 +40,7 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
     """
     path, options = Path(path), options or PictureOptions()
     if path.is_dir():
-        from ...session.journal_text import JOURNAL
+        from ...session.journal import JOURNAL
 
         if (path / JOURNAL).is_file():
             from .sequence import open_session_video

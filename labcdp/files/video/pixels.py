@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
+from ...core.result import Finding, info, warning
 from ..stored_image import (
     ENCODING_NAMES,
     Encoding,

@@ -15,8 +15,8 @@ import numpy as np
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...core.finding import Finding, info, warning
 from ...core.frame import Frame
+from ...core.result import Finding, info, warning
 from ...session import FrameRecord, Session
 from ..file_frame import picture_bytes
 from ..frame import guessed_scale

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.finding import Finding, warning
 from ...core.frame import Frame
+from ...core.result import Finding, warning
 from ..stored_image import Encoding
 
 

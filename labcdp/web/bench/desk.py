@@ -16,7 +16,7 @@ from ...core.roi import Roi
 from ...drivers.manual import MeterAccuracy, stated_accuracy, typed_reading
 from ...drivers.meter import Meter, MeterError, MeterLostError
 from ...metrics.region import result_of_region
-from ...report.digits import Z_95
+from ...report.text import Z_95
 from ...session import MeterConfiguration, Session, SessionConfiguration
 from ..regions.page_image import PageImage
 from .pair import is_saturated

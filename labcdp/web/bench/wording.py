@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...report.digits import exposure, significant
+from ...report.text import exposure, significant
 from ..html import row, table, text
 from ..regions.wording import percent_with_interval
 from .desk import MeterReading

@@ -11,8 +11,8 @@ from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...files.luminance_file import SUFFIXES, save_luminance
 from ...output import write_file
-from ...report.figures.maps import luminance_picture
-from ...report.netcdf import read_dataset
+from ...report.files import read_dataset
+from ...report.maps import luminance_picture
 from ..regions.display import DisplayScale
 from ..regions.page_image import PageImage
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
-from ...report.figures.drawing import block_mean
+from ...report.drawing import block_mean
 from ..regions.page_image import PageImage
 
 #: Most points along the longer side of the map of which isolines are made, and fewest points of a line that is shown:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from ...core.errors import LabcdpError
-from ...core.finding import Finding
+from ...core.result import Finding
 from ...core.roi import Roi
 from ...metrics.pair import PairResult, evaluate_regions, require_apart
 from ...metrics.region import RegionResult, result_of_region

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.finding import Finding, unique
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ...core.result import Finding, unique
 from ...core.roi import Roi
 from ...metrics.region import RegionPixels
-from ...report.digits import Z_95, significant, with_half_width
+from ...report.text import Z_95, significant, with_half_width
 from .shape_edit import ImageSize
 
 if TYPE_CHECKING:

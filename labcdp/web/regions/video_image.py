@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.errors import InputError, LabcdpError
-from ...core.finding import unique, warning
-from ...report.findings import finding_text
+from ...core.result import unique, warning
+from ...report.text import finding_text
 from .page_image import PageImage
 
 if TYPE_CHECKING:

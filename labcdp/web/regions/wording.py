@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, nan
 
-from ...core.finding import Finding, unique
+from ...core.result import Finding, unique
 from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
-from ...report.digits import (
+from ...report.text import (
     Z_95,
     cdp_decimals,
     cdp_interval,
+    finding_text,
     fixed,
     share_percent,
     shortened,
     significant,
     with_half_width,
 )
-from ...report.findings import finding_text
 from ..html import Cell, items, region_row, row, table, text
 from .drawing import Drawing
 from .measurements import MOST_MEASURED, Evaluation, Means, Measured

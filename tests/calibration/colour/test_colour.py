@@ -17,9 +17,8 @@ from labcdp.calibration.record import load_any
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.luminance import Invalid
-from labcdp.core.spectral.mismatch import f1_prime, mismatch_factor
-from labcdp.core.spectral.photometry import spectral_weights
-from labcdp.core.spectral.table import SpectralTable
+from labcdp.core.photometry import spectral_weights
+from labcdp.core.spectra import SpectralTable, f1_prime, mismatch_factor
 
 EXPOSURES_S = (0.001, 0.004, 0.016)
 #: Reflectance of patches of ideal grey, and the grey patches of the chart, which are a little coloured.

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from labcdp.calibration.colour.conversion import colourfulness, mismatch_errors
 from labcdp.calibration.colour.weights import ColourData, Prior, combine
-from labcdp.core.spectral.photometry import spectral_weights
+from labcdp.core.photometry import spectral_weights
 
 LIGHTS = ("LED-B3", "LED-B1", "LED-B4", "D65", "A", "E", "FL11", "LED-V1", "LED-BH1")
 COLOURS = arrays(float, 3, elements=st.floats(0.1, 10))

@@ -6,7 +6,7 @@ import pytest
 
 from labcdp.calibration.sensor.dark import fit_dark
 from labcdp.calibration.sensor.noise import fit_noise
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 
 EXPOSURES_S = (0.001, 0.01, 0.1)
 

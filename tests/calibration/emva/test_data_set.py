@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration.emva import characterise_data_set
-from labcdp.report.findings import finding_text
+from labcdp.report.text import finding_text
 
 from .conftest import KnownCamera, Recording, write_data_set
 

@@ -8,9 +8,9 @@ import pytest
 from labcdp.calibration import fit, observe_dark, observe_patches
 from labcdp.calibration.converter import EXPOSURE_TIME_REL, common_errors
 from labcdp.core.errors import CalibrationError, LabcdpError
-from labcdp.core.finding import info, warning
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
+from labcdp.core.result import info, warning
 from labcdp.core.roi import Roi
 from labcdp.core.vignetting import Cos4Vignetting
 

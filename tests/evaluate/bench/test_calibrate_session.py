@@ -16,7 +16,7 @@ from labcdp.evaluate.bench.corrections import UniformLight, corrections_of, requ
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.session import Session
-from labcdp.session.bench_tables import SpectraConfiguration
+from labcdp.session.tables import SpectraConfiguration
 
 from .synthetic import configuration, frame, record
 

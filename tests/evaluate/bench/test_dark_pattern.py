@@ -12,7 +12,7 @@ from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_len
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.bench.session_result import session_result
-from labcdp.report.envelope import envelope
+from labcdp.report.files import envelope
 from labcdp.session import Session
 
 from .synthetic import again

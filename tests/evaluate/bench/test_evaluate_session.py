@@ -6,15 +6,15 @@ import pytest
 
 import labcdp
 from labcdp.core.errors import CalibrationError, InputError, SessionError
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verify_session
-from labcdp.report.envelope import envelope_json
+from labcdp.report.files import envelope_json
 from labcdp.session import ContrastConfiguration, Session
-from labcdp.session.bench_tables import SpectraConfiguration
+from labcdp.session.tables import SpectraConfiguration
 
 from .synthetic import again
 

@@ -7,7 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.calibration.emva import characterise_data_set
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 from labcdp.session import example_session
 
 

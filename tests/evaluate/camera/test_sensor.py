@@ -14,7 +14,7 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.camera.result import result
 from labcdp.evaluate.camera.sensor import chain_text, with_emva1288
-from labcdp.report.envelope import SCHEMA, envelope_json
+from labcdp.report.files import SCHEMA, envelope_json
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.chain import Chain, Sensor
 from labcdp.core.errors import CalibrationError
-from labcdp.core.spectral.photometry import electron_radiance_per_cd_m2
+from labcdp.core.photometry import electron_radiance_per_cd_m2
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.session import Session
 

@@ -17,8 +17,8 @@ from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import Question, compare_subjects
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
-from labcdp.report.envelope import envelope, schema
-from labcdp.report.findings import finding_text
+from labcdp.report.files import envelope, schema
+from labcdp.report.text import finding_text
 
 LUMINANCES = np.geomspace(0.5, 300, 12)
 

@@ -6,9 +6,9 @@ from math import pi
 import pytest
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.core.spectral.photometry import photon_radiance_per_cd_m2
+from labcdp.core.photometry import photon_radiance_per_cd_m2
 from labcdp.evaluate.picture.camera_specification import load_camera_specification
-from labcdp.session.examples import example_session
+from labcdp.session.configuration import example_session
 
 EXAMPLE = example_session().parent / "cameras" / "thesis-2018.toml"
 

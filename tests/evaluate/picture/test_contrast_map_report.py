@@ -12,14 +12,14 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 from openpyxl import load_workbook
 
-from labcdp.core.finding import warning
 from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.core.result import warning
 from labcdp.evaluate.picture.edges.edges import EdgeKind
 from labcdp.evaluate.picture.edges.figure import overlay
 from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from labcdp.evaluate.picture.edges.page import map_page, write_contrast_map
 from labcdp.evaluate.picture.edges.result import KINDS, MapSource, edge_table, map_result
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 from labcdp.report.sheets import result_workbook
 
 SOURCE = MapSource(

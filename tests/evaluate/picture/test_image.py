@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import Finding, info
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
+from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours

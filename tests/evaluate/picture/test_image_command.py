@@ -17,7 +17,7 @@ from jsonschema import Draft202012Validator
 from labcdp.metrics import cdp
 from labcdp.output import write_files
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
 _LEFT, _RIGHT = (slice(20, 60), slice(10, 50)), (slice(20, 60), slice(70, 110))

@@ -14,8 +14,8 @@ import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.core.finding import warning
 from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.core.result import warning
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.figures import histogram_edges, image_figures
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
@@ -24,7 +24,7 @@ from labcdp.evaluate.picture.result import image_result, picture_files, summary_
 from labcdp.evaluate.picture.surface import MOST_POINTS, surface_page
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import Picture
-from labcdp.report.envelope import envelope_json, schema
+from labcdp.report.files import envelope_json, schema
 from labcdp.report.sheets import result_workbook
 
 CHROMIUM = shutil.which("chromium")

@@ -23,8 +23,7 @@ from labcdp.evaluate.sweep.maps.result import result
 from labcdp.evaluate.sweep.maps.static import map_picture
 from labcdp.evaluate.sweep.maps.view import MapView
 from labcdp.output import LIST_FILE
-from labcdp.report.envelope import envelope, schema
-from labcdp.report.netcdf import read_dataset
+from labcdp.report.files import envelope, read_dataset, schema
 from labcdp.report.sheets import result_workbook
 
 VERMILLION = (213, 94, 0)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from labcdp.core.disk.json_text import results_json
+from labcdp.core.disk.text import results_json
 from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.maps.axes import map_axis, map_layout
 from labcdp.evaluate.sweep.maps.dips import find_dips

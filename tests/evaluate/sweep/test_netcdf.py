@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from labcdp.core.errors import InputError
-from labcdp.report.netcdf import dataset_bytes, read_dataset
+from labcdp.report.files import dataset_bytes, read_dataset
 
 
 def save(dataset: xr.Dataset, path: Path) -> None:

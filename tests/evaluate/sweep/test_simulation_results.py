@@ -14,7 +14,7 @@ from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.evaluate.sweep.simulation.figures import picture
 from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, result
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 
 
 def codes(toml: str, contrast: float | None = None) -> list[tuple[str, str, str]]:

@@ -7,7 +7,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.sweep.thesis import reproduce_thesis
 from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from openpyxl import load_workbook
 from labcdp.chain import Chain
 from labcdp.evaluate.twin.page import write_twin
 from labcdp.evaluate.twin.result import twin_result, verdict
-from labcdp.report.envelope import schema
+from labcdp.report.files import schema
 
 
 def files_of(twin, folder):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from xarray import Dataset
 
-from labcdp.core.finding import Finding, info, warning
+from labcdp.core.result import Finding, info, warning
 from labcdp.evaluate.video.dataset import as_json
 from labcdp.evaluate.video.findings import note_of, recorded
 

@@ -18,8 +18,7 @@ import xarray as xr
 
 from labcdp.cli.pictures.picture_options import MadeOptions
 from labcdp.cli.pictures.video import evaluate_values
-from labcdp.core.computer import cluster as dask_cluster
-from labcdp.core.computer.cluster import TlsFiles
+from labcdp.core.cluster import TlsFiles, open_cluster
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.archive_run import ArchiveResult, VideoOutcome, Workers, archive_tasks, evaluate_archive
@@ -183,7 +182,7 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(
     folder.mkdir()
     if not may_mount(folder):
         pytest.skip("only root may mount")
-    monkeypatch.setattr(dask_cluster, "_WORKER_S", 300)
+    monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 300)
     address, _ = start_cluster(programs, folder)
     with pytest.raises(InputError, match=rf"worker tcp://\S+ does not see the folder {folder}: give a folder that all"):
         evaluate_videos(videos, VideoSettings((0.2, 1.0)), folder, workers=Workers(address))
@@ -205,14 +204,14 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):
         TlsFiles(tls.ca, tls.certificate, tmp_path / "none.pem")
-    with dask_cluster.open_cluster(address, tls, tmp_path / "c", {}) as cluster:
-        monkeypatch.setattr(dask_cluster, "_WORKER_S", 3)
+    with open_cluster(address, tls, tmp_path / "c", {}) as cluster:
+        monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 3)
         with pytest.raises(InputError, match="the cluster has had no worker for 3 s: start workers, and try again"):
             list(cluster.run(os._exit, [1]))
 
 
 def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dask_cluster, "_ANSWER_S", 0.5)
+    monkeypatch.setattr("labcdp.core.cluster._ANSWER_S", 0.5)
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(InputError, match=rf"no Dask scheduler answers at {address}: start one with dask scheduler"):
         evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers(address))

@@ -20,8 +20,7 @@ from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.report.envelope import schema
-from labcdp.report.netcdf import read_dataset
+from labcdp.report.files import read_dataset, schema
 
 from .synthetic_results import synthetic_video
 

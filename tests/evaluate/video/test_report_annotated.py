@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labcdp.core.finding import warning
+from labcdp.core.result import warning
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.annotated import AnnotatedVideo, FrameImages, annotated_picture
 from labcdp.tracking import TrackedRoi

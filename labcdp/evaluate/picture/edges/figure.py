@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....report.digits import percent, shortened
-from ....report.figures.drawing import DPI, SMALL_SIZE, block_mean, png, taken_literally
-from ....report.figures.image_drawing import ImageFigure
+from ....report.drawing import DPI, SMALL_SIZE, block_mean, png, taken_literally
+from ....report.maps import ImageFigure
+from ....report.text import percent, shortened
 from .edges import EdgeKind
 from .map import ContrastMap
 from .result import MapSource

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
-from ....core.finding import Finding, info, warning
 from ....core.luminance import LuminanceMap
+from ....core.result import Finding, info, warning
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrast
 from ....regions.superpixels import Neighbours, neighbours

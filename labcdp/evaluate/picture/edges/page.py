@@ -15,13 +15,11 @@ from ....core.result import Result
 from ....core.table import Table
 from ....metrics import DetectionInterval, Epsilon
 from ....output import Destination, write_files
-from ....report.digits import percent, share_percent
-from ....report.envelope import envelope_json
-from ....report.figures.interactive import interactive
-from ....report.html import render_page
+from ....report.files import dataset_bytes, envelope_json
+from ....report.html import interactive, render_page
 from ....report.layout import SIMULATED, Card, Facts, Page, Section
-from ....report.netcdf import dataset_bytes
 from ....report.sheets import result_workbook
+from ....report.text import percent, share_percent
 from .edges import FALSE_ALARM, EdgeKind
 from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay, overlay, overlay_figure
 from .map import ContrastMap

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.finding import Finding, info, unique
-from ....core.quantity import Quantity, quantity_table
-from ....core.result import InputFile, Result
+from ....core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionInterval
 from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind

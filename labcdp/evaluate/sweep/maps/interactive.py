@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.figures.interactive import interactive
+from ....report.html import interactive
 from ....report.layout import Script
 from .axes import At, MapAxis, known_values
 from .labels import axis_label, shown, variable_name, variable_unit

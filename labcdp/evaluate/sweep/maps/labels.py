@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.digits import printable
+from ....report.text import printable
 from .axes import At, MapAxis
 from .ranges import UsableInterval
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ....core.finding import info
-from ....core.result import Result
+from ....core.result import Result, info
 from ....output import Destination, write_files
-from ....report.digits import significant
-from ....report.files import result_files
+from ....report.files import dataset_bytes, result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
-from ....report.netcdf import dataset_bytes
+from ....report.text import significant
 from .dips import SnrDip
 from .interactive import map_script
 from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....core.finding import Finding, info
-from ....core.result import InputFile, Result
+from ....core.result import Finding, InputFile, Result, info
 from ....core.table import Column, Table
 from .axes import MapAxis, map_axis, map_layout, sections
 from .labels import at_text, axis_name, axis_unit, plain, shown, title, variable_name, variable_unit

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.figures.drawing import (
+from ....report.drawing import (
     LABEL_SIZE,
     SMALL_SIZE,
     TITLE_SIZE,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....report.digits import Z_95
-from ....report.figures.drawing import BLUE, GREEN, ORANGE, VERMILLION
+from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
+from ....report.text import Z_95
 from .axes import LARGEST_SNR, SNR_VARIABLES, At, MapAxis, MapLayout, map_axis, map_layout, sections
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
 from .map import MapAnalysis

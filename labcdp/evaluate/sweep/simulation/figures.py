@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....report.digits import printable, shortened
-from ....report.figure import ReportFigure
-from ....report.figures.drawing import (
+from ....report.drawing import (
     BLUE,
     GREEN,
     SMALL_SIZE,
@@ -22,8 +20,9 @@ from ....report.figures.drawing import (
     png,
     reduction,
 )
-from ....report.figures.plots import ContrastPanel
-from ....report.figures.stage_plots import stage_figure
+from ....report.layout import ReportFigure
+from ....report.plots import ContrastPanel, stage_figure
+from ....report.text import printable, shortened
 from ..maps.axes import LARGEST_SNR
 from .evaluation import PairRow, SimulationEvaluation, StageRow, final_stages
 

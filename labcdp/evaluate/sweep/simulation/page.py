@@ -9,12 +9,10 @@ from ....chain import ChainRun
 from ....core.result import Result
 from ....core.table import Table
 from ....output import Destination, write_files
-from ....report.cells import cell_text
-from ....report.digits import percent
-from ....report.figure import ReportFigure
-from ....report.figures.plots import contrast_figures
 from ....report.files import result_files
-from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section, Verbatim
+from ....report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, Verbatim
+from ....report.plots import contrast_figures
+from ....report.text import cell_text, percent
 from .evaluation import SimulationEvaluation, final_stages
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer

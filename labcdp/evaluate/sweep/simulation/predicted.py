@@ -7,13 +7,12 @@ from pathlib import Path
 
 from ....chain import Chain
 from ....chain.predict.chain import predict_chain
-from ....core.finding import info
-from ....core.result import InputFile, Result
+from ....core.result import InputFile, Result, info
 from ....core.table import Column, Table
 from ....output import Destination, write_files
-from ....report.digits import percent
 from ....report.files import result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
+from ....report.text import percent
 from .result import answer
 
 _COLUMNS = (

@@ -7,11 +7,10 @@ from itertools import pairwise
 from math import inf, isfinite, isinf
 from typing import Any
 
-from ....core.finding import Finding, info, warning
-from ....core.result import InputFile, Result
+from ....core.result import Finding, InputFile, Result, info, warning
 from ....core.table import Column, Table, uncertain, uncertain_values
 from ....metrics import DetectionResult
-from ....report.digits import percent
+from ....report.text import percent
 from ..maps.axes import LARGEST_SNR
 from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 

@@ -11,11 +11,11 @@ from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.colour.budget import colour_budget
 from labcdp.calibration.colour.model import ColourCalibration, CombinationStep
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
-from labcdp.core.finding import Finding, info, warning
 from labcdp.core.response import Response
+from labcdp.core.result import Finding, info, warning
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
-from labcdp.report.envelope import envelope, schema
+from labcdp.report.files import envelope, schema
 from labcdp.report.html import render_page
 from labcdp.report.sheets import result_workbook
 

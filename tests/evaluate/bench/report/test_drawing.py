@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from labcdp.core.luminance import Invalid, LuminanceMap
-from labcdp.report.figures.drawing import block_mean
-from labcdp.report.figures.maps import luminance_picture
+from labcdp.report.drawing import block_mean
+from labcdp.report.maps import luminance_picture
 
 VERMILLION, BLACK, GREY, PINK = (213, 94, 0), (0, 0, 0), (154, 154, 154), (204, 121, 167)
 

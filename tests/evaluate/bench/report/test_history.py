@@ -10,7 +10,7 @@ from labcdp.calibration.verify.history import histories
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.evaluate.bench.history import by_camera, history_result, history_title, write_history
-from labcdp.report.envelope import envelope, schema
+from labcdp.report.files import envelope, schema
 
 
 @pytest.fixture(scope="module")

@@ -13,14 +13,14 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
-from labcdp.core.finding import info, warning
+from labcdp.core.result import info, warning
 from labcdp.evaluate.bench.calibration_result import summarised
 from labcdp.evaluate.bench.session_page import session_page, write_results
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.output import LIST_FILE
-from labcdp.report.envelope import envelope, schema
-from labcdp.report.figure import ReportFigure
+from labcdp.report.files import envelope, schema
 from labcdp.report.html import render_page
+from labcdp.report.layout import ReportFigure
 
 CHROMIUM = shutil.which("chromium")
 FIGURES = ("target", "luminance", "contrasts-1", "calibration-fit", "calibration-residuals")

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..disk.quoting import shown
-from ..errors import InputError
+from .disk.files import shown
+from .errors import InputError
 
 #: K_cd, lumen per watt at 540 THz; exact, SI Brochure 9th edition, section 2.2.
 LUMINOUS_EFFICACY_LM_W = 683.0

@@ -1,14 +1,82 @@
-"""Tables of text: CSV with comma, semicolon or tab."""
+"""Text on disk: results as JSON, TOML as a person would write it, and CSV with comma, semicolon or tab."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import date
+from math import isfinite
+from typing import Any
 
 from ..errors import InputError
-from .files import AnyPath, name_of, read_bytes
-from .quoting import quoted, reason
+from .files import AnyPath, name_of, quoted, read_bytes, reason
+
+
+def results_json(values: Any) -> str:
+    """Write values as JSON; infinity and nan, which it does not have, become null."""
+    return json.dumps(_finite(values), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(values: Any) -> Any:
+    if isinstance(values, dict):
+        return {key: _finite(value) for key, value in values.items()}
+    if isinstance(values, list | tuple):
+        return [_finite(value) for value in values]
+    return None if isinstance(values, float) and not isfinite(values) else values
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Write nested tables of text, numbers, truth values, dates and lists as TOML.
+
+    tomli_w puts each number of a list on a line of its own and short tables in braces, which makes a session's
+    configuration hard to read; hence this writer.
+
+    Parameters
+    ----------
+    document : mapping
+        The tables; every key is a bare TOML key (letters, digits, underscore, hyphen).
+
+    Raises
+    ------
+    TypeError
+        For a value of another type.
+    """
+    return "\n".join(_table(document, "")).lstrip("\n") + "\n"
+
+
+def _table(document: Mapping[str, Any], path: str) -> list[str]:
+    lines = [f"{key} = {_value(value)}" for key, value in document.items() if not _is_table(value)]
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            lines += ["", f"[{path}{key}]", *_table(value, f"{path}{key}.")]
+        elif _is_table(value):
+            for item in value:
+                lines += ["", f"[[{path}{key}]]", *_table(item, f"{path}{key}.")]
+    return lines
+
+
+def _is_table(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return bool(value) and all(isinstance(item, Mapping) for item in value)
+    return isinstance(value, Mapping)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        # JSON's escapes are TOML's too; TOML also wants DEL escaped.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, date):
+        return value.isoformat()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    raise TypeError(f"TOML has no value for {type(value).__name__}")
+
 
 #: Size from which a table is refused, columns and rows.
 _MOST_BYTES, _MOST_COLUMNS, _MOST_ROWS = 16 * 2**20, 1000, 200_000

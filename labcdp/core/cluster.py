@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ..errors import InputError
+from .errors import InputError
 
 #: Loggers that Dask gives levels and outputs of their own.
 _LOGGERS = ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio")
@@ -64,7 +64,7 @@ class TlsFiles:
 
 
 class Cluster(Generic[_Task]):
-    """Workers of a cluster, with the interface of `labcdp.core.computer.processes.Processes`.
+    """Workers of a cluster, with the interface of `labcdp.core.computer.Processes`.
 
     Where a worker dies, Dask gives its task to another one, as often as its `allowed-failures` says.
 

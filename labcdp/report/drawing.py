@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
+
 #: Resolution of figures, and of those with fixed axes, which are drawn faster; an image has at least `_LARGEST_SIDE`
 #: pixels in the latter.
 DPI, SCREEN_DPI = 150, 138

@@ -1,4 +1,4 @@
-"""Processes of this computer that work through tasks; they are reached by pipes, and listen nowhere."""
+"""The computer: compiled loops, threads and processes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,114 @@ import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
-from ..errors import InputError
+from .errors import InputError
+
+_Parameters = ParamSpec("_Parameters")
+_Compiled = TypeVar("_Compiled")
+
+
+def compiled(function: Callable[_Parameters, _Compiled]) -> Callable[_Parameters, _Compiled]:
+    """Compile a function of arrays and numbers at its first call; other threads run while it does.
+
+    Arithmetic is as written, in the order in which it is written: results are the same whether a function was compiled
+    now or before.
+
+    Compiled code is cached on disk next to the module, or in the user's cache folder where that cannot be written, or
+    else not at all. Modules with such functions are named ``*_kernel`` and imported where they are used, or by modules
+    that are, as Numba takes its time to load.
+    """
+    from numba import njit
+
+    _forget_outdated(Path(function.__code__.co_filename).parent)
+    try:
+        made = njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:
+        # There is no folder to keep it in.
+        made = njit(nogil=True, error_model="numpy")(function)
+    return cast(Callable[_Parameters, _Compiled], made)
+
+
+@cache
+def _forget_outdated(folder: Path) -> None:
+    """Forget what is older than any kernel: Numba looks at the file a function is in, not at those it calls."""
+    newest_s = max(path.stat().st_mtime for path in Path(__file__).parents[1].rglob("*_kernel.py"))
+    with suppress(OSError):
+        for index in (folder / "__pycache__").glob("*.nbi"):
+            if index.stat().st_mtime < newest_s:
+                index.unlink(missing_ok=True)
+
+
+_Part = TypeVar("_Part")
+_Result = TypeVar("_Result")
+
+#: Number of values from which threads are worth their overhead (a few tenths of a millisecond).
+LONG = 2**16
+
+
+class InterruptSafeThread:
+    """A thread whose end can be awaited even if a signal arrives meanwhile.
+
+    If Ctrl-C interrupts `threading.Thread.join`, CPython up to 3.12 treats the thread as ended although it still runs.
+
+    Parameters
+    ----------
+    work : callable
+        What it does.
+    name : str
+        Of the thread.
+    """
+
+    def __init__(self, work: Callable[[], None], name: str) -> None:
+        self._ended = Event()
+        self._work = work
+        self._thread = Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def finish(self, request_end: Callable[[], None]) -> None:
+        """Request the end of the thread and wait for it; an interrupt is raised only afterwards."""
+        interrupted: BaseException | None = None
+        while not self._ended.is_set():
+            try:
+                request_end()
+                self._ended.wait()
+            except BaseException as error:
+                interrupted = error
+        self._thread.join()
+        if interrupted is not None:
+            raise interrupted
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        finally:
+            self._ended.set()
+
+
+def each_in_thread(function: Callable[[_Part], _Result], parts: Sequence[_Part], size: int) -> list[_Result]:
+    """Call a function for each of a few parts, in threads if the parts process `LONG` values or more.
+
+    NumPy releases the GIL while it sorts and searches. The parts are the same with and without threads, and so are the
+    results.
+    """
+    if size < LONG:
+        return [function(part) for part in parts]
+    with ThreadPoolExecutor(len(parts)) as pool:
+        return list(pool.map(function, parts))
+
 
 #: So often a task is given to a process before it is given up, if processes die of it.
 _ATTEMPTS = 2

@@ -1,1 +1,0 @@
-"""The computer that labcdp runs on: compiled loops and processes."""

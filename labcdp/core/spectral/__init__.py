@@ -1,1 +1,0 @@
-"""Measured spectra, f1' and spectral mismatch factors."""

@@ -1,1 +1,0 @@
-"""Figures: style, images, maps and plots."""

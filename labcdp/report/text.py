@@ -1,0 +1,265 @@
+"""Numbers, times, cells of tables and findings as text, rounded by their uncertainty."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal
+from functools import cache
+from importlib.resources import files
+from math import floor, isfinite, isinf, log10
+from string import Formatter
+from typing import Any
+
+from ..core.errors import LabcdpError
+from ..core.result import Finding, unique
+from ..core.table import Z_95 as Z_95
+from ..core.table import Column, Table
+from ..metrics import DetectionResult
+
+#: Text for an unknown value.
+UNKNOWN = "unknown"
+
+#: Most decimals of a probability.
+_MOST_DECIMALS_OF_SHARE = 5
+
+#: Characters that cannot be written to XML or drawn; names may contain them.
+_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+
+
+def decimals(value: float, significant: int) -> int:
+    """Count the decimals for a number of significant digits; a negative number rounds to tens and so on."""
+    if not isfinite(value) or value == 0:
+        return significant
+    exponent = floor(log10(abs(value)))
+    # Rounding may add a digit, as from 9.96 to 10.
+    if abs(round(value, significant - 1 - exponent)) >= 10 ** (exponent + 1):
+        exponent += 1
+    return significant - 1 - exponent
+
+
+def fixed(value: float | None, n_decimals: int, sign: bool = False) -> str:
+    """Write a value with a number of decimals, 0 never with a minus; `UNKNOWN` for None, nan and infinity."""
+    if value is None or not isfinite(value):
+        return UNKNOWN
+    rounded = round(value, n_decimals) + 0.0  # makes -0.0 a 0.0
+    return f"{rounded:{'+' if sign and rounded else ''}.{max(n_decimals, 0)}f}"
+
+
+def significant(value: float, n_digits: int = 4) -> str:
+    """Write a value with a number of significant digits."""
+    return fixed(value, decimals(value, n_digits))
+
+
+def with_half_width(value: float, half_width: float) -> str:
+    """Write "value ± U", with two digits of U and the value rounded to match (GUM 7.2.6)."""
+    n = decimals(half_width, 2) if half_width > 0 else decimals(value, 6)
+    return f"{fixed(value, n)} ± {fixed(half_width, n)}"
+
+
+def percent(fraction: float, n_digits: int = 6) -> str:
+    """Write a fraction as percent with up to a number of significant digits: 0.76 is "76 %"."""
+    return f"{100 * fraction:.{n_digits}g} %"
+
+
+def share_percent(share: float) -> str:
+    """Write a share as percent, with two digits of the share or of its complement."""
+    rest = min(share, 1 - share)
+    if 0 < rest < 1e-6:
+        return "less than 0.0001 %" if rest == share else "more than 99.9999 %"
+    return f"{fixed(100 * share, decimals(100 * rest, 2) if rest else 0)} %"
+
+
+def exposure(exposure_s: float) -> str:
+    """Write an exposure in a convenient unit."""
+    for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
+        if exposure_s >= seconds:
+            return f"{exposure_s / seconds:.4g} {unit}"
+    return f"{exposure_s * 1e6:.4g} µs"
+
+
+def exposures(exposures_s: Iterable[float]) -> str:
+    """Write several exposures, the shortest first."""
+    return ", ".join(exposure(value) for value in sorted(exposures_s))
+
+
+def cdp_decimals(result: DetectionResult) -> int:
+    """Count the decimals that the 95 % interval of a CDP supports."""
+    low, high = result.confidence_interval
+    if not high > low:
+        return 4
+    return min(decimals((high - low) / 2, 2), _MOST_DECIMALS_OF_SHARE)
+
+
+def cdp_interval(result: DetectionResult) -> str:
+    """Write the 95 % interval of a CDP."""
+    low, high = result.confidence_interval
+    n = cdp_decimals(result)
+    return f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else UNKNOWN
+
+
+def printable(text: str) -> str:
+    """Replace characters that cannot be shown."""
+    return _UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def shortened(text: str, n_characters: int) -> str:
+    """Truncate a text and make it printable."""
+    text = printable(text)
+    return text if len(text) <= n_characters else text[: n_characters - 1] + "…"
+
+
+def day(time: datetime) -> str:
+    """Write the day, in UTC."""
+    return f"{time.astimezone(UTC):%Y-%m-%d}"
+
+
+def minute(time: datetime) -> str:
+    """Write day and time, in UTC."""
+    return f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Write "a, b and c"."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+#: Text for an unknown value.
+MISSING = "-"
+
+#: Most decimals, however small the uncertainty; fewer for an interval, which is one of a probability.
+_MOST_DECIMALS, _MOST_OF_INTERVAL = 6, 5
+
+
+def text_table(table: Table) -> tuple[list[str], list[list[str]]]:
+    """Return heads and rows of the visible columns as text."""
+    shown = [column for column in table.columns if column.shown]
+    return [_head(column) for column in shown], [[cell_text(column, row) for column in shown] for row in table.rows()]
+
+
+def is_number(values: Iterable[Any]) -> bool:
+    """Whether a column holds numbers and is right-aligned."""
+    return not isinstance(next((value for value in values if value is not None), ""), str | bool)
+
+
+def cell_text(column: Column, row: Mapping[str, Any]) -> str:
+    """Return one cell: text, ``value``, ``value ± U`` or ``value (low to high)``."""
+    value = row[column.name]
+    if value is None or isinstance(value, str):
+        return printable(value) if value else MISSING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isfinite(value):
+        return "∞" if isinf(value) and value > 0 else MISSING
+    if column.time:
+        return exposure(value)
+    factor = 100 if column.unit_in(row) == "%" else 1
+    n = cell_decimals(column, row)
+    text = fixed(factor * value, n)
+    uncertainty = row.get(column.expanded)
+    if uncertainty is not None and isfinite(uncertainty):
+        return f"{text} ± {fixed(factor * uncertainty, n)}"
+    low, high = row.get(column.low), row.get(column.high)
+    if low is not None and high is not None and isfinite(low) and isfinite(high):
+        return f"{text} ({fixed(factor * low, n)} to {fixed(factor * high, n)})"
+    return text
+
+
+def cell_decimals(column: Column, row: Mapping[str, Any]) -> int:
+    """Return how many decimals of a number are shown: two digits of its uncertainty (GUM 7.2.6), else its own.
+
+    A negative number rounds to tens and so on. For values in percent the decimals of the percentage are counted.
+    """
+    factor = 100 if column.unit_in(row) == "%" else 1
+    if column.decimals is not None:
+        return column.decimals
+    uncertainty = row.get(column.expanded)
+    if uncertainty is None:
+        low, high = row.get(column.low), row.get(column.high)
+        uncertainty = (high - low) / 2 if low is not None and high is not None else None
+    if uncertainty is not None and isfinite(uncertainty) and uncertainty > 0:
+        return min(decimals(factor * uncertainty, 2), _MOST_OF_INTERVAL if column.low else _MOST_DECIMALS)
+    value = row[column.name]
+    if column.digits == 0:
+        return max(-int(Decimal(f"{factor * value:.6g}").as_tuple().exponent), 0)
+    return 0 if isinstance(value, int) else decimals(factor * value, column.digits)
+
+
+def _head(column: Column) -> str:
+    extra = " ± U" if column.expanded else ", 95 % interval" if column.low else ""
+    if column.time:
+        return column.label
+    return f"{column.label}{extra} ({column.unit})" if column.unit else f"{column.label}{extra}"
+
+
+#: Longest quoted name from a file, and longest quoted message of labcdp, in characters.
+_LONGEST_NAME, _LONGEST_SENTENCE = 100, 500
+#: Format specifications for significant digits, also as a percentage or with a sign.
+_NUMBER = re.compile(r"(\+?)(percent|digits)(\d*)")
+
+
+class _Words(Formatter):
+    """Format specifications in addition to those of Python: see `finding_text`."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, list):
+            return ", ".join(self.format_field(one, format_spec) for one in value)
+        if value is None:
+            return "unknown"
+        if format_spec == "percent":
+            return percent(value)
+        if format_spec == "share":
+            return share_percent(value)
+        if format_spec == "time":
+            return exposure(value)
+        if format_spec == "sentence":
+            return shortened(value, _LONGEST_SENTENCE)
+        number = _NUMBER.fullmatch(format_spec)
+        if number is not None:
+            sign, kind, n_digits = number.groups()
+            text = significant(100 * value if kind == "percent" else value, int(n_digits or 3))
+            return f"{sign if value > 0 else ''}{text}{' %' if kind == 'percent' else ''}"
+        if isinstance(value, str):
+            return shortened(value, _LONGEST_NAME)
+        return str(super().format_field(value, format_spec))
+
+
+def finding_text(finding: Finding) -> str:
+    """Return a finding as one or two sentences.
+
+    The templates are in ``labcdp/data/findings/*.toml``, by code; they can quote ``{subject}`` and the finding's
+    values. A subject that a template does not quote is put before the sentence. A value can be formatted as
+    ``{x:percent}`` (a fraction, unrounded), ``{x:percent2}`` (with two significant digits), ``{x:share}`` (a fraction,
+    with two digits of it or of its complement), ``{x:time}`` (seconds), ``{x:digits3}`` (three significant digits),
+    ``{x:+percent2}`` and ``{x:+digits3}`` (with a sign), ``{x:sentence}`` (a message of labcdp's own, which may be
+    long), or as in Python. A finding's value ``files``, the input files it refers to, is put after the text.
+    """
+    template = templates().get(finding.code)
+    if template is None:
+        raise LabcdpError(f"there is no text for the finding {finding.code!r}: add it to data/findings")
+    text = _Words().vformat(template, (), {"subject": finding.subject, **finding.values})
+    if finding.subject and "{subject" not in template:
+        text = f"{shortened(finding.subject, _LONGEST_NAME)}: {text}"
+    files = finding.values.get("files")
+    if isinstance(files, list):
+        text += f" ({shortened(str(files[0]), _LONGEST_NAME) if len(files) == 1 else f'{len(files)} files'})"
+    return printable(text)
+
+
+def warning_texts(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return the texts of warnings and errors, each once."""
+    return tuple(finding_text(finding) for finding in unique(findings) if finding.severity != "info")
+
+
+@cache
+def templates() -> dict[str, str]:
+    """Return all texts by code; raises LabcdpError if a code is in two files."""
+    found: dict[str, str] = {}
+    for file in sorted(files("labcdp").joinpath("data/findings").iterdir(), key=lambda one: one.name):
+        for code, text in tomllib.loads(file.read_text(encoding="utf-8")).items():
+            if code in found:
+                raise LabcdpError(f"the finding {code!r} has two texts, one of them in {file.name}")
+            found[code] = text
+    return found

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from labcdp.chain import Chain, Scene, StepChart, Windscreen
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.core.errors import InputError
 from labcdp.core.luminance import LuminanceMap
-from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.edges.edges import EdgeKind
 from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
-from labcdp.files.read import read_picture
-from labcdp.metrics.pair import evaluate_pair
 
 GLARES = (0.0, 0.3, 1.0, 4.0)
 
@@ -67,19 +60,6 @@ def test_probability_of_detection_falls_with_the_veil(by_simulation: bool) -> No
     assert cdps[-1] < 0.05
 
 
-def test_picture_of_a_veiled_scene_has_the_contrast_that_is_left(tmp_path: Path) -> None:
-    for glare_fraction in GLARES:
-        dn = veiled(glare_fraction).run(seed=1)["sensor"].values
-        path = tmp_path / f"{glare_fraction}.png"
-        cv2.imwrite(str(path), dn.astype(np.uint16))
-        conversion = picture_conversion(None, None, "linear")
-        light = conversion.luminance(read_picture(path, conversion.options))
-        regions = (Roi.rectangle("bright", 17, 1, 14, 14), Roi.rectangle("dark", 1, 1, 14, 14))
-        pair = evaluate_pair(light, *regions, (1.0,))
-        left = contrast_left(20.0, 40.0, 30.0, glare_fraction)
-        assert pair.contrast.value == pytest.approx(left, abs=5 * pair.contrast.standard_error + 1e-3)
-
-
 def test_map_asked_for_the_contrast_of_the_scene_loses_what_the_veil_takes() -> None:
     scene = np.full((240, 320), 100.0)
     scene[:, 167:] = 150.0
@@ -111,17 +91,3 @@ def test_map_asked_for_the_contrast_of_the_scene_loses_what_the_veil_takes() -> 
 def light_of(luminance_cd_m2: np.ndarray) -> LuminanceMap:
     nothing = np.zeros(luminance_cd_m2.shape, np.uint8)
     return LuminanceMap(luminance_cd_m2, np.full(luminance_cd_m2.shape, 0.01), (), nothing)
-
-
-@pytest.mark.parametrize(
-    ("settings", "shape", "message"),
-    [
-        (ContrastMapSettings(30), (90, 100), "the reference image has 100 x 90 pixels, the image 100 x 80"),
-        (ContrastMapSettings(30, contrast=0.5), (80, 100), "a contrast and a reference image are given: give one"),
-    ],
-)
-def test_reference_that_cannot_be_one_is_refused(
-    settings: ContrastMapSettings, shape: tuple[int, int], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        contrast_map(light_of(np.ones((80, 100))), settings, light_of(np.ones(shape)))

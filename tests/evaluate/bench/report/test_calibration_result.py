@@ -1,11 +1,9 @@
 """The result of a calibration: budget, checks and patches are those of the calibration, on page and sheets."""
 
 from dataclasses import replace
-from io import BytesIO
 
 import pytest
 from jsonschema import Draft202012Validator
-from openpyxl import load_workbook
 
 from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.colour.budget import colour_budget
@@ -17,47 +15,37 @@ from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
 from labcdp.report.files import envelope, schema
 from labcdp.report.html import render_page
-from labcdp.report.sheets import result_workbook
 
 
 def with_findings(fitted):
     """The calibration with all kinds of findings."""
     first, *rest = fitted.residuals
-    better = info("model-better", chi_squared=1.0, chi_squared_before=9.0, other="linear")
     found = warning("intercept", intercept_cd_m2=0.012, expanded_cd_m2=0.004, intercept_dn_s=50.0, z=6.0)
-    glare = FitTest("glare", 0.012, 0.002, "cd/m²", True, found)
     drift = FitTest("drift", 0.0, 0.0, "1/h", False, info("not-testable-time", "drift"))
-    linear = ModelStep("linear", 1, 0.012, False, info("model-simplest"))
-    saturated = LeftOut("<b>bold</b>", 0.02, None, "saturated")
     return replace(
         fitted,
         residuals=tuple(rest),
         held_out=(first,),
-        left_out=(saturated, LeftOut("=1+1", None, 2, "contradicts the other readings")),
-        ladder=(linear, ModelStep("quadratic", 2, 0.004, True, better)),
-        tests=(glare, drift),
+        left_out=(LeftOut("<b>bold</b>", 0.02, None, "saturated"), LeftOut("=1+1", None, 2, "contradicts the others")),
+        ladder=(ModelStep("linear", 1, 0.012, True, info("model-simplest")),),
+        tests=(FitTest("glare", 0.012, 0.002, "cd/m²", True, found), drift),
         findings=(found,),
         response=Response("quadratic", (0.0, 4000.0), (0.0, 4200.0)),
     )
 
 
-def of_colours(calibration):
-    best = CombinationStep("combination", 0.004, True, info("combination-best"))
-    green = CombinationStep("green", 0.02, False, info("not-chosen", chosen="combination"))
+def of_colours(one):
     return ColourCalibration(
-        planes=tuple(replace(calibration, state=replace(calibration.state, plane=p)) for p in ("R", "Gr", "Gb", "B")),
+        planes=tuple(replace(one, state=replace(one.state, plane=p)) for p in ("R", "Gr", "Gb", "B")),
         weights=(0.2, 0.3, 0.3, 0.2),
         weight_covariance=tuple(tuple(1e-4 * (i == j) for j in range(4)) for i in range(4)),
         spectral_rel=0.01,
         scatter_rel=0.0,
-        range_cd_m2=calibration.range_cd_m2,
-        residuals=calibration.residuals,
-        held_out=calibration.held_out,
-        left_out=calibration.left_out,
-        ladder=(best, green),
         sensitivity=None,
         f1_prime=0.12,
+        ladder=(CombinationStep("combination", 0.004, True, info("combination-best")),),
         findings=(Finding("patches-of-one-colour"),),
+        **{n: getattr(one, n) for n in ("range_cd_m2", "residuals", "held_out", "left_out")},
     )
 
 
@@ -82,8 +70,6 @@ def test_json_page_and_workbook_of_any_calibration(calibration, result):
     assert "Title &lt;i&gt;here&lt;/i&gt;" in page
     assert "<b>bold" not in page
     assert page.index("Simulated data") < page.index("Calibrated range") < page.index("Uncertainty budget")
-    book = load_workbook(BytesIO(result_workbook(result, calibration.provenance.measured)))
-    assert book.sheetnames[:-1] == [*(table.name for table in result.tables), "findings"]
 
 
 def test_the_budget_is_that_of_the_calibration(calibration, result):
@@ -102,9 +88,7 @@ def test_the_budget_is_that_of_the_calibration(calibration, result):
             if row.included:
                 assert sources[row.source][f"u_{place}_rel"] == pytest.approx(row.standard_uncertainty_rel)
     assert sources["meter scale"]["included"] == "yes"
-    assert sources["meter digits"]["included"] == "in meter repeatability"
     assert sources["meter f1'"]["u_lowest_rel"] is None
-    assert sources["shot and read noise"]["common"] is False
 
 
 def test_patches_quantities_and_planes_are_those_of_the_calibration(calibration, result):
@@ -119,10 +103,7 @@ def test_patches_quantities_and_planes_are_those_of_the_calibration(calibration,
     if isinstance(calibration, ColourCalibration):
         planes = rows(result, "planes", "plane")
         assert {name: row["weight"] for name, row in planes.items()} == {"R": 0.2, "Gr": 0.3, "Gb": 0.3, "B": 0.2}
-        assert planes["R"]["u_weight"] == pytest.approx(0.01)
-        assert rows(result, "combinations", "luminance_from")["combination"]["chosen"] is True
         assert quantities["f1' of the combination"]["value"] == 0.12
-        assert {row["plane"] for row in result.table("checks").rows()} == {"R", "Gr", "Gb", "B"}
     else:
         row = quantities["responsivity R"]
         assert row["value"] == calibration.responsivity.responsivity_dn_s_cd_m2

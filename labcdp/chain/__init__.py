@@ -4,15 +4,15 @@ from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
 from .isp import ToneCurve
-from .optics import Optics, ThesisWindscreen, Windscreen
+from .optics import Optics, Windscreen
 from .predict.camera import CameraModel
 from .registry import preset_names, preset_text, register
+from .scene.charts import Checkerboard, StepChart
 from .scene.image import ImageScene
-from .scene.scene import Patch, luminance_map, with_patches
-from .scene.scenes import Checkerboard, Flat, Level, PatchScene, Scene, StepChart
+from .scene.scene import Flat, Level, Patch, PatchScene, Scene, luminance_map, with_patches
 from .sensor import Sensor
 from .signal import Capture, Context, ExposureSettings, SensorModel, Signal, Stage
-from .thesis import ThesisSensor
+from .thesis import ThesisSensor, ThesisWindscreen
 
 register("scene", Flat, "flat")
 register("scene", Checkerboard, "checkerboard")
@@ -22,8 +22,10 @@ register("scene", ImageScene, "image")
 register("windscreen", Windscreen)
 register("windscreen", ThesisWindscreen, "thesis-2018")
 register("optics", Optics)
+register("exposure", ExposureSettings)
 register("sensor", Sensor, "emva1288")
 register("sensor", ThesisSensor, "thesis-2018")
+register("hdr", Hdr)
 register("isp", ToneCurve)
 
 __all__ = [

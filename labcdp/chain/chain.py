@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.errors import ConfigurationError, InputError
 from .imaging import ImagingChain
 from .optics import Optics, Windscreen
-from .parameters import check_whole
+from .parameters import COUNT, THREADS
 from .parts import ChainParts
 from .scene.scene import luminance_map
 from .sensor import Sensor
@@ -46,9 +46,9 @@ class Chain(ChainParts):
         InputError
             If a part cannot use its input.
         """
-        check_whole("seed", seed, "", 0)
+        COUNT.check("seed", seed)
         if threads is not None:
-            check_whole("threads", threads, "", 1)
+            THREADS.check("threads", threads)
         scene = self._scene_signal()
         stages = {"scene": scene}
         for sensor_name, sensor in self.sensors or (("", None),):

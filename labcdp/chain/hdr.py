@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.disk.files import shown
 from ..core.errors import InputError
-from .parameters import check_number, check_whole
+from .parameters import MergedBits, Number, Parameters
 from .signal import Capture
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class ExposureLadder:
         if not self.exposures_s:
             raise InputError("there is no exposure to merge: give at least one")
         for exposure_s in self.exposures_s:
-            check_number("exposure_s", exposure_s, "s", 0, above=True)
+            Number("s", 0, above=True).check("exposure_s", exposure_s)
         if any(longer <= shorter for longer, shorter in pairwise(self.exposures_s)):
             raise InputError(f"the exposures {self.exposures_s} s are not all different: leave out repeated ones")
         if self.saturation_dn <= 0:
@@ -180,7 +180,7 @@ def faded_share(dn: NDArray[Any], i: int, ladder: ExposureLadder) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Hdr:
+class Hdr(Parameters):
     """How exposures are merged; the result has the scale of the longest exposure, without black level.
 
     Parameters
@@ -214,12 +214,12 @@ class Hdr:
     """
 
     method: Method
-    bits: int = 20
+    bits: MergedBits = 20
 
     def __post_init__(self) -> None:
         if self.method not in get_args(Method):
             raise InputError(f"method is {shown(self.method)}: give one of {', '.join(get_args(Method))}")
-        check_whole("bits", self.bits, "bits", 1, 48)
+        super().__post_init__()
 
     def merge(self, captures: Sequence[Capture]) -> Capture:
         """Merge captures of one scene.

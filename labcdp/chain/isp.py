@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from .parameters import check_whole
+from .parameters import Bits, MergedBits, Parameters
 from .signal import Context, Signal
 
 
 @dataclass(frozen=True)
-class ToneCurve:
+class ToneCurve(Parameters):
     """Logarithmic tone curve: code = floor(log(1 + DN) 2^bits / log(2^isp_bits)), clipped to 0 .. 2^bits - 1.
 
     Parameters
@@ -39,12 +39,8 @@ class ToneCurve:
     takes: ClassVar[str] = "digital number"
     gives: ClassVar[str] = "digital number"
 
-    isp_bits: int = 20
-    bits: int = 8
-
-    def __post_init__(self) -> None:
-        check_whole("isp_bits", self.isp_bits, "bits", 1, 48)
-        check_whole("bits", self.bits, "bits", 1, 16)
+    isp_bits: MergedBits = 20
+    bits: Bits = 8
 
     def encode(self, dn: ArrayLike) -> NDArray[np.uint16]:
         """Return the codes of DN of any shape, whole or not; DN below 0 have the code 0."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import pi
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.vignetting import Cos4Vignetting
-from .parameters import check_flag, check_number
+from .parameters import Flag, Fraction, Number, Parameters
 from .point_spread import (
     MtfTable,
     blur_kernel,
@@ -26,9 +26,12 @@ from .point_spread import (
 )
 from .signal import Context, Signal
 
+FloatArray = NDArray[np.floating[Any]]
+Glare: TypeAlias = Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 10)]
+
 
 @dataclass(frozen=True)
-class Windscreen:
+class Windscreen(Parameters):
     """A windscreen of uniform transmittance whose glare is a fraction of the mean scene luminance.
 
     Behind it is transmittance * (luminance + glare); the thesis, section on the windscreen. The photons, scene and veil
@@ -54,14 +57,9 @@ class Windscreen:
     takes: ClassVar[str] = "luminance"
     gives: ClassVar[str] = "luminance"
 
-    transmittance: float
-    glare_fraction: float = 0.0
-    glare_subtracted: bool = False
-
-    def __post_init__(self) -> None:
-        check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
-        check_number("glare_fraction", self.glare_fraction, "(a fraction; 1.0 is 100 %)", 0, 10)
-        check_flag("glare_subtracted", self.glare_subtracted)
+    transmittance: Fraction
+    glare_fraction: Glare = 0.0
+    glare_subtracted: Annotated[bool, Flag()] = False
 
     def apply(self, luminance_cd_m2: FloatArray) -> FloatArray:
         """Luminance behind the windscreen, from that of a whole scene in front of it."""
@@ -77,43 +75,6 @@ class Windscreen:
             values=self.transmittance * (signal.values + glare_cd_m2),
             to_luminance=lambda behind: signal.to_luminance(behind / self.transmittance - subtracted_cd_m2),
         )
-
-
-@dataclass(frozen=True)
-class ThesisWindscreen:
-    """The windscreen of the 2018 thesis, whose inverse subtracts the glare and does not quite undo the loss.
-
-    It takes off glare / transmittance and does not divide by the transmittance, so a luminance L comes back as
-    transmittance * L + glare * (transmittance - 1 / transmittance). The published CDP values need it.
-
-    Parameters
-    ----------
-    transmittance, glare_fraction : float
-        As those of `Windscreen`.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range.
-    """
-
-    takes: ClassVar[str] = "luminance"
-    gives: ClassVar[str] = "luminance"
-
-    transmittance: float
-    glare_fraction: float = 0.0
-
-    def __post_init__(self) -> None:
-        Windscreen(self.transmittance, self.glare_fraction)
-
-    def process(self, signal: Signal, context: Context) -> Signal:
-        """Luminance behind the windscreen, with the thesis' inverse."""
-        taken_off_cd_m2 = self.glare_fraction * signal.scene_mean() / self.transmittance
-        behind = Windscreen(self.transmittance, self.glare_fraction).process(signal, context)
-        return replace(behind, to_luminance=lambda values: signal.to_luminance(values - taken_off_cd_m2))
-
-
-FloatArray = NDArray[np.floating[Any]]
 
 
 def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnification: float) -> float:
@@ -137,7 +98,7 @@ def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnifica
 
 
 @dataclass(frozen=True)
-class Optics:
+class Optics(Parameters):
     """A symmetric lens centred on the sensor: E = L t pi cos^4(theta) / (4 N^2 (1 + m)^2).
 
     Equation 3.1 of the thesis, but with the square that it lacks (see `axial_illuminance_per_cd_m2`).
@@ -176,25 +137,17 @@ class Optics:
     takes: ClassVar[str] = "luminance"
     gives: ClassVar[str] = "illuminance"
 
-    f_number: float
-    transmittance: float
-    focal_length_m: float | None = None
-    magnification: float = 0.0
-    diffraction_nm: float | None = None
-    blur_sigma_m: float = 0.0
-    defocus_disc_m: float = 0.0
+    f_number: Annotated[float, Number("", 0.5, 128)]
+    transmittance: Fraction
+    focal_length_m: Annotated[float | None, Number("m", 1e-4, 2)] = None
+    magnification: Annotated[float, Number("(image over object)", 0, 1e3)] = 0.0
+    diffraction_nm: Annotated[float | None, Number("nm", 100, 2000)] = None
+    blur_sigma_m: Annotated[float, Number("m", 0, 1e-3)] = 0.0
+    defocus_disc_m: Annotated[float, Number("m", 0, 1e-2)] = 0.0
     mtf: MtfTable = ()
 
     def __post_init__(self) -> None:
-        check_number("f_number", self.f_number, "", 0.5, 128)
-        check_number("transmittance", self.transmittance, "(a fraction)", 0, 1, above=True)
-        if self.focal_length_m is not None:
-            check_number("focal_length_m", self.focal_length_m, "m", 1e-4, 2)
-        check_number("magnification", self.magnification, "(image over object)", 0, 1e3)
-        if self.diffraction_nm is not None:
-            check_number("diffraction_nm", self.diffraction_nm, "nm", 100, 2000)
-        check_number("blur_sigma_m", self.blur_sigma_m, "m", 0, 1e-3)
-        check_number("defocus_disc_m", self.defocus_disc_m, "m", 0, 1e-2)
+        super().__post_init__()
         object.__setattr__(self, "mtf", checked_mtf(self.mtf))
 
     @property
@@ -253,42 +206,32 @@ class Optics:
         seen = self.spread(luminance_cd_m2, pixel_pitch_m, oversampling)
         return seen * self._slope(seen, pixel_pitch_m)
 
-    def invert(self, illuminance_lx: FloatArray, pixel_pitch_m: float) -> FloatArray:
-        """Luminance in cd/m^2 each pixel sees, shape (height, width), from the illuminance on it, blurred as it is."""
-        return illuminance_lx / self._slope(illuminance_lx, pixel_pitch_m)
-
     def process(self, signal: Signal, context: Context) -> Signal:
         """Illuminance on the sensor, with its inverse; levels of a scene are taken as on the axis.
 
         Raises
         ------
         InputError
-            If the vignetting needs the pixel pitch of a sensor and there is none.
+            If vignetting or point spread need the pixel pitch of a sensor and there is none.
         """
-        axial = self.axial_illuminance_per_cd_m2
-        pitch_m = context.pixel_pitch_m
-        if signal.shares is not None or self.focal_length_m is None:
-            levels = signal.shares is not None
-            seen = signal.values if levels else self.spread(signal.values, pitch_m, signal.oversampling)
-            return replace(
-                signal,
-                values=seen * axial,
-                oversampling=1,
-                quantity="illuminance",
-                to_luminance=lambda illuminance_lx: signal.to_luminance(illuminance_lx / axial),
-            )
-        if pitch_m is None:
+        pitch_m, is_image = context.pixel_pitch_m, signal.shares is None
+        if is_image and self.focal_length_m is not None and pitch_m is None:
             raise InputError(
                 f"focal_length_m is {self.focal_length_m:g} m, but no sensor tells the pixel pitch: add a "
                 "sensor, or leave focal_length_m out"
             )
+
+        def slope(like: FloatArray) -> FloatArray | float:
+            # The map of the vignetting is made anew each time instead of being kept.
+            return self._slope(like, pitch_m) if is_image and pitch_m else self.axial_illuminance_per_cd_m2
+
+        seen = self.spread(signal.values, pitch_m, signal.oversampling) if is_image else signal.values
         return replace(
             signal,
-            values=self.apply(signal.values, pitch_m, signal.oversampling),
+            values=seen * slope(seen),
             quantity="illuminance",
             oversampling=1,
-            # The map of the vignetting is made anew each time instead of being kept.
-            to_luminance=lambda illuminance_lx: signal.to_luminance(self.invert(illuminance_lx, pitch_m)),
+            to_luminance=lambda illuminance_lx: signal.to_luminance(illuminance_lx / slope(illuminance_lx)),
         )
 
     def _spread_width_m(self) -> float:
@@ -299,10 +242,10 @@ class Optics:
         measured_m = 4e-3 / self.mtf[1][0] if self.mtf else 0.0
         return airy_m + 8 * self.blur_sigma_m + self.defocus_disc_m + measured_m
 
-    def _slope(self, like: FloatArray, pixel_pitch_m: float) -> FloatArray:
+    def _slope(self, like: FloatArray, pixel_pitch_m: float) -> FloatArray | float:
         vignetting = self.vignetting(pixel_pitch_m)
         if vignetting is None:
-            return np.full(like.shape, self.axial_illuminance_per_cd_m2, like.dtype)
+            return self.axial_illuminance_per_cd_m2
         slope = vignetting.relative_illuminance((like.shape[0], like.shape[1]))
         slope *= self.axial_illuminance_per_cd_m2
         return slope.astype(like.dtype, copy=False)

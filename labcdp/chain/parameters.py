@@ -1,10 +1,12 @@
-"""Checks of the numbers a stage is given, with one form of message: key, value, allowed range and unit."""
+"""Parameters of the chain: unit and range stand at the field, and one form of message names key, value and range."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
 from math import inf, isfinite
-from typing import Any
+from types import NoneType
+from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
 import numpy as np
 
@@ -14,40 +16,133 @@ from ..core.errors import InputError
 #: Most pixels of a side of a scene or sensor; a larger frame would not fit into any memory.
 LARGEST_SIDE = 20_000
 
+#: Highest luminance of a scene: well above the sun's 1.6e9 cd/m^2, and low enough that no stage leaves float32.
+HIGHEST_CD_M2 = 1e12
 
-def check_number(name: str, value: Any, unit: str, low: float, high: float = inf, *, above: bool = False) -> None:
-    """Refuse a value that is not a finite number from `low` to `high` (above `low` if `above`).
+
+@dataclass(frozen=True)
+class Number:
+    """Unit and range of a number, in its annotation: ``Annotated[float, Number("cd/m^2", 0, 1e12)]``.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as messages name it.
+    low, high : float
+        Lowest and highest value.
+    above : bool
+        Whether the lowest itself is refused.
+    """
+
+    unit: str
+    low: float
+    high: float = inf
+    above: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """Refuse a value that is not a finite number in the range.
+
+        Raises
+        ------
+        InputError
+            Naming the key, its value, the range and the unit.
+        """
+        if not _is_number(value) or not self.low <= value <= self.high or (self.above and value == self.low):
+            raise InputError(f"{name} is {shown(value)}: give {self._interval()}{self.unit and ' '}{self.unit}")
+
+    def _interval(self) -> str:
+        start = f"a number above {self.low:g}" if self.above else f"a number from {self.low:g}"
+        if self.high == inf:
+            return start if self.above else f"a number of at least {self.low:g}"
+        return f"{start} to {self.high:g}"
+
+
+@dataclass(frozen=True)
+class Whole(Number):
+    """Unit and range of a whole number."""
+
+    def check(self, name: str, value: Any) -> None:
+        """Refuse a value that is not a whole number in the range; raises InputError as `Number.check`."""
+        if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+            raise InputError(f"{name} is {shown(value)}: give a whole number{self.unit and ' of '}{self.unit}")
+        super().check(name, value)
+
+
+class Flag:
+    """True or false."""
+
+    def check(self, name: str, value: Any) -> None:
+        """Refuse a value that is not true or false; raises InputError."""
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"{name} is {shown(value)}: give true or false")
+
+
+Side: TypeAlias = Annotated[int, Whole("pixels", 1, LARGEST_SIDE)]
+Luminance: TypeAlias = Annotated[float, Number("cd/m^2", 0, HIGHEST_CD_M2)]
+Fraction: TypeAlias = Annotated[float, Number("(a fraction)", 0, 1, above=True)]
+Bits: TypeAlias = Annotated[int, Whole("bits", 1, 16)]
+MergedBits: TypeAlias = Annotated[int, Whole("bits", 1, 48)]
+Oversampling: TypeAlias = Annotated[int, Whole("samples", 1, 64)]
+ElectronRate: TypeAlias = Annotated[float, Number("e-/s", 0, 1e9)]
+
+TEMPERATURE, GAIN = Number("degC", -100, 200), Number("dB", -100, 100)
+Temperature: TypeAlias = Annotated[float, TEMPERATURE]
+
+#: Of seeds, and of what is counted from 0.
+COUNT = Whole("", 0)
+THREADS = Whole("", 1)
+
+
+class Parameters:
+    """A dataclass that refuses values its annotations do not allow.
 
     Raises
     ------
     InputError
-        Naming the key, its value, the range and the unit.
+        Naming the first field out of its range.
     """
-    if not _is_number(value) or not low <= value <= high or (above and value == low):
-        raise InputError(f"{name} is {shown(value)}: give {_interval(low, high, above)}{unit and ' '}{unit}")
+
+    def __post_init__(self) -> None:
+        cls: Any = type(self)
+        for name, rule, optional in _rules(cls):
+            value = getattr(self, name)
+            if not (optional and value is None):
+                rule.check(name, value)
 
 
-#: Name, unit, lowest and highest value of a number, and whether the lowest itself is refused.
-Range = tuple[str, str, float, float, bool]
+@dataclass(frozen=True)
+class Sized(Parameters):
+    """What has a size in pixels.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+
+    Raises
+    ------
+    InputError
+        If the size is not two whole numbers of pixels.
+    """
+
+    width: Side
+    height: Side
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
 
 
-def check_ranges(parameters: object, ranges: Iterable[Range]) -> None:
-    """Refuse a dataclass with a number out of its range; raises InputError as `check_number`."""
-    for name, unit, low, high, above in ranges:
-        check_number(name, getattr(parameters, name), unit, low, high, above=above)
-
-
-def check_whole(name: str, value: Any, unit: str, low: int, high: float = inf) -> None:
-    """Refuse a value that is not a whole number from `low` to `high`; raises InputError as `check_number`."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise InputError(f"{name} is {shown(value)}: give a whole number{unit and ' of '}{unit}")
-    check_number(name, value, unit, low, high)
-
-
-def check_flag(name: str, value: Any) -> None:
-    """Refuse a value that is not true or false; raises InputError."""
-    if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name} is {shown(value)}: give true or false")
+@lru_cache
+def _rules(cls: type) -> list[tuple[str, Number | Flag, bool]]:
+    """Fields with their rules, and whether they may be None."""
+    return [
+        (name, rule, NoneType in get_args(get_args(hint)[0]))
+        for name, hint in get_type_hints(cls, include_extras=True).items()
+        for rule in getattr(hint, "__metadata__", ())
+        if isinstance(rule, Number | Flag)
+    ]
 
 
 def _is_number(value: Any) -> bool:
@@ -55,10 +150,3 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     return isfinite(value) if not isinstance(value, int) else abs(value) < 2**1000
-
-
-def _interval(low: float, high: float, above: bool) -> str:
-    start = f"a number above {low:g}" if above else f"a number from {low:g}"
-    if high == inf:
-        return start if above else f"a number of at least {low:g}"
-    return f"{start} to {high:g}"

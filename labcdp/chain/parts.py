@@ -12,10 +12,10 @@ from ..core.disk.text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
-from .document import changed, parts_of_document, scene_table, sensor_tables, settings_table, stage_table
+from .document import changed, document_of_parts, parts_of_document
 from .hdr import Hdr
 from .registry import chain_text
-from .scene.scenes import Scene
+from .scene.scene import Scene
 from .signal import UNITS, ExposureSettings, SensorModel, Stage
 
 _Stages = Sequence[tuple[str, Stage]]
@@ -184,7 +184,7 @@ class ChainParts:
     @property
     def document(self) -> dict[str, Any]:
         """The tables of a chain file for this chain, made anew each time; all parameters, the size in the scene."""
-        return self._document(self.folder)
+        return document_of_parts(self, self.folder)
 
     def to_toml(self) -> str:
         """Return the text of a chain file for this chain."""
@@ -208,7 +208,7 @@ class ChainParts:
             If a part is not registered for chain files.
         """
         path = Path(path)
-        text = toml_text(self._document(path.parent))
+        text = toml_text(document_of_parts(self, path.parent))
         write_file(path, text.encode(), force=force)
 
     def with_(self, **changes: Any) -> Self:
@@ -248,16 +248,3 @@ class ChainParts:
     def of_sensor(self, name: str, sensor_name: str) -> str:
         """Name in a run of what one sensor gives."""
         return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name
-
-    def _document(self, folder: Path) -> dict[str, Any]:
-        texts = {"name": self.name, "description": self.description, "spectrum": self.spectrum}
-        document: dict[str, Any] = {key: text for key, text in texts.items() if text}
-        document["scene"] = scene_table(self.scene, folder)
-        document |= {name: stage_table(name, stage, folder) for name, stage in self.before}
-        if self.settings is not None:
-            document["exposure"] = settings_table(self.settings, folder)
-        if self.sensors:
-            document["sensor"] = sensor_tables(self.sensors, folder)
-        if self.hdr is not None:
-            document["hdr"] = settings_table(self.hdr, folder)
-        return document | {name: stage_table(name, stage, folder) for name, stage in self.behind}

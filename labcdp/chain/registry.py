@@ -1,4 +1,4 @@
-"""Which class a table of a chain file stands for.
+"""Which class a table of a chain file stands for, and the chain files that ship with labcdp.
 
 A new stage, sensor model or scene is one small class and one call of `register`.
 """
@@ -6,6 +6,7 @@ A new stage, sensor model or scene is one small class and one call of `register`
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import is_dataclass
 from importlib.metadata import entry_points
 from importlib.resources import files
@@ -21,7 +22,7 @@ ENTRY_POINT_GROUP = "labcdp.chain"
 
 _CLASSES: dict[str, dict[str, type]] = {}
 # What else a chain file has at its top; only to be suggested.
-_OTHER_NAMES = ("exposure", "hdr", "name", "description", "spectrum")
+_TEXTS = ("name", "description", "spectrum")
 
 
 def register(table: str, cls: type, type_name: str = "standard") -> None:
@@ -56,23 +57,27 @@ def class_of(table: str, type_name: str | None) -> type:
     Raises
     ------
     ConfigurationError
-        If table or type are unknown; the text begins after the table's name.
+        If table or type are unknown.
     """
+    problem = _unknown(table, type_name)
+    if problem:
+        _load_entry_points(problem)
+        problem = _unknown(table, type_name)
+    types = _CLASSES.get(table, {})
+    if problem:
+        asked, known = (type_name, types) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
+        raise ConfigurationError(f"{problem}: {suggestion(str(asked), known)}")
+    if type_name is None and table == "scene":
+        raise ConfigurationError(f"{table}.type is missing: give one of {', '.join(types)}")
+    return types[next(iter(types)) if type_name is None else type_name]
+
+
+def _unknown(table: str, type_name: str | None) -> str:
+    """Return what is not known of a table; empty if all is."""
     if table not in _CLASSES:
-        _load_entry_points("is not known")
-    elif type_name is not None and type_name not in _CLASSES[table]:
-        _load_entry_points(f".type is {shown(type_name)}, which is not known")
-    if table not in _CLASSES:
-        raise ConfigurationError(f"is not known: {_instead(table, [*_CLASSES, *_OTHER_NAMES])}")
-    types = _CLASSES[table]
-    if type_name is None:
-        if table == "scene":
-            raise ConfigurationError(f".type is missing: give one of {', '.join(types)}")
-        type_name = next(iter(types))
-    if type_name not in types:
-        instead = _instead(type_name, list(types))
-        raise ConfigurationError(f".type is {shown(type_name)}, which is not known: {instead}")
-    return types[type_name]
+        return f"{table} is not known"
+    unknown = type_name is not None and type_name not in _CLASSES[table]
+    return f"{table}.type is {shown(type_name)}, which is not known" if unknown else ""
 
 
 def type_of(table: str, cls: type) -> str | None:
@@ -105,9 +110,11 @@ def _load_entry_points(reason: str) -> None:
             ) from error
 
 
-def _instead(name: str, known: list[str]) -> str:
-    close = closest(name, known)
-    return f"did you mean {close}?" if close else f"give one of {', '.join(known)}"
+def suggestion(name: str, known: Iterable[str], instead: str = "give one of") -> str:
+    """Say which known name is like an unknown one, or else all that there are."""
+    names = list(known)
+    close = closest(name, names)
+    return f"did you mean {close}?" if close else f"{instead} {', '.join(names)}"
 
 
 def preset_names() -> tuple[str, ...]:
@@ -125,9 +132,9 @@ def preset_text(name: str) -> str:
     """
     names = preset_names()
     if name not in names:
-        close = closest(name, names)
-        hint = f"did you mean {close}?" if close else f"give a .toml file, or one of {', '.join(names)}"
-        raise ConfigurationError(f"there is no preset {shown(name)}: {hint}")
+        raise ConfigurationError(
+            f"there is no preset {shown(name)}: {suggestion(name, names, 'give a .toml file, or one of')}"
+        )
     return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
 
 

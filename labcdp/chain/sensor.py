@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, sqrt
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from .fixed_pattern import (
     draw_photo_response,
     for_each_block,
 )
-from .parameters import LARGEST_SIDE, Range, check_number, check_ranges, check_whole
+from .parameters import COUNT, GAIN, TEMPERATURE, THREADS, Bits, ElectronRate, Number, Sized, Temperature
 from .signal import Capture, Context, Signal, check_shape, settings_of
 
 FloatMap = NDArray[np.float32]
@@ -76,26 +76,16 @@ FloatArray = NDArray[np.floating[Any]]
 #: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
 
-_RANGES: tuple[Range, ...] = (
-    ("pixel_pitch_m", "m", 0, 1e-3, True),
-    # float32 holds whole numbers up to 1.6e7.
-    ("full_well_e", "e-", 0, 1e7, True),
-    ("k_dn_per_e", "DN/e-", 1e-6, 1e6, False),
-    ("read_noise_e", "e-", 0, 1e6, False),
-    ("dark_current_e_s", "e-/s", 0, 1e9, False),
-    ("reference_temperature_c", "degC", -100, 200, False),
-    ("doubling_temperature_c", "K", 1, 100, False),
-    # A gain of 0 is ten sigma away.
-    ("prnu_rel", "(a fraction)", 0, 0.1, False),
-    ("dsnu_e", "e-", 0, 1e6, False),
-    ("dsnu_e_s", "e-/s", 0, 1e9, False),
-    ("column_dsnu_e", "e-", 0, 1e6, False),
-    ("row_dsnu_e", "e-", 0, 1e6, False),
-)
+PixelPitch: TypeAlias = Annotated[float, Number("m", 0, 1e-3, above=True)]
+# float32 holds whole numbers up to 1.6e7.
+FullWell: TypeAlias = Annotated[float, Number("e-", 0, 1e7, above=True)]
+SystemGain: TypeAlias = Annotated[float, Number("DN/e-", 1e-6, 1e6)]
+Doubling: TypeAlias = Annotated[float, Number("K", 1, 100)]
+_Noise: TypeAlias = Annotated[float, Number("e-", 0, 1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
+class Sensor(Sized):
     """A monochrome image sensor with its converter: the linear camera model of EMVA 1288.
 
     Parameters
@@ -138,43 +128,33 @@ class Sensor:
     #: Standard deviations of a full pixel between its full well and the DN from which it counts as saturated.
     SPREADS_BELOW_FULL: ClassVar[float] = 6.0
 
-    pixel_pitch_m: float
-    width: int
-    height: int
+    pixel_pitch_m: PixelPitch
     quantum_efficiency: QuantumEfficiency
-    full_well_e: float
-    k_dn_per_e: float
-    read_noise_e: float
-    dark_current_e_s: float
-    bits: int
+    full_well_e: FullWell
+    k_dn_per_e: SystemGain
+    read_noise_e: _Noise
+    dark_current_e_s: ElectronRate
+    bits: Bits
     black_level_dn: float = 0.0
-    reference_temperature_c: float = 25.0
-    doubling_temperature_c: float = 8.0
-    prnu_rel: float = 0.0
-    dsnu_e: float = 0.0
-    column_dsnu_e: float = 0.0
-    row_dsnu_e: float = 0.0
-    dsnu_e_s: float = 0.0
-    device_seed: int = 0
+    reference_temperature_c: Temperature = 25.0
+    doubling_temperature_c: Doubling = 8.0
+    # A gain of 0 is ten sigma away.
+    prnu_rel: Annotated[float, Number("(a fraction)", 0, 0.1)] = 0.0
+    dsnu_e: _Noise = 0.0
+    column_dsnu_e: _Noise = 0.0
+    row_dsnu_e: _Noise = 0.0
+    dsnu_e_s: ElectronRate = 0.0
+    device_seed: Annotated[int, COUNT] = 0
 
     def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
-        for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
-        check_whole("bits", self.bits, "bits", 1, 16)
-        check_whole("device_seed", self.device_seed, "", 0)
-        check_number("black_level_dn", self.black_level_dn, "DN", 0, 2**self.bits - 1)
+        super().__post_init__()
+        Number("DN", 0, 2**self.bits - 1).check("black_level_dn", self.black_level_dn)
         if self.dsnu_e_s > 0 and self.dark_current_e_s == 0:
             raise InputError(
                 f"dsnu_e_s is {self.dsnu_e_s} e-/s, but dark_current_e_s is 0: a dark current that varies has a "
                 "mean above 0"
             )
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
 
     @cached_property
     def fixed_pattern(self) -> FixedPattern:
@@ -188,7 +168,7 @@ class Sensor:
 
     def system_gain_dn_per_e(self, gain_db: float = 0.0) -> float:
         """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError beyond 100 dB."""
-        check_number("gain_db", gain_db, "dB", -100, 100)
+        GAIN.check("gain_db", gain_db)
         return float(self.k_dn_per_e * 10 ** (gain_db / 20))
 
     def dark_current_at(self, temperature_c: float) -> float:
@@ -199,7 +179,7 @@ class Sensor:
         InputError
             If the temperature is not from -100 to 200 degC.
         """
-        check_number("temperature_c", temperature_c, "degC", -100, 200)
+        TEMPERATURE.check("temperature_c", temperature_c)
         doublings = (temperature_c - self.reference_temperature_c) / self.doubling_temperature_c
         return float(self.dark_current_e_s * 2**doublings)
 
@@ -273,11 +253,11 @@ class Sensor:
         InputError
             If a value is out of its range, or the rate has another shape than the sensor.
         """
-        check_number("exposure_s", exposure_s, "s", 0, above=True)
-        check_whole("seed", seed, "", 0)
-        check_whole("exposure_index", exposure_index, "", 0)
+        Number("s", 0, above=True).check("exposure_s", exposure_s)
+        COUNT.check("seed", seed)
+        COUNT.check("exposure_index", exposure_index)
         if threads is not None:
-            check_whole("threads", threads, "", 1)
+            THREADS.check("threads", threads)
         rate = self._checked_rate(electron_rate)
         k_dn_per_e = self.system_gain_dn_per_e(gain_db)
         dark_e = np.float32(self.dark_current_at(temperature_c) * exposure_s)

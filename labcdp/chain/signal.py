@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from .parameters import check_number
+from .parameters import GAIN, Number, Parameters, Temperature
 
 
 @dataclass(frozen=True)
-class ExposureSettings:
+class ExposureSettings(Parameters):
     """One exposure, or a bracket of several of the same scene.
 
     Parameters
@@ -33,9 +33,9 @@ class ExposureSettings:
         If no time is given, one is not above 0, two are equal, or another value is out of its range.
     """
 
-    exposure_s: tuple[float, ...]
-    gain_db: float = 0.0
-    temperature_c: float = 25.0
+    exposure_s: tuple[float, ...] = field(metadata={"single": True})
+    gain_db: Annotated[float, GAIN] = 0.0
+    temperature_c: Temperature = 25.0
 
     def __post_init__(self) -> None:
         given: Any = self.exposure_s
@@ -44,11 +44,10 @@ class ExposureSettings:
         if not times:
             raise InputError("exposure_s is empty: give one exposure time in s, or several")
         for time in times:
-            check_number("exposure_s", time, "s", 1e-9, 3600)
+            Number("s", 1e-9, 3600).check("exposure_s", time)
         if len(set(times)) < len(times):
             raise InputError(f"exposure_s has the times {list(times)} s, of which two are equal: give each time once")
-        check_number("gain_db", self.gain_db, "dB", -100, 100)
-        check_number("temperature_c", self.temperature_c, "degC", -100, 200)
+        super().__post_init__()
         object.__setattr__(self, "exposure_s", tuple(float(time) for time in times))
 
 

@@ -1,8 +1,8 @@
-"""The sensor of the 2018 thesis, with its noise where the thesis puts it, to repeat its published values."""
+"""Windscreen and sensor of the 2018 thesis, with what differs from physics, to repeat its published values."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -10,27 +10,45 @@ from numpy.typing import NDArray
 
 from ..core.photometry import electron_radiance_per_cd_m2
 from .fixed_pattern import Stream, block_generator
-from .parameters import LARGEST_SIDE, Range, check_ranges, check_whole
+from .optics import Glare, Windscreen
+from .parameters import Bits, ElectronRate, Fraction, Parameters, Sized, Temperature
+from .sensor import Doubling, FullWell, PixelPitch, SystemGain
 from .signal import Capture, Context, Signal, check_shape, settings_of
 
-_RANGES: tuple[Range, ...] = (
-    ("pixel_pitch_m", "m", 0, 1e-3, True),
-    ("quantum_efficiency", "(a fraction)", 0, 1, True),
-    ("full_well_e", "e-", 0, 1e7, True),
-    ("k_dn_per_e", "DN/e-", 1e-6, 1e6, False),
-    ("dark_current_e_s", "e-/s", 0, 1e9, False),
-    ("row_dark_current_e_s", "e-/s", 0, 1e9, False),
-    ("column_dark_current_e_s", "e-/s", 0, 1e9, False),
-    ("reference_temperature_c", "degC", -100, 200, False),
-    ("doubling_temperature_c", "K", 1, 100, False),
-    ("pixel_pattern_e_s", "e-/s", 0, 1e9, False),
-    ("row_pattern_e_s", "e-/s", 0, 1e9, False),
-    ("column_pattern_e_s", "e-/s", 0, 1e9, False),
-)
+
+@dataclass(frozen=True)
+class ThesisWindscreen(Parameters):
+    """The windscreen of the 2018 thesis, whose inverse subtracts the glare and does not quite undo the loss.
+
+    It takes off glare / transmittance and does not divide by the transmittance, so a luminance L comes back as
+    transmittance * L + glare * (transmittance - 1 / transmittance). The published CDP values need it.
+
+    Parameters
+    ----------
+    transmittance, glare_fraction : float
+        As those of `Windscreen`.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    takes: ClassVar[str] = "luminance"
+    gives: ClassVar[str] = "luminance"
+
+    transmittance: Fraction
+    glare_fraction: Glare = 0.0
+
+    def process(self, signal: Signal, context: Context) -> Signal:
+        """Luminance behind the windscreen, with the thesis' inverse."""
+        taken_off_cd_m2 = self.glare_fraction * signal.scene_mean() / self.transmittance
+        behind = Windscreen(self.transmittance, self.glare_fraction).process(signal, context)
+        return replace(behind, to_luminance=lambda values: signal.to_luminance(values - taken_off_cd_m2))
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThesisSensor:
+class ThesisSensor(Sized):
     """Sensor model of L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018, section 3.2.1, eq. 3.2 and 3.3.
 
     It differs from EMVA 1288 (`Sensor`) in this: photons have no noise of their own; the dark noise is drawn on the
@@ -69,32 +87,19 @@ class ThesisSensor:
 
     takes: ClassVar[str] = "illuminance"
 
-    pixel_pitch_m: float
-    width: int
-    height: int
-    quantum_efficiency: float
-    full_well_e: float
-    k_dn_per_e: float
-    dark_current_e_s: float
-    row_dark_current_e_s: float
-    column_dark_current_e_s: float
-    doubling_temperature_c: float
-    bits: int
-    reference_temperature_c: float = 25.0
-    pixel_pattern_e_s: float = 5.0
-    row_pattern_e_s: float = 5.0
-    column_pattern_e_s: float = 10.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
-        for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1, LARGEST_SIDE)
-        check_whole("bits", self.bits, "bits", 1, 16)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
+    pixel_pitch_m: PixelPitch
+    quantum_efficiency: Fraction
+    full_well_e: FullWell
+    k_dn_per_e: SystemGain
+    dark_current_e_s: ElectronRate
+    row_dark_current_e_s: ElectronRate
+    column_dark_current_e_s: ElectronRate
+    doubling_temperature_c: Doubling
+    bits: Bits
+    reference_temperature_c: Temperature = 25.0
+    pixel_pattern_e_s: ElectronRate = 5.0
+    row_pattern_e_s: ElectronRate = 5.0
+    column_pattern_e_s: ElectronRate = 10.0
 
     def capture(self, signal: Signal, context: Context, index: int) -> Capture:
         """Take the exposure `index` of the context's settings; its inverse takes off the mean dark signal drawn."""

@@ -90,8 +90,8 @@ def test_conversion_is_the_inverse_of_the_stages(chain: ImagingChain) -> None:
     sensor = chain.sensor
     electrons = (dn - float(sensor.black_level_dn)) / sensor.system_gain_dn_per_e(3.0)
     rate = electrons / 0.002 - sensor.dark_current_at(TEMPERATURE_C)
-    behind = chain.optics.invert(rate / sensor.electrons_per_lx_s("D65"), sensor.pixel_pitch_m)
-    luminance = behind / 0.9
+    per_cd_m2 = chain.optics.apply(np.ones(rate.shape), sensor.pixel_pitch_m)
+    luminance = rate / sensor.electrons_per_lx_s("D65") / per_cd_m2 / 0.9
     result = chain.conversion(3.0, temperature_c=TEMPERATURE_C).to_luminance(frame(chain, dn, 0.002, 3.0))
     np.testing.assert_allclose(result.luminance_cd_m2, luminance, rtol=1e-9, atol=1e-9)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from labcdp.chain import Optics
+from labcdp.chain import Context, Optics, Signal
 
 PITCH_M = 3.45e-6
 
@@ -65,4 +65,7 @@ def test_invert_returns_the_luminance(
     scene: np.ndarray, f_number: float, transmittance: float, magnification: float
 ) -> None:
     lens = Optics(f_number, transmittance, 1e-3, magnification)
-    np.testing.assert_allclose(lens.invert(lens.apply(scene, 1e-4), 1e-4), scene, rtol=1e-12, atol=1e-300)
+    signal = Signal(scene, "luminance", lambda luminance: luminance)
+    behind = lens.process(signal, Context("D65", pixel_pitch_m=1e-4))
+    np.testing.assert_allclose(behind.values, lens.apply(scene, 1e-4), rtol=1e-15)
+    np.testing.assert_allclose(behind.luminance_cd_m2, scene, rtol=1e-12, atol=1e-300)

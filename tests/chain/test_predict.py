@@ -12,7 +12,7 @@ from scipy.stats import poisson
 from labcdp.chain import Context, ExposureSettings, Hdr, Sensor, Signal, ToneCurve
 from labcdp.chain.hdr import ExposureLadder, Method, merge_dn
 from labcdp.chain.predict.camera import CameraModel
-from labcdp.chain.predict.prediction import PatchRates, predict, predict_interval
+from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.chain.predict.value_table import value_table
 from labcdp.chain.signal import Capture
 from labcdp.metrics import Distribution, cdp
@@ -290,19 +290,6 @@ def test_a_map_gives_what_single_cells_give() -> None:
         assert float(one.cdp) == pytest.approx(whole.cdp[i, j], abs=1e-9)
         assert float(one.csnr) == pytest.approx(whole.csnr[i, j], rel=1e-6)
     np.testing.assert_allclose(whole.cdp + whole.below + whole.above, 1, atol=1e-9)
-
-
-def test_open_intervals_follow_the_conventions_of_cdp() -> None:
-    camera = single(USUAL)
-    rates = PatchRates(3.0, 9.0)
-    dark, bright = (patch_distribution(camera, rate) for rate in (3.0, 9.0))
-    undefined = dark.not_positive * bright.not_positive
-    at_least, at_most = predict_interval(camera, rates, 0.5, inf), predict_interval(camera, rates, -inf, 2.0)
-    within = predict_interval(camera, rates, 0.5, 2.0)
-    assert float(at_least.below) == pytest.approx(float(within.below), abs=1e-12)
-    assert float(at_least.cdp) == pytest.approx(float(within.cdp + within.above), abs=1e-12)
-    assert float(at_most.cdp) == pytest.approx(float(within.cdp + within.below) - undefined, abs=1e-7)
-    assert float(at_most.below) == pytest.approx(undefined, abs=1e-7)
 
 
 @pytest.mark.parametrize("tone_curve", [None, ToneCurve(12, 8)])

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from ...core.errors import InputError, PredictionError
 from ..chain import Chain
 from ..isp import ToneCurve
-from ..scene.scenes import Scene
+from ..scene.scene import Scene
 from ..sensor import Sensor
 from ..signal import Signal
 from .camera import CameraModel
 from .mixed_pixels import is_mixed, mixed_pair
-from .prediction import ExactPrediction, PatchRates, predict
+from .pairs import ExactPrediction
+from .prediction import PatchRates, predict
 
 FloatArray = NDArray[np.float64]
 

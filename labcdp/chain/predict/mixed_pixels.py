@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ...core.errors import PredictionError
 from ..chain import Chain
 from ..optics import Optics
-from ..scene.scenes import Checkerboard, Scene
+from ..scene.charts import Checkerboard
+from ..scene.scene import Scene
 
 FloatArray = NDArray[np.float64]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +16,27 @@ FloatArray = NDArray[np.float64]
 _ON_END = 1e-12
 
 
+#: Rates of the parts of a patch in photo-electrons per second, and shares of its pixels, along the last axis.
+Patch: TypeAlias = tuple[FloatArray, FloatArray]
+
+
 @dataclass(frozen=True, eq=False)
 class Cells:
     """Pairs of patches, one a cell; arrays of shape (n,) unless stated otherwise.
 
     Parameters
     ----------
-    dark, bright : tuple of ndarray, each of shape (n, parts)
-        Of each patch the mean photo-electrons per second of its parts, and the share of its pixels that are of each.
+    dark, bright : Patch
+        Of each patch the mean photo-electrons per second of its parts, and the share of its pixels that are of each,
+        both of shape (n, parts).
     zero : ndarray
         Value that stands for a luminance of 0, in the unit of the values.
     low, high : ndarray
-        Ends of the interval of detected contrasts, fractions; -inf and inf for an open end.
+        Ends of the interval of detected contrasts, fractions from 0 on.
     """
 
-    dark: tuple[FloatArray, FloatArray]
-    bright: tuple[FloatArray, FloatArray]
+    dark: Patch
+    bright: Patch
     zero: FloatArray
     low: FloatArray
     high: FloatArray
@@ -41,18 +47,34 @@ class Cells:
         return Cells(dark, bright, self.zero[index], self.low[index], self.high[index])
 
 
-#: Columns of what `evaluate_cells` returns.
-COLUMNS = (
-    "cdp",
-    "below",
-    "above",
-    "mean_contrast",
-    "csnr",
-    "snr_dark",
-    "snr_bright",
-    "saturated_share",
-    "saturated_share_dark",
-)
+@dataclass(frozen=True, eq=False)
+class ExactPrediction:
+    """What all pairs of pixels of two patches come to; arrays of one shape.
+
+    Parameters
+    ----------
+    cdp, below, above : ndarray
+        Share of pairs whose contrast lies in the interval, below or above it, as those of `labcdp.metrics.cdp`.
+    mean_contrast : ndarray
+        Mean Weber contrast over the pairs with a dark value above 0. Where dark values come close to 0, few pairs
+        decide it.
+    csnr : ndarray
+        `mean_contrast` over the standard deviation of the contrast (contrast signal-to-noise ratio).
+    snr_dark, snr_bright : ndarray
+        Mean over standard deviation of the linear signal of each patch; inf without noise.
+    saturated_share, saturated_share_dark : ndarray
+        Share of saturated pixels in the bright and in the dark patch.
+    """
+
+    cdp: FloatArray
+    below: FloatArray
+    above: FloatArray
+    mean_contrast: FloatArray
+    csnr: FloatArray
+    snr_dark: FloatArray
+    snr_bright: FloatArray
+    saturated_share: FloatArray
+    saturated_share_dark: FloatArray
 
 
 def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
@@ -67,20 +89,20 @@ def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
 
     Returns
     -------
-    ndarray, shape (n, 9)
-        In the order of `COLUMNS`.
+    ndarray, shape (9, n)
+        In the order of the fields of `ExactPrediction`.
     """
     bright = _bright_patches(table, cells)
-    result = np.empty((cells.zero.size, len(COLUMNS)))
+    result = np.empty((len(fields(ExactPrediction)), cells.zero.size))
     order = _by_rate(cells.dark)
     for part, first, share, clipped in table.blocks(*(array[order] for array in cells.dark)):
         chosen = order[part]
-        result[chosen, :-1] = _evaluate(table, cells.take(chosen), bright.take(chosen), first, share)
-        result[chosen, -1] = np.clip(clipped, 0.0, 1.0)
+        found = _evaluate(table, cells.take(chosen), bright, chosen, first, share)
+        result[:, chosen] = [*found, np.clip(clipped, 0.0, 1.0)]
     return result
 
 
-def _by_rate(patch: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
+def _by_rate(patch: Patch) -> NDArray[np.intp]:
     """Return the order of rising mean rates."""
     return np.argsort(np.einsum("np,np->n", *patch), kind="stable")
 
@@ -100,32 +122,22 @@ class _BrightPatches:
     variance: FloatArray
     saturated: FloatArray
 
-    def take(self, index: NDArray[np.intp]) -> _BrightPatches:
-        return _BrightPatches(
-            self.below,
-            self.start[index],
-            self.first[index],
-            self.size[index],
-            self.mean[index],
-            self.variance[index],
-            self.saturated[index],
-        )
+    def up_to(self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
+        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it."""
+        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
 
-    def up_to(self, table: ValueTable, limits: FloatArray) -> FloatArray:
-        """Probability of values of at most some limits, shape (n, k); of bins, with the part below the limit."""
-        cell = (slice(None), None)
+        def below(place: NDArray[np.intp]) -> FloatArray:
+            found: FloatArray = self.below.take(np.clip(place - first, 0, size) + start)
+            return found
+
         if table.bins is None:
-            place = np.searchsorted(table.values, limits, side="right") - self.first[cell]
-            below: FloatArray = self.below.take(np.clip(place, 0, self.size[cell]) + self.start[cell])
-            return below
+            return below(np.searchsorted(table.values, limits, side="right"))
         edges = table.bins.edges
         whole = np.clip(np.searchsorted(edges, limits, side="right") - 1, 0, edges.size - 2)
         part = np.clip((limits - edges[whole]) / (edges[whole + 1] - edges[whole]), 0.0, 1.0)
         part = np.where(table.bins.exact[whole], limits >= table.values[whole], part)
-        place = whole - self.first[cell]
-        lower = self.below.take(np.clip(place, 0, self.size[cell]) + self.start[cell])
-        upper = self.below.take(np.clip(place + 1, 0, self.size[cell]) + self.start[cell])
-        result: FloatArray = lower + part * (upper - lower)
+        lower = below(whole)
+        result: FloatArray = lower + part * (below(whole + 1) - lower)
         return result
 
 
@@ -159,35 +171,34 @@ def _moments(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatAr
     return centre[:, 0] + mean, np.maximum(variance, 0.0)
 
 
-def _evaluate(table: ValueTable, cells: Cells, bright: _BrightPatches, first: int, share: FloatArray) -> FloatArray:
-    """Evaluate cells, all columns but the last, whose dark patches have the probabilities `share` from `first` on."""
+def _evaluate(
+    table: ValueTable, cells: Cells, patches: _BrightPatches, numbers: NDArray[np.intp], first: int, share: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Evaluate cells, all fields but the last, whose dark patches have the probabilities `share` from `first` on."""
     values = table.values[first : first + share.shape[1]]
     mean, variance = _moments(values, share)
     lit_share, signal = _lit(table, cells.zero, first, share)
     dark_share = share.sum(axis=1) - lit_share.sum(axis=1)
-    not_positive = bright.up_to(table, cells.zero[:, None])[:, 0]
-    total = bright.up_to(table, np.full((cells.zero.size, 1), np.inf))[:, 0]
+    zero = cells.zero[:, None]
+    not_positive, total = (patches.up_to(table, numbers, limit)[:, 0] for limit in (zero, np.full_like(zero, np.inf)))
 
     def up_to_contrast(contrast: FloatArray, nudge: float) -> FloatArray:
         reach = signal * (1 + contrast[:, None])
-        limits = cells.zero[:, None] + reach + nudge * (np.abs(cells.zero)[:, None] + reach)
-        reached: FloatArray = np.einsum("nk,nk->n", lit_share, bright.up_to(table, limits))
+        limits = zero + reach + nudge * (np.abs(zero) + reach)
+        # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.
+        reached: FloatArray = np.einsum("nk,nk->n", lit_share, patches.up_to(table, numbers, limits))
+        reached += dark_share * not_positive
         return reached
 
-    undefined = dark_share * not_positive
-    # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.
-    below = undefined + np.where(np.isneginf(cells.low), 0.0, up_to_contrast(np.maximum(cells.low, -1), -_ON_END))
-    finite_high = np.where(np.isfinite(cells.high), cells.high, 0.0)
-    up_to_high = undefined + up_to_contrast(finite_high, _ON_END)
-    up_to_high = np.where(np.isfinite(cells.high), up_to_high, share.sum(axis=1) * total)
-    signal_mean = bright.mean - cells.zero
+    below, up_to_high = up_to_contrast(cells.low, -_ON_END), up_to_contrast(cells.high, _ON_END)
+    bright_mean, bright_variance = patches.mean[numbers] - cells.zero, patches.variance[numbers]
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean_contrast, csnr = _contrast_moments(lit_share, signal, signal_mean, bright.variance)
+        mean_contrast, csnr = _contrast_moments(lit_share, signal, bright_mean, bright_variance)
         snr_dark = (mean - cells.zero) / np.sqrt(variance)
-        snr_bright = signal_mean / np.sqrt(bright.variance)
-    cdp, above = up_to_high - below, share.sum(axis=1) * total - up_to_high
-    shares = [np.clip(one, 0.0, 1.0) for one in (cdp, below, above)]
-    return np.stack([*shares, mean_contrast, csnr, snr_dark, snr_bright, bright.saturated], axis=1)
+        snr_bright = bright_mean / np.sqrt(bright_variance)
+    above = share.sum(axis=1) * total - up_to_high
+    shares = [np.clip(one, 0.0, 1.0) for one in (up_to_high - below, below, above)]
+    return (*shares, mean_contrast, csnr, snr_dark, snr_bright, patches.saturated[numbers])
 
 
 def _lit(table: ValueTable, zero: FloatArray, first: int, share: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,16 @@ from ...core.disk.files import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
 from ..fixed_pattern import kept
-from ..parameters import check_number, check_whole
+from ..parameters import Number, Oversampling, Parameters
 from ..point_spread import pixel_means
-from .scene import FloatMap, Patch, luminance_map
-from .scenes import Level, Mask
+from .scene import FloatMap, Level, Mask, Patch, luminance_map
 
 #: Size from which an image is refused.
 _MOST_BYTES = 2**31
 
 
 @dataclass(frozen=True)
-class ImageScene:
+class ImageScene(Parameters):
     """A luminance image from a file; its size, over the oversampling, is the scene's.
 
     Parameters
@@ -49,13 +48,12 @@ class ImageScene:
     """
 
     path: Path = field(metadata={"path": True})
-    cd_m2_per_value: float = 1.0
+    cd_m2_per_value: Annotated[float, Number("cd/m^2", 0, above=True)] = 1.0
     regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
-    oversampling: int = 1
+    oversampling: Oversampling = 1
 
     def __post_init__(self) -> None:
-        check_number("cd_m2_per_value", self.cd_m2_per_value, "cd/m^2", 0, above=True)
-        check_whole("oversampling", self.oversampling, "samples", 1, 64)
+        super().__post_init__()
         object.__setattr__(self, "path", Path(self.path))
         if not isinstance(self.regions_xywh, Mapping):
             raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")

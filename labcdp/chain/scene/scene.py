@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ..parameters import check_number, check_whole
+from ..parameters import HIGHEST_CD_M2, Luminance, Parameters, Sized, Whole
 
 FloatMap = NDArray[np.float32]
-
-#: Highest luminance of a scene: well above the sun's 1.6e9 cd/m^2, and low enough that no stage leaves float32.
-HIGHEST_CD_M2 = 1e12
+Mask = NDArray[np.bool_]
 
 
 def luminance_map(luminance_cd_m2: ArrayLike) -> FloatMap:
@@ -48,7 +48,7 @@ def luminance_map(luminance_cd_m2: ArrayLike) -> FloatMap:
 
 
 @dataclass(frozen=True)
-class Patch:
+class Patch(Parameters):
     """A rectangle of one luminance.
 
     Parameters
@@ -66,18 +66,11 @@ class Patch:
         If a value is out of its range.
     """
 
-    x: int
-    y: int
-    width: int
-    height: int
-    luminance_cd_m2: float
-
-    def __post_init__(self) -> None:
-        for name in ("x", "y"):
-            check_whole(name, getattr(self, name), "pixels", 0)
-        for name in ("width", "height"):
-            check_whole(name, getattr(self, name), "pixels", 1)
-        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
+    x: Annotated[int, Whole("pixels", 0)]
+    y: Annotated[int, Whole("pixels", 0)]
+    width: Annotated[int, Whole("pixels", 1)]
+    height: Annotated[int, Whole("pixels", 1)]
+    luminance_cd_m2: Luminance
 
     @property
     def rows(self) -> slice:
@@ -124,3 +117,142 @@ def with_patches(background_cd_m2: ArrayLike, patches: Iterable[Patch]) -> Float
         patch.check_inside(width, height)
         scene[patch.rows, patch.columns] = patch.luminance_cd_m2
     return scene
+
+
+@dataclass(frozen=True)
+class Level:
+    """One of the luminances a scene consists of.
+
+    Parameters
+    ----------
+    name : str
+        Name of its region.
+    luminance_cd_m2 : float
+        Luminance in cd/m^2.
+    share : float
+        Share of the scene's area.
+    """
+
+    name: str
+    luminance_cd_m2: float
+    share: float
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """Protocol of scenes: frozen dataclasses of their parameters with a size and these methods.
+
+    A scene sampled finer than the pixels has an attribute `oversampling`, the samples on each side of a pixel, and its
+    luminance map as many times the size.
+    """
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Regions to be evaluated by name, masks of shape (height, width); may be empty."""
+
+    def levels(self) -> Sequence[Level]:
+        """All luminances of the scene with their share of its area; empty if they are not a few.
+
+        A level of a region has the region's name.
+        """
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Names of the regions whose contrast is evaluated, the darker one first."""
+
+
+@dataclass(frozen=True)
+class Flat(Sized):
+    """A field of one luminance.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    luminance_cd_m2 : float
+        Luminance in cd/m^2.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    luminance_cd_m2: Luminance
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        return np.full(self.shape, self.luminance_cd_m2, np.float32)
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return the whole field as ``field``."""
+        return {"field": np.ones(self.shape, bool)}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the one level."""
+        return (Level("field", self.luminance_cd_m2, 1.0),)
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return nothing: one luminance has no contrast."""
+        return ()
+
+
+@dataclass(frozen=True)
+class PatchScene(Sized):
+    """A target of rectangular patches on a uniform background.
+
+    Parameters
+    ----------
+    width, height : int
+        Size in pixels.
+    background_cd_m2 : float
+        Luminance of the background in cd/m^2.
+    patches : tuple of Patch
+        The rectangles; a later one covers an earlier one.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range or a patch does not lie inside the scene.
+    """
+
+    background_cd_m2: Luminance
+    patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for patch in self.patches:
+            patch.check_inside(self.width, self.height)
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m^2, shape (height, width)."""
+        return with_patches(np.full(self.shape, self.background_cd_m2, np.float32), self.patches)
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return what is seen of the background and of each patch, as ``background``, ``patch 1``, ``patch 2``, ..."""
+        owner = np.zeros(self.shape, np.int32)
+        for number, patch in enumerate(self.patches, 1):
+            owner[patch.rows, patch.columns] = number
+        seen = {number: owner == number for number in range(len(self.patches) + 1)}
+        return {self._name(number): mask for number, mask in seen.items() if mask.any()}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the level of each region."""
+        luminances = (self.background_cd_m2, *(patch.luminance_cd_m2 for patch in self.patches))
+        levels = {self._name(number): luminance for number, luminance in enumerate(luminances)}
+        return tuple(Level(name, levels[name], float(mask.mean())) for name, mask in self.regions().items())
+
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Return each region with the next brighter one, patches only if two or more are seen."""
+        levels = self.levels()
+        patches = [level for level in levels if level.name != "background"]
+        neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
+        return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)
+
+    def _name(self, number: int) -> str:
+        return f"patch {number}" if number else "background"

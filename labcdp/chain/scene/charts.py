@@ -1,137 +1,20 @@
-"""Scenes of named uniform regions."""
+"""Scenes that a formula gives: step charts and checkerboards."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk.files import shown
 from ...core.errors import InputError
-from ..parameters import LARGEST_SIDE, check_number, check_whole
+from ..parameters import HIGHEST_CD_M2, Luminance, Number, Oversampling, Sized, Whole
 from ..point_spread import pixel_means
-from .scene import HIGHEST_CD_M2, FloatMap, Patch, with_patches
-
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Level:
-    """One of the luminances a scene consists of.
-
-    Parameters
-    ----------
-    name : str
-        Name of its region.
-    luminance_cd_m2 : float
-        Luminance in cd/m^2.
-    share : float
-        Share of the scene's area.
-    """
-
-    name: str
-    luminance_cd_m2: float
-    share: float
-
-
-@runtime_checkable
-class Scene(Protocol):
-    """Protocol of scenes: frozen dataclasses of their parameters with a size and these methods.
-
-    A scene sampled finer than the pixels has an attribute `oversampling`, the samples on each side of a pixel, and its
-    luminance map as many times the size.
-    """
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
-
-    def regions(self) -> Mapping[str, Mask]:
-        """Regions to be evaluated by name, masks of shape (height, width); may be empty."""
-
-    def levels(self) -> Sequence[Level]:
-        """All luminances of the scene with their share of its area; empty if they are not a few.
-
-        A level of a region has the region's name.
-        """
-
-    def pairs(self) -> Sequence[tuple[str, str]]:
-        """Names of the regions whose contrast is evaluated, the darker one first."""
-
-
-@dataclass(frozen=True)
-class Sized:
-    """A scene of a size.
-
-    Parameters
-    ----------
-    width, height : int
-        Size in pixels.
-
-    Raises
-    ------
-    InputError
-        If the size is not two whole numbers of pixels.
-    """
-
-    width: int
-    height: int
-
-    def __post_init__(self) -> None:
-        check_whole("width", self.width, "pixels", 1, LARGEST_SIDE)
-        check_whole("height", self.height, "pixels", 1, LARGEST_SIDE)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width in pixels."""
-        return self.height, self.width
-
-
-@dataclass(frozen=True)
-class Flat(Sized):
-    """A field of one luminance.
-
-    Parameters
-    ----------
-    width, height : int
-        Size in pixels.
-    luminance_cd_m2 : float
-        Luminance in cd/m^2.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range.
-    """
-
-    luminance_cd_m2: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
-        return np.full(self.shape, self.luminance_cd_m2, np.float32)
-
-    def regions(self) -> Mapping[str, Mask]:
-        """Return the whole field as ``field``."""
-        return {"field": np.ones(self.shape, bool)}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the one level."""
-        return (Level("field", self.luminance_cd_m2, 1.0),)
-
-    def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return nothing: one luminance has no contrast."""
-        return ()
+from .scene import FloatMap, Level, Mask
 
 
 @dataclass(frozen=True)
@@ -162,7 +45,7 @@ class StepChart(Sized):
                 f"luminances_cd_m2 is {shown(given)}: give a list of 1 to {self.width} luminances, one a stripe"
             )
         for luminance in given:
-            check_number("luminances_cd_m2", luminance, "cd/m^2", 0, HIGHEST_CD_M2)
+            Number("cd/m^2", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
 
     def luminance_map(self) -> FloatMap:
@@ -195,63 +78,6 @@ class StepChart(Sized):
 
 
 @dataclass(frozen=True)
-class PatchScene(Sized):
-    """A target of rectangular patches on a uniform background.
-
-    Parameters
-    ----------
-    width, height : int
-        Size in pixels.
-    background_cd_m2 : float
-        Luminance of the background in cd/m^2.
-    patches : tuple of Patch
-        The rectangles; a later one covers an earlier one.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range or a patch does not lie inside the scene.
-    """
-
-    background_cd_m2: float
-    patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_number("background_cd_m2", self.background_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-        for patch in self.patches:
-            patch.check_inside(self.width, self.height)
-
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
-        return with_patches(np.full(self.shape, self.background_cd_m2, np.float32), self.patches)
-
-    def regions(self) -> Mapping[str, Mask]:
-        """Return what is seen of the background and of each patch, as ``background``, ``patch 1``, ``patch 2``, ..."""
-        owner = np.zeros(self.shape, np.int32)
-        for number, patch in enumerate(self.patches, 1):
-            owner[patch.rows, patch.columns] = number
-        seen = {number: owner == number for number in range(len(self.patches) + 1)}
-        return {self._name(number): mask for number, mask in seen.items() if mask.any()}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the level of each region."""
-        luminances = (self.background_cd_m2, *(patch.luminance_cd_m2 for patch in self.patches))
-        levels = {self._name(number): luminance for number, luminance in enumerate(luminances)}
-        return tuple(Level(name, levels[name], float(mask.mean())) for name, mask in self.regions().items())
-
-    def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return each region with the next brighter one, patches only if two or more are seen."""
-        levels = self.levels()
-        patches = [level for level in levels if level.name != "background"]
-        neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
-        return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)
-
-    def _name(self, number: int) -> str:
-        return f"patch {number}" if number else "background"
-
-
-@dataclass(frozen=True)
 class Checkerboard(Sized):
     """Dark and bright squares; the upper left one is dark. With squares of one pixel, the scene of the 2018 thesis.
 
@@ -274,19 +100,15 @@ class Checkerboard(Sized):
         If a value is out of its range, or the scene is too small for a bright square.
     """
 
-    luminance_cd_m2: float
-    contrast: float
+    luminance_cd_m2: Luminance
+    contrast: Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 99, above=True)]
     square_px: float = 1
-    oversampling: int = 1
+    oversampling: Oversampling = 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_whole("oversampling", self.oversampling, "samples", 1, 64)
-        check_number("luminance_cd_m2", self.luminance_cd_m2, "cd/m^2", 0, HIGHEST_CD_M2)
-        check_number("contrast", self.contrast, "(a fraction; 1.0 is 100 %)", 0, 99, above=True)
-        if self.oversampling == 1:
-            check_whole("square_px", self.square_px, "pixels", 1)
-        check_number("square_px", self.square_px, "pixels", 1 / self.oversampling)
+        number = Whole if self.oversampling == 1 else Number
+        number("pixels", 1 / self.oversampling).check("square_px", self.square_px)
         if abs(self.square_px * self.oversampling - self._square_samples) > 1e-6:
             raise InputError(
                 f"square_px is {self.square_px:g}: give a multiple of 1/{self.oversampling} pixels, the sampling"

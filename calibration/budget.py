@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, sqrt
+from math import hypot, inf, isfinite, sqrt
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..core.luminance import CommonError
-from .budget_gaps import rows_not_included
-from .converter import REFOCUS, common_errors
+from ..core.vignetting import Cos4Vignetting, FlatField
+from .colour.model import AnyCalibration, ColourCalibration
+from .converter import GLARE, REFOCUS, common_errors
 from .findings import BudgetRow
-from .meter import MeterScale
 from .model import Calibration, PatchResidual
-from .uncertainty import effective_dof, expanded_of, of_one_estimate
+from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
 #: Order of the rows; a source that is not among them comes last.
 SOURCES = (
@@ -30,15 +30,28 @@ SOURCES = (
     "linearity",
     "flat field",
     "exposure time",
-    "focus and aperture",
+    REFOCUS,
     "gain",
     "spectral mismatch",
-    "glare",
+    GLARE,
     "drift",
     "fit",
 )
-#: Preferred signal range, as shares of the saturation, for choosing the exposure.
+#: Sources whose uncertainty is not evaluated by statistics.
+_TYPE_B = ("meter scale", "meter f1'", "spectral mismatch", "exposure time", REFOCUS)
+#: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
+_OF_EACH_PLANE = ("shot and read noise", "uneven darkness", "dark and temperature", "gain", "linearity")
+#: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
+_BASIS = {
+    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
+    "dark and temperature": "covariance of the dark signal fitted to the dark frames",
+    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
+    "exposure time": "steps of the exposure time that cameras apply",
+    "gain": "scatter of the gains around each other",
+    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
+    GLARE: "free intercept of the fit",
+}
 
 
 @dataclass(frozen=True)
@@ -66,202 +79,221 @@ class CombinedUncertainty:
 
 
 def budget(
-    calibration: Calibration,
+    calibration: AnyCalibration,
     luminance_cd_m2: float,
     exposure_s: float | None = None,
     n_pixels: int = 1,
     n_frames: int = 1,
 ) -> tuple[BudgetRow, ...]:
-    """Split the uncertainty of a luminance into its sources.
+    """Split the uncertainty of a luminance into its sources, one row for each, in the order of `SOURCES`.
 
     The rows are the errors that `common_errors` states and the noise of the pixels, from which the intervals of patches
-    and maps are computed; sources unknown to both are listed as not included, with the reason.
+    and maps are computed; sources unknown to both are listed as not included, with the reason. With colour filters it
+    is that of a grey patch in the light of the calibration: L = sum of w_p L_p with equal L_p, so that each plane has
+    the share s_p = w_p / sum of w. Independent errors of the planes contribute the root of the sum of (s_p u_p)^2,
+    common ones |sum of s_p u_p| (JCGM 100:2008, 5.1.2, 5.2.2).
 
     Parameters
     ----------
-    calibration : Calibration
+    calibration : Calibration or ColourCalibration
         Of the camera.
     luminance_cd_m2 : float
         The luminance, on the optical axis.
     exposure_s : float or None
-        Exposure; None for the longest calibrated one at which the luminance is below 80 % of saturation.
+        Exposure; None for the longest calibrated one at which no plane is above 80 % of saturation.
     n_pixels, n_frames : int
-        Numbers of pixels and frames averaged; 1 and 1 for a pixel of a frame.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        One for each source, in the order of `SOURCES`.
+        Numbers of pixels, or groups of 2 x 2 pixels with colour filters, and of frames averaged.
 
     Raises
     ------
     InputError
         If luminance, exposure or a number is not positive.
     """
-    require_positive(luminance_cd_m2=luminance_cd_m2, n_pixels=n_pixels, n_frames=n_frames)
     t = budget_exposure_s(calibration, luminance_cd_m2) if exposure_s is None else exposure_s
-    if not (isfinite(t) and t > 0):
-        raise InputError(f"exposure_s is {exposure_s}: give a positive number of seconds")
-    net_dn = calibration.net_dn(luminance_cd_m2, t)
-    rows = {row.source: row for row in rows_not_included(calibration, luminance_cd_m2)}
-    known = (
-        *_of_common_errors(calibration, net_dn, t),
-        *_of_patches(calibration),
-        *_of_pixels(calibration, net_dn, n_pixels, n_frames, t),
-    )
-    rows |= {row.source: row for row in known}
-    rows |= {row.source: row for row in split_fit(calibration.residuals, rows["fit"])}
-    return in_order(rows.values())
-
-
-def in_order(rows: Iterable[BudgetRow]) -> tuple[BudgetRow, ...]:
-    """Sort rows as `SOURCES` are."""
+    given = {"luminance_cd_m2": luminance_cd_m2, "exposure_s": t, "n_pixels": n_pixels, "n_frames": n_frames}
+    for name, value in given.items():
+        if not (isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: give a positive number")
+    of_plane = luminance_cd_m2 / sum(calibration.weights)
+    planes = [_of_plane(plane, of_plane, t, n_pixels, n_frames) for plane in calibration.planes]
+    rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes)
+    if not rows[GLARE].included:
+        rows[GLARE] = _glare(calibration, luminance_cd_m2)
+    own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
+    if own.scatter_rel > 0:
+        basis = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
+        scatter = BudgetRow("patch uniformity", own.scatter_rel, "normal", False, "A", basis, dof=own.scatter_dof)
+        rows[scatter.source] = scatter
     order = {source: place for place, source in enumerate(SOURCES)}
-    return tuple(sorted(rows, key=lambda row: order.get(row.source, len(order))))
+    return tuple(sorted(rows.values(), key=lambda row: order.get(row.source, len(order))))
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
-    """Combine the included rows of a budget."""
+    """Combine the included rows of a budget; those with few degrees of freedom follow from one scatter."""
     included = [row for row in rows if row.included]
-    parts = [(row.standard_uncertainty_rel**2, row.dof or inf, row.distribution) for row in included]
-    u = sqrt(sum(square for square, _, _ in parts))
-    normal = [*_of_the_fit(included), *((s, d) for s, d, kind in parts if kind == "normal" and d == inf)]
-    rectangular = [sqrt(square) for square, _, distribution in parts if distribution == "rectangular"]
-    dof = effective_dof([*normal, *((square**2, inf) for square in rectangular)])
+    squares = [(row.standard_uncertainty_rel**2, row.dof or inf, row.distribution) for row in included]
+    normal = [of_one_estimate((square, dof) for square, dof, _ in squares if dof < inf)]
+    normal += [(square, dof) for square, dof, kind in squares if kind == "normal" and dof == inf]
+    rectangular = [sqrt(square) for square, _, kind in squares if kind == "rectangular"]
+    dof = effective_dof([*normal, *((u**2, inf) for u in rectangular)])
+    u = sqrt(sum(square for square, _, _ in squares))
     return CombinedUncertainty(u, dof, expanded_of(normal, rectangular))
 
 
-def _of_the_fit(rows: Sequence[BudgetRow]) -> list[tuple[float, float]]:
-    """Variance with few degrees of freedom: scatter of the patches, in the fit too."""
-    return [of_one_estimate((row.standard_uncertainty_rel**2, row.dof) for row in rows if row.dof)]
+def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> float:
+    """Longest calibrated exposure at which no plane is above 80 % of saturation, else the shortest."""
+    of_plane = luminance_cd_m2 / sum(calibration.weights)
+    longest = []
+    for plane in calibration.planes:
+        most_dn = _BEST_SHARE * plane.state.saturation_dn
+        fitting = [t for t in plane.exposures_s if plane.net_dn(of_plane, t) + plane.dark.mean_dn(t) <= most_dn]
+        longest.append(max(fitting, default=plane.exposures_s[0]))
+    return min(longest)
 
 
-def require_positive(**values: float) -> None:
-    """Refuse values that are not positive, by name."""
-    for name, value in values.items():
-        if not (isfinite(value) and value > 0):
-            raise InputError(f"{name} is {value}: give a positive number")
-
-
-def budget_exposure_s(calibration: Calibration, luminance_cd_m2: float) -> float:
-    """Longest calibrated exposure at which a luminance is below 80 % of saturation, else the shortest."""
-    fitting = [
-        t
-        for t in calibration.exposures_s
-        if calibration.net_dn(luminance_cd_m2, t) + calibration.dark.mean_dn(t)
-        <= _BEST_SHARE * calibration.state.saturation_dn
-    ]
-    return max(fitting, default=calibration.exposures_s[0])
-
-
-def _of_common_errors(calibration: Calibration, net_dn: float, exposure_s: float) -> list[BudgetRow]:
+def _of_plane(
+    plane: Calibration, luminance_cd_m2: float, exposure_s: float, n_pixels: int, n_frames: int
+) -> dict[str, BudgetRow]:
+    """Rows of a monochrome sensor, or of one plane."""
+    net_dn = plane.net_dn(luminance_cd_m2, exposure_s)
+    rows = _not_included(plane)
     errors: dict[str, list[CommonError]] = {}
-    for error in common_errors(calibration, np.array([net_dn]), exposure_s, calibration.state.gain_db):
+    for error in common_errors(plane, np.array([net_dn]), exposure_s):
         errors.setdefault(error.source, []).append(error)
-    rows = []
     for source, group in errors.items():
-        u = sqrt(sum(float(np.ravel(error.relative)[0]) ** 2 for error in group))
-        rectangular = all(error.rectangular for error in group)
-        rows.append(
-            BudgetRow(
-                source=source,
-                standard_uncertainty_rel=u,
-                distribution="rectangular" if rectangular else "normal",
-                common=True,
-                evaluation="B"
-                if source in ("meter scale", "meter f1'", "spectral mismatch", "exposure time", REFOCUS)
-                else "A",
-                basis=_BASIS.get(source)
-                or _of_meter(source, calibration.meter_scale)
-                or "as the calibration states it",
-                dof=None if group[0].dof == inf else group[0].dof,
-            )
-        )
-    return rows
-
-
-_BASIS = {
-    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
-    "dark and temperature": "covariance of the dark signal fitted to the dark frames",
-    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
-    "exposure time": "steps of the exposure time that cameras apply",
-    "gain": "scatter of the gains around each other",
-    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
-    "drift": "readings before and after the frames",
-    "flat field": "noise and repeatability of the flat field",
-    "glare": "free intercept of the fit",
-    "spectral mismatch": "mismatch of camera and light of the patches",
-}
-
-
-def _of_meter(source: str, scale: MeterScale) -> str:
-    """Return the basis of the rows of the meter; empty for another source."""
-    certificate = scale.certificate
-    if source == "meter f1'":
-        limits = f"f1' of {100 * (scale.f1_prime or 0):g} % as limits"
-        return f"{limits}: {scale.light} light, read by a meter calibrated in illuminant {scale.illuminant}"
-    if source != "meter scale":
-        return ""
-    if certificate is None:
-        limits = f"± {100 * scale.limits_rel:g} % (limits)"
-        return f"{limits} by the data sheet of the {scale.meter.model}; shared by all its readings"
-    of = f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}"
-    dof = "" if certificate.degrees_of_freedom is None else f", {certificate.degrees_of_freedom:g} degrees of freedom"
-    u = f"U = {100 * certificate.expanded_uncertainty_rel:g} % with k = {certificate.coverage_factor:g}{dof}"
-    return f"{u} by {of}; shared by all its readings"
-
-
-def split_fit(rows: Sequence[PatchResidual], fit: BudgetRow) -> list[BudgetRow]:
-    """Separate the meter's random part from the fit: its share of the variance of a weighted mean over patches."""
-    meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
-    total = np.array(
-        [_total_rel(row.residual_rel, row.standardised_residual, u) for row, u in zip(rows, meter, strict=True)]
-    )
-    weight = 1 / np.maximum(total, 1e-12) ** 2
-    share = min(float(np.sum((weight * meter) ** 2) / np.sum((weight * total) ** 2)), 1.0)
-    u = fit.standard_uncertainty_rel
-    return [
-        BudgetRow(
-            "meter repeatability",
-            u * sqrt(share),
-            "normal",
-            True,
-            "A",
-            f"{sum(row.n_readings for row in rows)} readings of {len(rows)} patches, last digit included; its share of "
-            "the fit",
-            dof=fit.dof,
-        ),
-        replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),
-    ]
-
-
-def _total_rel(residual_rel: float, standardised: float, least: float) -> float:
-    return max(abs(residual_rel / standardised), least) if standardised else least
-
-
-def _of_patches(calibration: Calibration) -> list[BudgetRow]:
-    scatter_rel = calibration.responsivity.scatter_rel
-    if scatter_rel == 0:
-        return []
-    n = len(calibration.residuals)
-    basis = f"scatter of the {n} patches that nothing else explains"
-    dof = calibration.responsivity.scatter_dof
-    return [BudgetRow("patch uniformity", scatter_rel, "normal", False, "A", basis, dof=dof)]
-
-
-def _of_pixels(
-    calibration: Calibration, net_dn: float, n_pixels: int, n_frames: int, exposure_s: float
-) -> list[BudgetRow]:
-    response = calibration.response
-    stretch = float(response.slope(net_dn)) / float(response.linearise(net_dn))
-    noise_dn2 = calibration.noise.variance_dn2(net_dn, calibration.dark.noise_variance_dn2(exposure_s))
-    noise_rel = stretch * sqrt(noise_dn2 / (n_pixels * n_frames))
+        u = float(np.linalg.norm([np.ravel(error.relative)[0] for error in group]))
+        distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
+        basis = _BASIS.get(source) or plane.meter_scale.basis(source)
+        dof = None if group[0].dof == inf else group[0].dof
+        rows[source] = BudgetRow(source, u, distribution, True, "B" if source in _TYPE_B else "A", basis, dof=dof)
+    rows |= _split(plane.residuals, rows["fit"])
+    stretch = float(plane.response.slope(net_dn)) / float(plane.response.linearise(net_dn))
+    noise_dn2 = plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / (n_pixels * n_frames)
     pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
     over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'}"
-    basis = f"photon transfer over the patches, for {over} at {exposure_s:g} s"
-    uneven_dn = calibration.dark.nonuniformity_dn
+    uneven_dn = plane.dark.nonuniformity_dn
     uneven = "slow change of the dark signal across the sensor" + ("" if uneven_dn > 0 else ": not significant")
-    return [
-        BudgetRow("shot and read noise", noise_rel, "normal", False, "A", basis),
-        BudgetRow("uneven darkness", stretch * uneven_dn, "normal", False, "A", uneven),
+    own = {
+        "shot and read noise": (sqrt(noise_dn2), f"photon transfer over the patches, for {over} at {exposure_s:g} s"),
+        "uneven darkness": (uneven_dn, uneven),
+    }
+    return rows | {
+        source: BudgetRow(source, stretch * u_dn, "normal", False, "A", basis) for source, (u_dn, basis) in own.items()
+    }
+
+
+def _of_planes(calibration: ColourCalibration, planes: Sequence[dict[str, BudgetRow]]) -> dict[str, BudgetRow]:
+    """Rows of a grey patch by the combination of planes; what is not known is that of the largest share."""
+    total = sum(calibration.weights)
+    shares = [weight / total for weight in calibration.weights]
+    leading = planes[int(np.argmax(np.abs(shares)))]
+    rows = {source: _joined(row, planes, shares) for source, row in leading.items()}
+    basis = "covariance of the planes' weights for grey light, what the meter's scatter makes listed above"
+    u = float(np.linalg.norm(calibration.weight_errors.sum(axis=1))) / total
+    rows |= _split(calibration.residuals, BudgetRow("fit", u, "normal", True, "A", basis))
+    # The scale of a linear plane is part of the weights.
+    bent = [
+        share * hypot(*(own[source].standard_uncertainty_rel for source in ("fit", "meter repeatability")))
+        for plane, own, share in zip(calibration.planes, planes, shares, strict=True)
+        if plane.response.kind != "linear"
     ]
+    if bent:
+        basis = "covariance of the responses of the planes that are not straight lines"
+        rows["linearity"] = BudgetRow("linearity", hypot(*bent), "normal", True, "A", basis)
+    of_colour = "the uncertainty of the weights"
+    if calibration.spectral_rel > 0:
+        of_colour += f", and {calibration.spectral_rel:.2g} times the standard deviation of its red, green and blue"
+    basis = f"none for a grey patch in {calibration.source_spectrum}; of a coloured one {of_colour}"
+    return rows | {"spectral mismatch": BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)}
+
+
+def _joined(leading: BudgetRow, planes: Sequence[Mapping[str, BudgetRow]], shares: Sequence[float]) -> BudgetRow:
+    source = leading.source
+    parts = [
+        share * rows[source].standard_uncertainty_rel
+        for share, rows in zip(shares, planes, strict=True)
+        if source in rows and rows[source].included
+    ]
+    first = next((rows[source] for rows in planes if source in rows and rows[source].included), leading)
+    if not parts:
+        return leading
+    if source not in _OF_EACH_PLANE:
+        return replace(first, standard_uncertainty_rel=abs(sum(parts)))
+    basis = f"{first.basis}; each plane with its share of the luminance"
+    return replace(first, standard_uncertainty_rel=hypot(*parts), basis=basis, dof=None)
+
+
+def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow]:
+    """Separate the meter's random part from the fit: its share of the variance of a weighted mean over patches."""
+    meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
+    scatter = [abs(row.residual_rel / row.standardised_residual) if row.standardised_residual else 0.0 for row in rows]
+    total = np.maximum(scatter, meter)
+    weight = 1 / np.maximum(total, 1e-12) ** 2
+    share = min(float(np.sum((weight * meter) ** 2) / np.sum((weight * total) ** 2)), 1.0)
+    number = f"{sum(row.n_readings for row in rows)} readings of {len(rows)} patches"
+    of_meter = f"{number}, last digit included; its share of the fit"
+    u, source = fit.standard_uncertainty_rel, "meter repeatability"
+    return {
+        source: replace(fit, source=source, standard_uncertainty_rel=u * sqrt(share), basis=of_meter),
+        "fit": replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),
+    }
+
+
+def _not_included(plane: Calibration) -> dict[str, BudgetRow]:
+    """List sources that common errors and noise may not cover, with the reason; those covered replace these rows."""
+    scale, tests = plane.meter_scale, {test.name: test for test in plane.tests}
+    mismatch = f"none: the light is that of the meter's calibration, {scale.illuminant}"
+    linearity = ("the response is fitted together with the responsivity", "fit")
+    if plane.response.kind == "linear":
+        linearity = ("taken as linear; no candidate model was better", "")
+    uniformity = "the stated errors explain the scatter of the patches"
+    if "scatter" in tests and tests["scatter"].significant:
+        uniformity = "the patches scatter more than stated, by what their exposures disagree"
+    drift = "not tested: read a patch before and after the frames, and verify regularly"
+    if "drift" in tests and (u := tests["drift"].standard_uncertainty) > 0:
+        found = f"{100 * tests['drift'].value:+.2g} % ± {100 * expanded_half_width(0.0, u):.2g} % (95 %)"
+        drift = f"{found} an hour during the calibration; a verification shows the drift since then"
+    why = {
+        "meter digits": ("a calibration keeps the two together", "meter repeatability"),
+        "meter f1'": (f"not stated for the {scale.meter.model}" if scale.f1_prime is None else mismatch, ""),
+        "patch uniformity": (uniformity, "fit"),
+        "linearity": linearity,
+        REFOCUS: ("locked, as the configuration states it", ""),
+        "gain": ("one gain only: part of the responsivity", ""),
+        "spectral mismatch": (f"none for {plane.source_spectrum}, unknown for any other light", ""),
+        GLARE: ("not tested: all patches have about the same luminance", ""),
+        "drift": (drift, ""),
+    }
+    texts = {source: f"contained in {inside}: {text}" if inside else text for source, (text, inside) in why.items()}
+    rows = {
+        source: BudgetRow(source, 0.0, "normal", True, "B", texts[source], included=False, contained_in=inside)
+        for source, (_, inside) in why.items()
+    }
+    return rows | {"flat field": _flat_field(plane)}
+
+
+def _flat_field(plane: Calibration) -> BudgetRow:
+    vignetting = plane.vignetting
+    if vignetting is None or isinstance(vignetting, Cos4Vignetting):
+        cos4 = "cos⁴ by focal length and pixel pitch, not measured"
+        what = "vignetting is not corrected" if vignetting is None else cos4
+        return BudgetRow("flat field", 0.0, "normal", True, "B", f"{what}; unknown away from the axis", included=False)
+    u = hypot(vignetting.slow_rel, vignetting.random_rel if isinstance(vignetting, FlatField) else 0.0)
+    basis = "noise and non-uniformity of the uniform source; in patches and maps, 0 on the axis, which this is for"
+    return BudgetRow("flat field", u, "normal", False, "A", basis, included=False)
+
+
+def _glare(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:
+    """Possible undetected intercept: its standard uncertainty, combined with the fitted value."""
+    value = u2 = 0.0
+    for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
+        fit, share = plane.responsivity, weight / sum(calibration.weights)
+        if fit.intercept_dn_s is None or fit.intercept_standard_uncertainty_dn_s is None:
+            return _not_included(calibration.planes[0])[GLARE]
+        # Glare is the same light in all planes.
+        value += share * fit.intercept_dn_s / fit.responsivity_dn_s_cd_m2
+        u2 += (share * fit.intercept_standard_uncertainty_dn_s / fit.responsivity_dn_s_cd_m2) ** 2
+    bound_cd_m2 = hypot(value, sqrt(u2))
+    why = "not included, since the fit goes through zero: glare depends on the scene"
+    basis = f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; {why}"
+    return BudgetRow(GLARE, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)

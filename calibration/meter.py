@@ -91,6 +91,21 @@ class MeterScale:
             return f"certificate {self.certificate.number} of {self.certificate.date}"
         return f"calibrated {self.meter.calibration_date}" if self.meter.calibration_date else "date not known"
 
+    def basis(self, source: str) -> str:
+        """Return where the uncertainty of a source in `METER_SOURCES` comes from, for a budget."""
+        certificate = self.certificate
+        if source == "meter f1'":
+            limits = f"f1' of {100 * (self.f1_prime or 0):g} % as limits"
+            return f"{limits}: {self.light} light, read by a meter calibrated in illuminant {self.illuminant}"
+        if certificate is None:
+            limits = f"± {100 * self.limits_rel:g} % (limits)"
+            return f"{limits} by the data sheet of the {self.meter.model}; shared by all its readings"
+        of = f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}"
+        freedom = certificate.degrees_of_freedom
+        dof = "" if freedom is None else f", {freedom:g} degrees of freedom"
+        u = f"U = {100 * certificate.expanded_uncertainty_rel:g} % with k = {certificate.coverage_factor:g}{dof}"
+        return f"{u} by {of}; shared by all its readings"
+
     def findings(self, measured: datetime) -> list[Finding]:
         """Return what a user should know about the traceability of readings taken at a time."""
         name, certificate = f"{self.meter.model} {self.meter.serial}", self.certificate

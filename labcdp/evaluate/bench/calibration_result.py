@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...calibration import AnyCalibration, Calibration
+from ...calibration import AnyCalibration
 from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s, combined
-from ...calibration.colour.budget import colour_budget, colour_budget_exposure_s
 from ...calibration.colour.model import ColourCalibration
 from ...calibration.findings import BudgetRow
 from ...calibration.uncertainty import expanded_rel
@@ -59,12 +58,8 @@ def budgets(calibration: AnyCalibration) -> list[BudgetOfPatch]:
 
 def budget_at(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetOfPatch:
     """Compute the budget at a luminance."""
-    if isinstance(calibration, Calibration):
-        t = budget_exposure_s(calibration, luminance_cd_m2)
-        rows = budget(calibration, luminance_cd_m2, n_pixels=PATCH_PIXELS)
-    else:
-        t = colour_budget_exposure_s(calibration, luminance_cd_m2)
-        rows = colour_budget(calibration, luminance_cd_m2, n_groups=PATCH_PIXELS // 4)
+    t = budget_exposure_s(calibration, luminance_cd_m2)
+    rows = budget(calibration, luminance_cd_m2, t, n_pixels=PATCH_PIXELS // len(calibration.planes))
     return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows))
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import colour_patch_luminance, fit_colour
-from labcdp.calibration.budget import combined
-from labcdp.calibration.colour.budget import colour_budget, colour_budget_exposure_s
+from labcdp.calibration.budget import budget, budget_exposure_s, combined
 from labcdp.core.frame import PLANES
 
 EXPOSURES = (0.002, 0.01, 0.1)
@@ -48,10 +47,10 @@ def row(rows, source):
 @pytest.mark.parametrize("scatter_rel", [0.0, 0.004])
 def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, planes, luminance, scatter_rel):
     scattered = replace(calibration, scatter_rel=scatter_rel)
-    exposure_s = colour_budget_exposure_s(calibration, luminance)
+    exposure_s = budget_exposure_s(calibration, luminance)
     observations = {p: [one.observe("P", luminance, exposure_s, None, SIZE)] for p, one in planes.items()}
     patch = colour_patch_luminance(scattered, observations)
-    whole = combined(colour_budget(scattered, luminance, exposure_s, *SIZE))
+    whole = combined(budget(scattered, luminance, exposure_s, *SIZE))
     # Fitted planes see a grey patch a little coloured, and photon transfer gives K: a part in a hundred.
     assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
     assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
@@ -59,17 +58,17 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, planes, luminanc
 
 def test_noise_of_planes_by_hand(calibration):
     luminance, exposure_s = 8.0, 0.01
-    found = row(colour_budget(calibration, luminance, exposure_s), "shot and read noise").standard_uncertainty_rel
+    found = row(budget(calibration, luminance, exposure_s), "shot and read noise").standard_uncertainty_rel
     weights = np.array(calibration.weights)
     net_dn = np.array(RESPONSIVITIES) * luminance * exposure_s
     noise_rel = np.sqrt(0.25 * net_dn + 1.5**2) / net_dn
     assert found == pytest.approx(float(np.linalg.norm(weights / weights.sum() * noise_rel)), rel=0.03)
-    many = row(colour_budget(calibration, luminance, exposure_s, 100, 4), "shot and read noise")
+    many = row(budget(calibration, luminance, exposure_s, 100, 4), "shot and read noise")
     assert many.standard_uncertainty_rel == pytest.approx(found / 20)
 
 
 def test_the_fit_is_that_of_the_weights_for_grey(calibration):
-    rows = colour_budget(calibration, 8.0)
+    rows = budget(calibration, 8.0)
     parts = [row(rows, source).standard_uncertainty_rel for source in ("fit", "meter repeatability")]
     ones = np.ones(4)
     variance = ones @ np.array(calibration.weight_covariance) @ ones

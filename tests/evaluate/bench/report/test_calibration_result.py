@@ -6,7 +6,6 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.calibration.budget import budget, combined
-from labcdp.calibration.colour.budget import colour_budget
 from labcdp.calibration.colour.model import ColourCalibration, CombinationStep
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
 from labcdp.core.response import Response
@@ -78,7 +77,7 @@ def test_the_budget_is_that_of_the_calibration(calibration, result):
     places = zip(("lowest", "middle", "highest"), (low, (low * high) ** 0.5, high), totals, strict=True)
     for place, luminance, total in places:
         if isinstance(calibration, ColourCalibration):
-            at = colour_budget(calibration, luminance, n_groups=PATCH_PIXELS // 4)
+            at = budget(calibration, luminance, n_pixels=PATCH_PIXELS // 4)
         else:
             at = budget(calibration, luminance, n_pixels=PATCH_PIXELS)
         whole = combined(at)

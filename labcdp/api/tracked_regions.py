@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ..core.errors import InputError, LabcdpError
 from ..core.result import Finding, error, unique
 from ..core.roi import Roi
-from ..evaluate.video.findings import restored
+from ..evaluate.video.dataset import restored
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.selection import Selection
 from ..metrics import Epsilon

@@ -16,11 +16,10 @@ from ...core.result import Result
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive_page import archive_result, write_archive
 from ...evaluate.video.archive_run import archive_tasks, evaluate_archive, require_same_archive
-from ...evaluate.video.checks import require_same_evaluation, video_configuration
 from ...evaluate.video.dataset import VideoRows
-from ...evaluate.video.evaluate import Part, evaluated_parts
+from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
-from ...evaluate.video.settings import Observer, VideoSettings, make_reference
+from ...evaluate.video.settings import Observer, VideoSettings, make_reference, video_configuration
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
 from ...regions import image_size_of

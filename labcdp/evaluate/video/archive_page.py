@@ -16,7 +16,7 @@ from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook
 from .archive_run import ArchiveResult, VideoOutcome
-from .frame_findings import LOST
+from .findings import LOST
 from .result import CONTRASTS, REGIONS
 
 _VIDEO = Column("video", "video", meaning="Name of the folder of its results.")

@@ -19,7 +19,7 @@ from ...core.errors import InputError, LabcdpError
 from ...core.result import Finding, warning
 from ...output import LIST_FILE, ResultsFolder
 from .archive_record import ArchiveTask, finished_values, record_finished
-from .checks import package_versions
+from .settings import package_versions
 
 #: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as
 #: `labcdp.report.files` does, or why it failed. It is sent to other processes: a function of a module, or a

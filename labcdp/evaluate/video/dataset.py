@@ -1,9 +1,9 @@
-"""Results of a video's frames as one Dataset, whole or in blocks of frames."""
+"""Results of a video's frames as one Dataset, whole or in blocks of frames, and what each of its variables is."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from math import nan
@@ -13,13 +13,129 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import parse_json
+from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding
-from ...core.table import Column
-from .findings import restored
+from ...core.table import Column, Table
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+
+def _column(name: str, label: str, unit: str, decimals: int, meaning: str, value: Any = "") -> Column:
+    return Column(name, label, unit, meaning, decimals=decimals, value=value)
+
+
+def _with_u(
+    name: str, label: str, unit: str, decimals: tuple[int, int], meaning: str, value: Any
+) -> tuple[Column, ...]:
+    """Columns of an estimate and of its standard uncertainty."""
+    found, u = (f"{value}.value", f"{value}.standard_error") if isinstance(value, str) else value
+    what = f"Standard uncertainty of the {label}."
+    return (
+        _column(name, label, unit, decimals[0], meaning, found),
+        _column(f"{name}_standard_uncertainty", f"u of {label}", unit, decimals[1], what, u),
+    )
+
+
+def _end(place: int) -> Callable[[Any], float]:
+    return lambda one: float(one.confidence_interval[place])
+
+
+#: Stands for the unit of the video's means: cd/m² or none.
+LIGHT = "light"
+#: Over frame and contrast; taken from a `CalibratedCdp`.
+OF_CONTRAST = (
+    _column("cdp", "CDP", "", 4, "Contrast detection probability.", "result.cdp"),
+    _column("cdp_standard_uncertainty", "u of CDP", "", 4, "Standard uncertainty of the CDP.", "standard_uncertainty"),
+    _column("cdp_low", "CDP, low end of 95 %", "", 4, "Lower end of the 95 % interval of the CDP.", _end(0)),
+    _column("cdp_high", "CDP, high end of 95 %", "", 4, "Upper end of the 95 % interval of the CDP.", _end(1)),
+    _column("below", "share below", "", 4, "Share of pairs with a lower contrast.", "result.below"),
+    _column("above", "share above", "", 4, "Share of pairs with a higher contrast.", "result.above"),
+)
+#: Over frame; taken from a `PairResult`.
+OF_PAIR = (
+    *_with_u(
+        "measured_contrast", "measured contrast", "%", (2, 2), "Weber contrast of the regions' means.", "contrast"
+    ),
+    *_with_u("csnr", "CSNR", "", (2, 3), "Contrast signal-to-noise ratio.", "csnr"),
+)
+#: Over frame; taken from the `CalibratedCdp` of the reference contrast.
+OF_REFERENCE = (
+    _column(
+        *("reference_contrast", "reference contrast", "%", 2, "Contrast the frame is compared with."), "result.contrast"
+    ),
+    _column(
+        *("reference_cdp", "CDP of reference", "", 4, "Contrast detection probability of the reference contrast."),
+        "result.cdp",
+    ),
+    _column(
+        "reference_cdp_low", "CDP of reference, low end of 95 %", "", 4, "Lower end of its 95 % interval.", _end(0)
+    ),
+    _column(
+        "reference_cdp_high", "CDP of reference, high end of 95 %", "", 4, "Upper end of its 95 % interval.", _end(1)
+    ),
+)
+OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
+#: Over frame and region; taken from a `RegionResult`.
+OF_LIGHT = (
+    *_with_u("mean", "mean", LIGHT, (4, 5), "Mean of the region.", ("mean", "standard_uncertainty")),
+    *_with_u("snr", "spatial SNR", "", (2, 3), "Mean over standard deviation of the pixels of the frame.", "snr"),
+    _column(
+        *("saturated", "share saturated", "", 4, "Share of saturated pixels."),
+        lambda region: region.invalid_shares.get("saturated", 0.0),
+    ),
+)
+#: Over frame and region; taken from a `TrackedRoi`.
+OF_PLACE = (
+    _column("quality", "tracking quality", "", 3, "Quality of the tracking, 0 to 1.", lambda one: float(one.quality)),
+    _column("lost", "lost", "", 0, "Whether the region was lost: 1 or 0.", lambda one: bool(one.lost)),
+    _column("centre_x", "centre x", "pixel", 2, "Middle of the region, to the right.", lambda one: one.roi.centre[0]),
+    _column("centre_y", "centre y", "pixel", 2, "Middle of the region, down.", lambda one: one.roi.centre[1]),
+)
+OF_REGION = (*OF_LIGHT, *OF_PLACE)
+#: Over frame, region and corner; taken from a `TrackedRoi`.
+OF_CORNER = (
+    _column(
+        *("corner_x", "x", "pixel", 2, "Corners of the region, to the right."),
+        lambda one: [x for x, _ in one.roi.corners],
+    ),
+    _column(
+        *("corner_y", "y", "pixel", 2, "Corners of the region, down."), lambda one: [y for _, y in one.roi.corners]
+    ),
+)
+TIME = _column("time_s", "time", "s", 3, "Time since the first frame.")
+NOTE = Column("note", "note", meaning="Why a value is missing, or a warning about it.")
+FINDINGS = Column("findings", "findings", meaning="The notes with code, subject and values, as JSON.")
+
+
+def names(columns: tuple[Column, ...]) -> tuple[str, ...]:
+    """Return the names of columns."""
+    return tuple(column.name for column in columns)
+
+
+def taken(columns: tuple[Column, ...], items: Sequence[Any]) -> Row:
+    """Return the values of columns, each a list with one for each item."""
+    return dict(Table.of_items("frame", "", columns, items).data)
+
+
+def as_json(values: Any) -> str:
+    """Attribute of a dataset that holds more than a text or a number."""
+    return json.dumps(values, ensure_ascii=False, sort_keys=True)
+
+
+def recorded(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    """Return findings as values JSON can hold."""
+    return [
+        {"code": one.code, "severity": one.severity, "subject": one.subject, "values": dict(one.values)}
+        for one in findings
+    ]
+
+
+def restored(values: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
+    """Return findings as they were before `recorded`."""
+    return tuple(Finding(**one) for one in values)
+
 
 #: Frames of a block.
 BLOCK = 1000
@@ -49,7 +165,7 @@ class VideoRows:
         Attributes of the Dataset.
     """
 
-    read: Callable[[], Iterator[Mapping[str, Any]]]
+    read: Callable[[], Iterator[Row]]
     contrasts: tuple[float, ...]
     regions: tuple[str, ...]
     order: tuple[int, ...]
@@ -67,37 +183,35 @@ class VideoRows:
         while block := list(islice(rows, BLOCK)):
             yield self._joined(block)
 
-    def _joined(self, rows: Sequence[Mapping[str, Any]]) -> Dataset:
+    def _joined(self, rows: Sequence[Row]) -> Dataset:
         import xarray as xr
 
         def values(column: Column, *shape: int) -> NDArray[np.float64]:
             return np.array([row[column.name] for row in rows], dtype=float).reshape(len(rows), *shape)
 
-        data: dict[str, Any] = {column.name: (_AXES, values(column, len(self.contrasts))) for column in OF_CONTRAST}
+        texts = [
+            (column, ("frame",), np.array([row[column.name] for row in rows], object)) for column in (NOTE, FINDINGS)
+        ]
+        found: list[tuple[Column, tuple[str, ...], NDArray[Any]]] = [
+            *((column, _AXES, values(column, len(self.contrasts))) for column in OF_CONTRAST),
+            (TIME, ("frame",), values(TIME)),
+        ]
+        coordinates: dict[str, Any] = {"frame": [row["frame"] for row in rows], "contrast": list(self.contrasts)}
         if self.regions:
             n, order = len(self.regions), list(self.order)
-            data |= {column.name: ("frame", values(column)) for column in OF_FRAME}
-            data |= {column.name: (("frame", "region"), values(column, n)[:, order]) for column in OF_REGION}
-            data["lost"] = (data["lost"][0], data["lost"][1].astype(bool))
-            data |= {column.name: (("frame", "region", "corner"), self._corners(rows, column)) for column in OF_CORNER}
-        for column in (NOTE, FINDINGS):
-            data[column.name] = ("frame", np.array([row[column.name] for row in rows], dtype=object))
-        coordinates: dict[str, Any] = {
-            "frame": np.array([row["frame"] for row in rows], dtype=np.int64),
-            "contrast": np.array(self.contrasts),
-            TIME.name: ("frame", values(TIME)),
-        }
-        if self.regions:
-            coordinates["region"] = np.array([self.regions[place] for place in self.order], dtype=object)
-        dataset = xr.Dataset(data, coordinates, dict(self.attrs))
-        for column in (*OF_CONTRAST, *OF_FRAME, *OF_REGION, *OF_CORNER, NOTE, FINDINGS, TIME):
-            if column.name in dataset.variables:
-                unit = {LIGHT: self.unit, "%": ""}.get(column.unit, column.unit)
-                attributes = {"long_name": column.meaning.rstrip("."), "units": unit}
-                dataset[column.name].attrs |= {name: text for name, text in attributes.items() if text}
-        return dataset
+            found += [(column, ("frame",), values(column)) for column in OF_FRAME]
+            found += [(column, ("frame", "region"), values(column, n)[:, order]) for column in OF_REGION]
+            found += [(column, ("frame", "region", "corner"), self._corners(rows, column)) for column in OF_CORNER]
+            coordinates["region"] = np.array([self.regions[place] for place in order], dtype=object)
+        data = {}
+        for column, axes, array in (*found, *texts):
+            unit = {LIGHT: self.unit, "%": ""}.get(column.unit, column.unit)
+            attributes = {"long_name": column.meaning.rstrip("."), "units": unit}
+            array = array.astype(bool) if column.name == "lost" else array
+            data[column.name] = (axes, array, {name: text for name, text in attributes.items() if text})
+        return xr.Dataset(data, coordinates, dict(self.attrs)).set_coords(TIME.name)
 
-    def _corners(self, rows: Sequence[Mapping[str, Any]], column: Column) -> NDArray[np.float64]:
+    def _corners(self, rows: Sequence[Row], column: Column) -> NDArray[np.float64]:
         array = np.full((len(rows), len(self.regions), self.n_corners), nan)
         for place, row in enumerate(rows):
             for region, corners in enumerate(row[column.name]):
@@ -134,64 +248,3 @@ def check_video(dataset: Dataset) -> None:
             raise InputError(f"axis {axis} of the results has no coordinates: give results of a video")
         if dataset.sizes[axis] == 0:
             raise InputError(f"the results have no {axis}: evaluate at least one")
-
-
-def as_json(values: Any) -> str:
-    """Attribute of a dataset that holds more than a text or a number."""
-    return json.dumps(values, ensure_ascii=False, sort_keys=True)
-
-
-def _column(name: str, label: str, unit: str, decimals: int, meaning: str) -> Column:
-    return Column(name, label, unit, meaning, decimals=decimals)
-
-
-#: Stands for the unit of the video's means: cd/m² or none.
-LIGHT = "light"
-#: Over frame and contrast.
-OF_CONTRAST = (
-    _column("cdp", "CDP", "", 4, "Contrast detection probability."),
-    _column("cdp_standard_uncertainty", "u of CDP", "", 4, "Standard uncertainty of the CDP."),
-    _column("cdp_low", "CDP, low end of 95 %", "", 4, "Lower end of the 95 % interval of the CDP."),
-    _column("cdp_high", "CDP, high end of 95 %", "", 4, "Upper end of the 95 % interval of the CDP."),
-    _column("below", "share below", "", 4, "Share of pairs with a lower contrast."),
-    _column("above", "share above", "", 4, "Share of pairs with a higher contrast."),
-)
-#: Over frame.
-OF_FRAME = (
-    _column("measured_contrast", "measured contrast", "%", 2, "Weber contrast of the regions' means."),
-    _column(
-        *("measured_contrast_standard_uncertainty", "u of measured contrast", "%", 2),
-        "Standard uncertainty of the contrast.",
-    ),
-    _column("csnr", "CSNR", "", 2, "Contrast signal-to-noise ratio."),
-    _column("csnr_standard_uncertainty", "u of CSNR", "", 3, "Standard uncertainty of the CSNR."),
-    _column("reference_contrast", "reference contrast", "%", 2, "Contrast the frame is compared with."),
-    _column("reference_cdp", "CDP of reference", "", 4, "Contrast detection probability of the reference contrast."),
-    _column("reference_cdp_low", "CDP of reference, low end of 95 %", "", 4, "Lower end of its 95 % interval."),
-    _column("reference_cdp_high", "CDP of reference, high end of 95 %", "", 4, "Upper end of its 95 % interval."),
-)
-#: Over frame and region.
-OF_REGION = (
-    _column("mean", "mean", LIGHT, 4, "Mean of the region."),
-    _column("mean_standard_uncertainty", "u of mean", LIGHT, 5, "Standard uncertainty of the mean."),
-    _column("snr", "spatial SNR", "", 2, "Mean over standard deviation of the pixels of the frame."),
-    _column("snr_standard_uncertainty", "u of spatial SNR", "", 3, "Standard uncertainty of the spatial SNR."),
-    _column("saturated", "share saturated", "", 4, "Share of saturated pixels."),
-    _column("quality", "tracking quality", "", 3, "Quality of the tracking, 0 to 1."),
-    _column("lost", "lost", "", 0, "Whether the region was lost: 1 or 0."),
-    _column("centre_x", "centre x", "pixel", 2, "Middle of the region, to the right."),
-    _column("centre_y", "centre y", "pixel", 2, "Middle of the region, down."),
-)
-#: Over frame, region and corner.
-OF_CORNER = (
-    _column("corner_x", "x", "pixel", 2, "Corners of the region, to the right."),
-    _column("corner_y", "y", "pixel", 2, "Corners of the region, down."),
-)
-TIME = _column("time_s", "time", "s", 3, "Time since the first frame.")
-NOTE = Column("note", "note", meaning="Why a value is missing, or a warning about it.")
-FINDINGS = Column("findings", "findings", meaning="The notes with code, subject and values, as JSON.")
-
-
-def names(columns: tuple[Column, ...]) -> tuple[str, ...]:
-    """Return the names of columns."""
-    return tuple(column.name for column in columns)

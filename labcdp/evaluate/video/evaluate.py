@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -11,23 +12,26 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ...core.disk.files import shown
-from ...core.disk.journal import LineJournal
+from ...core.disk.journal import LineJournal, recorded_head
 from ...core.errors import InputError
-from ...core.result import Finding, InputFile, info
+from ...core.result import Finding, InputFile, info, warning
+from ...files.video.open import open_video
 from ...files.video.source import VideoSource
-from ...metrics.pair import size_findings
+from ...metrics.pair import require_apart, size_findings
 from ...output import Destination, open_results
 from ...report.text import finding_text
-from ..picture.conversion import PictureConversion, picture_conversion
-from .checks import JOURNAL, conversion_findings, evaluation_head, opened_video, require_regions
-from .dataset import VideoRows, as_json
-from .findings import VideoFindings, recorded
-from .rows import is_end, variables
-from .run import PartRun, VideoRun
-from .settings import Observer, Progress, VideoSettings, make_reference
+from ..picture.conversion import Calibrated, PictureConversion, picture_conversion
+from .dataset import VideoRows, as_json, recorded
+from .findings import VideoFindings
+from .rows import PartRun, is_end, variables
+from .run import VideoRun
+from .settings import Observer, Progress, VideoSettings, evaluation_head, make_reference
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+#: Name of the journal in the folder of the results.
+JOURNAL = "video.jsonl"
 
 
 def evaluate_video(
@@ -138,7 +142,7 @@ def evaluated_parts(
             journal = stack.enter_context(_journal(part.folder, head))
             run = PartRun(part.settings, conversion, reference, journal, part.observer)
             try:
-                require_regions(source, part.settings)
+                _require_regions(source, part.settings)
             except InputError as error:
                 run.failure = error
             runs.append(run)
@@ -174,7 +178,7 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
     """Results of a part; raises InputError if there are none."""
     if run.failure is not None:
         raise run.failure
-    settings, journal, path = run.settings, run.journal, source.path
+    settings, journal = run.settings, run.journal
     found = VideoFindings([roi.name for roi in settings.rois])
     for row in journal.rows():
         if not is_end(row):
@@ -183,36 +187,19 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         journal.discard()
         number, finding = found.first or (0, None)
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
-        raise InputError(f"{path}: no frame could be evaluated{why}")
-    announced = run.announced(source.frame_count)
-    findings = [*source.findings, *conversion_findings(conversion, source), *announced, *found.findings]
+        raise InputError(f"{source.path}: no frame could be evaluated{why}")
+    findings = [*source.findings, *conversion_findings(conversion, source), *_announced(source, run), *found.findings]
     for roi in settings.rois:
         findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
     if settings.contrasts is None:
         code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
         findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))
-    attributes = _attributes(path, source, settings, conversion, findings)
-    head = evaluation_head(settings, make_reference(settings))
-    return VideoRows(
-        lambda: (variables(row) for row in journal.rows() if not is_end(row)),
-        run.contrasts,
-        tuple(roi.name for roi in settings.rois),
-        found.order,
-        max((len(roi.corners) for roi in settings.rois), default=0),
-        conversion.unit,
-        {**attributes, "versions": as_json(head["versions"]), "configuration": as_json(head["settings"])},
-    )
-
-
-def _attributes(
-    path: Path, source: VideoSource, settings: VideoSettings, conversion: PictureConversion, findings: list[Finding]
-) -> dict[str, Any]:
-    epsilon = settings.epsilon
+    epsilon, head = settings.epsilon, evaluation_head(settings, make_reference(settings))
     files = {"calibration": settings.calibration, "camera": settings.camera, "reference": settings.reference}
     inputs = [InputFile.of(role, one) for role, one in files.items() if isinstance(one, Path)]
-    return {
+    attributes = {
         "title": "contrast detection probability of a video",
-        "file": path.name,
+        "file": source.path.name,
         "sha256": source.sha256,
         "inputs": as_json([asdict(one) for one in inputs]),
         "mode": settings.mode,
@@ -221,4 +208,81 @@ def _attributes(
         "epsilon": epsilon if isinstance(epsilon, float) else as_json(asdict(epsilon)),
         "conversion": conversion.description,
         "findings": as_json(recorded(findings)),
+        "versions": as_json(head["versions"]),
+        "configuration": as_json(head["settings"]),
     }
+    return VideoRows(
+        lambda: (variables(row) for row in journal.rows() if not is_end(row)),
+        run.contrasts,
+        tuple(roi.name for roi in settings.rois),
+        found.order,
+        max((len(roi.corners) for roi in settings.rois), default=0),
+        conversion.unit,
+        attributes,
+    )
+
+
+def _announced(source: VideoSource, run: PartRun) -> tuple[Finding, ...]:
+    """Return a finding if the file announces another number of frames than it has."""
+    announced, found = source.frame_count, None if run.end is None else run.end["end"]
+    if announced is None or found is None or announced == found:
+        return ()
+    if found < announced:
+        return (warning("video-cut-off", announced=announced, found=found),)
+    return (info("video-longer", announced=announced, found=found),)
+
+
+def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) -> None:
+    """Refuse folders for the videos of an archive that hold results of other settings, before any of them is touched.
+
+    Raises
+    ------
+    InputError
+        If one does.
+    """
+    head = json.loads(json.dumps(evaluation_head(settings, make_reference(settings))))
+    for folder in folders:
+        recorded = recorded_head(folder / JOURNAL)
+        if recorded is not None and any(recorded.get(name) != value for name, value in head.items()):
+            raise InputError(
+                f"{folder} holds the results of another evaluation: give another folder with --output, or remove "
+                f"{folder.parent}"
+            )
+
+
+def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource, PictureConversion]:
+    """Open a video, with the conversion of its frames.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened, or does not state an exposure that is needed.
+    """
+    source = open_video(path, conversion.options)
+    if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
+        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
+    return source, replace(conversion, options=replace(conversion.options, encoding=source.encoding))
+
+
+def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
+    """Refuse regions that cannot be those of any frame, before the first one."""
+    if not settings.rois:
+        return
+    height, width = source.shape
+    drawn_on = settings.image_size
+    if drawn_on is not None and drawn_on != (width, height):
+        raise InputError(
+            f"the regions belong to an image of {drawn_on[0]} x {drawn_on[1]} pixels, {source.path} has {width} x "
+            f"{height}: draw them in its first frame"
+        )
+    first, second = ((roi, roi.window(source.shape), roi.mask(source.shape)) for roi in settings.rois)
+    require_apart(first, second)
+
+
+def conversion_findings(conversion: PictureConversion, source: VideoSource) -> tuple[Finding, ...]:
+    """Return what there is to know about the luminance of a video's frames."""
+    found = [info("relative-luminance")] if conversion.unit == "relative" else []
+    if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
+        calibrated = isinstance(conversion, Calibrated)
+        found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
+    return tuple(found)

@@ -23,7 +23,7 @@ from ...report.drawing import (
     taken_literally,
 )
 from ...report.text import shortened
-from .frame_findings import period_s, runs, times_s
+from .findings import period_s, runs, times_s
 from .result import DETECTED_CDP, contrast_name
 
 if TYPE_CHECKING:

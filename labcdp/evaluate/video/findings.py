@@ -1,15 +1,23 @@
-"""Findings about the frames of a video: how they are recorded, and what the frames have in common."""
+"""Findings about the frames of a video: what the frames have in common, stretches without a region, and notes."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import isnan
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...core.result import Finding, FindingValue, info, warning
+from ...core.table import Column, Table
 from ...report.text import finding_text
+from .dataset import blocks_of, findings_of, restored
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 #: Share of saturated pixels above which a contrast of a region is not to be trusted.
 TOO_SATURATED = 0.01
@@ -32,19 +40,6 @@ _COUNTED = {
 }
 #: Codes of the reasons why a region is lost begin so.
 _LOST = "tracking-"
-
-
-def recorded(findings: Iterable[Finding]) -> list[dict[str, Any]]:
-    """Return findings as values JSON can hold."""
-    return [
-        {"code": one.code, "severity": one.severity, "subject": one.subject, "values": dict(one.values)}
-        for one in findings
-    ]
-
-
-def restored(values: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
-    """Return findings as they were before `recorded`."""
-    return tuple(Finding(one["code"], one["severity"], one["subject"], one["values"]) for one in values)
 
 
 def note_of(findings: Iterable[Finding]) -> str:
@@ -83,11 +78,11 @@ class VideoFindings:
     def __init__(self, regions: Sequence[str]) -> None:
         self._regions = regions
         self._n = 0
-        self._counts: Counter[str] = Counter()
-        self._first: dict[str, tuple[int, Finding]] = {}
+        #: For each code how many frames have it, and the number and the finding of the first of them.
+        self._counts: dict[str, tuple[int, int, Finding]] = {}
         self._invalid: dict[tuple[str, str], tuple[int, float]] = {}
         self._brighter: Counter[int] = Counter()
-        self._saturated: dict[str, _Stretches] = {}
+        self._saturated: dict[str, list[_Stretch]] = {}
         #: Number of the first frame that has a CDP.
         self.first_measured: int | None = None
         #: Places of the regions, the one that is brighter in the first frame that was measured before the other.
@@ -105,15 +100,20 @@ class VideoFindings:
             self.first = row["frame"], found[0]
         for code, finding in {_code(one): one for one in reversed(found)}.items():
             if code:
-                self._counts[code] += 1
-                self._first.setdefault(code, (row["frame"], finding))
+                count, *first = self._counts.get(code, (0, row["frame"], finding))
+                self._counts[code] = (count + 1, *first)
         for region, shares in zip(self._regions, row.get("invalid") or [], strict=False):
             for reason, share in shares.items():
                 count, largest = self._invalid.get((region, reason), (0, 0.0))
                 self._invalid[region, reason] = count + 1, max(largest, share)
         for region, share in zip(self._regions, row.get("saturated") or [], strict=False):
             if share > TOO_SATURATED:
-                self._saturated.setdefault(region, _Stretches()).add(row["frame"], self._n)
+                stretches = self._saturated.setdefault(region, [])
+                if stretches and stretches[-1].place == self._n - 1:
+                    last = stretches[-1]
+                    stretches[-1] = _Stretch(last.first, row["frame"], self._n, last.count + 1)
+                else:
+                    stretches.append(_Stretch(row["frame"], row["frame"], self._n))
         if self._regions and not any(isnan(mean) for mean in row["mean"]):
             second_is_brighter = row["mean"][1] > row["mean"][0]
             if second_is_brighter and not self._brighter:
@@ -124,52 +124,153 @@ class VideoFindings:
     def findings(self) -> tuple[Finding, ...]:
         """One finding for each thing."""
         found = []
-        for code, count in self._counts.items():
-            frame, first = self._first[code]
+        for code, (count, frame, first) in self._counts.items():
             more = {"reason": str(first.values["reason"])} if code == "frames-not-evaluated" else {}
             found.append(warning(code, count=count, n_frames=self._n, first=frame, **more))
         for (region, reason), (count, largest) in self._invalid.items():
             # Too many saturated pixels are a warning of their own.
             make = info if reason == "saturated" else warning
-            found.append(
-                make("frames-region-invalid", region, reason=reason.replace("_", " "), count=count, n_frames=self._n,
-                     largest_share=largest)
-            )  # fmt: skip
-        found += [stretches.finding(region, self._n) for region, stretches in self._saturated.items()]
+            values = {"count": count, "n_frames": self._n, "largest_share": largest}
+            found.append(make("frames-region-invalid", region, reason=reason.replace("_", " "), **values))
+        for region, stretches in self._saturated.items():
+            code, more_of_them = "frames-region-saturated", len(stretches) - _MOST_STRETCHES
+            frames = [str(one.first) if one.first == one.last else f"{one.first} to {one.last}" for one in stretches]
+            about: dict[str, FindingValue] = {"limit": TOO_SATURATED, "count": sum(one.count for one in stretches)}
+            about |= {"n_frames": self._n, "frames": frames[:_MOST_STRETCHES]}
+            if more_of_them > 0:
+                code, about = f"{code}-often", {"more": more_of_them, **about}
+            found.append(warning(code, region, **about))
         if len(self._brighter) > 1:
             found.append(warning("brighter-region-changes", count=min(self._brighter.values())))
         return tuple(found)
 
 
-class _Stretches:
-    """Frames one after the other."""
+@dataclass(frozen=True)
+class _Stretch:
+    """Frames one after the other: the numbers of the first and the last one, the place of that, and how many."""
 
-    def __init__(self) -> None:
-        self._found: list[list[int]] = []
-        self._last_place = -1
-        self._n_frames = 0
-
-    def add(self, frame: int, place: int) -> None:
-        self._n_frames += 1
-        if place == self._last_place + 1 and self._found:
-            self._found[-1][1] = frame
-        else:
-            self._found.append([frame, frame])
-        self._last_place = place
-
-    def finding(self, region: str, n_frames: int) -> Finding:
-        named = self._found[:_MOST_STRETCHES]
-        values: dict[str, FindingValue] = {
-            "limit": TOO_SATURATED,
-            "count": self._n_frames,
-            "n_frames": n_frames,
-            "frames": [str(first) if first == last else f"{first} to {last}" for first, last in named],
-        }
-        more = len(self._found) - len(named)
-        if more:
-            return warning("frames-region-saturated-often", region, more=more, **values)
-        return warning("frames-region-saturated", region, **values)
+    first: int
+    last: int
+    place: int
+    count: int = 1
 
 
 def _code(finding: Finding) -> str:
     return "frames-lost" if is_lost(finding) else _COUNTED.get(finding.code, "")
+
+
+class _Lost(NamedTuple):
+    """Frames one after the other in which a region is lost."""
+
+    region: str
+    first_frame: int
+    last_frame: int
+    n_frames: int
+    start_s: float
+    duration_s: float
+    reasons: list[Finding]
+
+
+LOST = (
+    Column("region", "region"),
+    Column("first_frame", "first frame", decimals=0, meaning="First frame in which it was lost."),
+    Column("last_frame", "last frame", decimals=0, meaning="Last frame in which it was lost."),
+    Column("n_frames", "frames", decimals=0, meaning="Evaluated frames from the first to the last."),
+    Column("start_s", "from", "s", "Time of the first frame.", time=True),
+    Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
+    # The region is in a separate column.
+    Column(
+        *("reason", "reason", "", "Why it was lost in the first of these frames."),
+        value=lambda one: "; ".join(map(reason_of, one.reasons)),
+    ),
+    Column(
+        *("code", "code", "", "Code of the reason."),
+        shown=False,
+        value=lambda one: " ".join(reason.code for reason in one.reasons),
+    ),
+)
+
+
+class _Note(NamedTuple):
+    """A finding, the first frame that has it, and how many do."""
+
+    finding: Finding
+    first_frame: int
+    n_frames: int
+
+
+NOTES = (
+    Column("note", "note", meaning="As in the first frame that has it.", value=lambda one: note_of([one.finding])),
+    Column("code", "code", meaning="Code and values of the finding.", shown=False, value="finding.code"),
+    Column("subject", "subject", meaning="Region it is about.", shown=False, value="finding.subject"),
+    Column("n_frames", "frames", decimals=0, meaning="Frames that have it."),
+    Column("first_frame", "first frame", decimals=0, meaning="First of them."),
+)
+
+
+def times_s(dataset: Dataset) -> NDArray[np.float64]:
+    """Return the time of each frame in seconds, shape (frames,); nan where it is not known."""
+    if "time_s" not in dataset.variables:
+        return np.full(dataset.sizes["frame"], np.nan)
+    return np.asarray(dataset["time_s"].values, dtype=np.float64)
+
+
+def period_s(times: NDArray[np.float64]) -> float:
+    """Return the time from an evaluated frame to the next, of most frames; nan where it is not known."""
+    steps = np.diff(times)
+    steps = steps[np.isfinite(steps)]
+    return float(np.median(steps)) if steps.size else float("nan")
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last place, both included, of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(start), int(stop) - 1) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def frame_tables(dataset: Dataset) -> list[Table]:
+    """Return where regions were lost, and for how long; and how many frames have which note, the most frequent first.
+
+    A table without rows is left out.
+    """
+    found: dict[tuple[str, str], _Note] = {}
+    runs_of = {
+        str(name): runs(dataset["lost"].isel(region=region).values.astype(bool))
+        for region, name in enumerate(dataset["region"].values if "region" in dataset.dims else ())
+    }
+    reasons: dict[tuple[str, int], list[Finding]] = {
+        (name, first): [] for name, stretches in runs_of.items() for first, _ in stretches
+    }
+    place = 0
+    for block in blocks_of(dataset[["findings"]]) if "findings" in dataset else ():
+        for frame, findings in zip(block["frame"].values.tolist(), findings_of(block), strict=True):
+            for one in findings:
+                note = found.get((one.code, one.subject), _Note(one, frame, 0))
+                found[one.code, one.subject] = note._replace(n_frames=note.n_frames + 1)
+                if is_lost(one) and (one.subject, place) in reasons:
+                    reasons[one.subject, place].append(one)
+            place += 1
+    frames, times = dataset["frame"].values.tolist(), times_s(dataset)
+    # The last stretch may last until the frame after the last one.
+    ends = [*times[1:].tolist(), float(times[-1] + period_s(times))]
+    lost = [
+        _Lost(
+            *(
+                name,
+                frames[first],
+                frames[last],
+                last - first + 1,
+                float(times[first]),
+                ends[last] - float(times[first]),
+            ),
+            reasons[name, first],
+        )
+        for name, stretches in runs_of.items()
+        for first, last in stretches
+    ]
+    notes = sorted(found.values(), key=lambda note: -note.n_frames)
+    tables = (
+        Table.of_items("lost", "Stretches in which a region was lost", LOST, lost),
+        Table.of_items("notes", "Notes on frames", NOTES, notes, detail=True),
+    )
+    return [table for table in tables if len(table)]

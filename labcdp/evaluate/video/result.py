@@ -13,9 +13,8 @@ from ...core.disk import parse_json
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table
 from ...report.text import percent
-from .dataset import check_video
-from .findings import restored
-from .frame_findings import FrameFindings, times_s
+from .dataset import check_video, restored
+from .findings import frame_tables, times_s
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -70,15 +69,8 @@ def video_result(dataset: Dataset) -> Result:
         If the dataset is no result of a video.
     """
     check_video(dataset)
-    seen = FrameFindings(dataset)
     regions = _regions(dataset)
-    tables = [
-        _contrasts(dataset),
-        _summary(dataset),
-        *([regions] if len(regions) else []),
-        *([seen.lost(dataset)] if seen.stretches else []),
-        *([seen.notes()] if seen.counts else []),
-    ]
+    tables = [_contrasts(dataset), _summary(dataset), *([regions] if len(regions) else []), *frame_tables(dataset)]
     return Result(
         "video",
         title_of(dataset),

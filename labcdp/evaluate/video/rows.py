@@ -1,49 +1,69 @@
-"""Results of one frame, as a row of the journal."""
+"""What a pair of regions, or nearest neighbours, make of the frames of a video: a row of the journal for each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from math import isnan, nan
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.journal import Row
+from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...files.video.source import VideoFrame
-from ...metrics import Epsilon, cdp_neighbours_range
+from ...metrics import CalibratedCdp, Epsilon, cdp_neighbours_range
 from ...metrics.pair import PairResult, evaluate_regions, require_apart
 from ...metrics.region import RegionPixels
 from ...tracking import TrackedRoi
 from ..picture.conversion import PictureConversion
 from ..picture.neighbours import neighbour_contrast
-from .dataset import FINDINGS, NOTE, OF_CONTRAST, OF_FRAME, OF_REGION, as_json, names
-from .findings import note_of, recorded, restored, saturation
+from .dataset import (
+    FINDINGS,
+    NOTE,
+    OF_CONTRAST,
+    OF_CORNER,
+    OF_FRAME,
+    OF_LIGHT,
+    OF_PAIR,
+    OF_PLACE,
+    OF_REFERENCE,
+    OF_REGION,
+    as_json,
+    names,
+    recorded,
+    restored,
+    taken,
+)
+from .findings import TOO_SATURATED, note_of
 from .neighbours import NeighbourTables, light_by_dn
-from .settings import ReferenceContrast, VideoSettings
+from .settings import Observer, ReferenceContrast, VideoSettings
 
-#: Keys of a row that are no variables.
-_FINDINGS, _INVALID = "findings", "invalid"
-#: Key of the contrast that is measured in a frame; for nearest neighbours in the first one only, if none was given.
-MEASURED = "measured_contrast"
-
-
-class _Asked(NamedTuple):
-    """Contrasts to be detected in a frame, its reference contrast, and why there is none."""
-
-    contrasts: tuple[float, ...]
-    reference: float | None
-    findings: tuple[Finding, ...]
+#: Keys of a row that are no variables, and that of the contrast that is measured in a frame; for nearest neighbours in
+#: the first one only, if none was given.
+_FINDINGS, _INVALID, _MEASURED = "findings", "invalid", "measured_contrast"
 
 
-class FrameRows:
-    """Evaluates frames; what the first one measures may be what is to be detected in the others.
+class FollowedFrame(NamedTuple):
+    """A chosen frame, its place among them, and where the regions are in it.
+
+    `repeats` is the number of the frame before if it has the same pixels.
+    """
+
+    frame: VideoFrame
+    place: int
+    regions: Mapping[Roi, TrackedRoi]
+    repeats: int | None
+
+
+class PartRun:
+    """Evaluates frames for a pair of regions, or nearest neighbours; what is in the journal is not done again.
+
+    What the first frame measures may be what is to be detected in the others.
 
     Parameters
     ----------
@@ -53,163 +73,159 @@ class FrameRows:
         Of frames to light.
     reference : ReferenceContrast or None
         What each frame is compared with.
+    journal : LineJournal
+        Of this evaluation.
+    observer : callable or None
+        Given each frame.
     """
 
     def __init__(
-        self, settings: VideoSettings, conversion: PictureConversion, reference: ReferenceContrast | None
+        self,
+        settings: VideoSettings,
+        conversion: PictureConversion,
+        reference: ReferenceContrast | None,
+        journal: LineJournal,
+        observer: Observer | None,
     ) -> None:
-        self._settings, self._conversion, self._reference = settings, conversion, reference
+        self.settings, self.journal, self.observer = settings, journal, observer
+        #: Why it cannot be evaluated, whatever the frames show.
+        self.failure: InputError | None = None
+        self._conversion, self._reference = conversion, reference
         #: The contrast to be detected if none is given: that of the first frame that is measured.
         self._measured = ReferenceContrast(None) if settings.contrasts is None else None
-        self._tables: NeighbourTables | None = None
-        self._setting: tuple[float | None, ...] | None = None
-        self._lock = Lock()
+        self._tables: tuple[tuple[float | None, ...], NeighbourTables | None] | None = None
+        self.n_done = len(journal)
+        self.end: Row | None = None
+        if self.n_done and is_end(last := journal.row(self.n_done - 1)):
+            self.end = last
+            self.n_done -= 1
+        for row in journal.rows():
+            self._learn(row.get(_MEASURED, nan))
 
     @property
     def contrasts(self) -> tuple[float, ...]:
         """Contrasts that were to be detected; a measured one is nan if no frame could be measured."""
         if self._measured is None:
-            return self._settings.contrasts or ()
+            return self.settings.contrasts or ()
         contrast, _ = self._measured.of(0, 0.0)
         return (nan if contrast is None else contrast,)
 
-    def learn(self, contrast: float) -> None:
-        """Take note of the contrast that was measured in a frame."""
-        for one in (self._measured, self._reference):
-            if one is not None:
-                one.learn(contrast)
+    @property
+    def done(self) -> bool:
+        """Whether no frame is needed any more."""
+        return self.end is not None and self.observer is None
 
-    def row(self, frame: VideoFrame, regions: Sequence[TrackedRoi], repeats: int | None) -> Row:
+    def worked(self, item: FollowedFrame) -> Row | None:
+        """Results of a frame; None for one that is done."""
+        return None if item.place < self.n_done else self._row(item.frame, self._regions(item), item.repeats)
+
+    def take(self, item: FollowedFrame, row: Row | None) -> None:
+        """Record the results of a frame, and show it."""
+        if row is not None:
+            self.journal.add(row)
+        frame = item.frame
+        if self.observer is not None and frame.frame is not None:
+            known = self.journal.row(item.place) if row is None else row
+            self.observer(frame.number, frame.grey, self._regions(item), variables(known))
+
+    def finish(self, n_frames: int | None) -> None:
+        """Record that the video has ended, after a number of frames if that is its end."""
+        if self.end is None:
+            self.end = {"end": n_frames}
+            self.journal.add(self.end)
+
+    def _regions(self, item: FollowedFrame) -> tuple[TrackedRoi, ...]:
+        return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
+
+    def _learn(self, contrast: float) -> bool:
+        """Take note of the contrast that was measured in a frame; whether something else is asked for since."""
+        learnt = [one.learn(contrast) for one in (self._measured, self._reference) if one is not None]
+        return any(learnt)
+
+    def _row(self, frame: VideoFrame, regions: Sequence[TrackedRoi], repeats: int | None) -> Row:
         """Evaluate a frame with its regions; `repeats` is the number of the frame before if it has the same pixels."""
-        settings = self._settings
-        tables = None
-        if not settings.rois and frame.frame is not None and not isnan(self.contrasts[0]):
-            # What is wrong with these is wrong with every frame.
-            tables = self._neighbour_tables(frame.frame)
-        row: Row = {"frame": frame.number, "time_s": frame.time_s, _FINDINGS: []}
+        settings, pixels = self.settings, frame.frame
+        # What is wrong with tables of neighbours is wrong with every frame.
+        tables = None if settings.rois or pixels is None else self._neighbour_tables(pixels)
+        row: Row = {"frame": frame.number, "time_s": frame.time_s}
         row |= {name: [nan] * settings.n_contrasts for name in names(OF_CONTRAST)}
         if settings.rois:
-            row |= _of_regions(regions, settings.rois, frame.frame is not None)
-        if frame.frame is None:
-            return row | _found([frame.fault] if frame.fault is not None else [])
-        noted = [] if repeats is None else [warning("frame-repeated", of_frame=repeats)]
-        noted += [] if frame.note is None else [frame.note]
+            row |= _places(regions if pixels is not None else (), settings.rois)
+        if pixels is None:
+            return row | _found([] if frame.fault is None else [frame.fault])
+        lost = [one for one in regions if one.lost]
+        if lost:
+            return row | _found(reason for one in lost for reason in one.reasons)
         try:
-            if not settings.rois:
-                values = self._of_neighbours(frame.frame, tables)
-                without = [] if "cdp" in values else [warning("frame-without-contrast")]
-                return row | values | _found([*without, *noted])
-            reasons = [reason for one in regions if one.lost for reason in one.reasons]
-            if any(one.lost for one in regions):
-                return row | _found(reasons)
-            values, findings = self._of_pair(frame, frame.frame, regions)
-            return row | values | _found([*findings, *noted])
+            values, findings = (
+                self._of_pair(frame, pixels, [one.roi for one in regions])
+                if settings.rois
+                else (self._of_neighbours(pixels, tables), [])
+            )
         except InputError as error:
             return row | _found([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
-
-    def _of_pair(self, frame: VideoFrame, pixels: Frame, regions: Sequence[TrackedRoi]) -> tuple[Row, list[Finding]]:
-        rois = [one.roi for one in regions]
-        asked = self._asked(frame)
-        found = self._pair(pixels, rois, asked)
-        # The first frame that is measured gives what was not given.
-        self.learn(found.contrast.value)
-        if self._asked(frame) != asked:
-            asked = self._asked(frame)
-            found = self._pair(pixels, rois, asked)
-        n, reference, findings = len(asked.contrasts), asked.reference, list(asked.findings)
-        both = (found.a, found.b)
-        row: Row = {
-            "measured_contrast": found.contrast.value,
-            "measured_contrast_standard_uncertainty": found.contrast.standard_error,
-            "csnr": found.csnr.value,
-            "csnr_standard_uncertainty": found.csnr.standard_error,
-            "mean": [region.mean for region in both],
-            "mean_standard_uncertainty": [region.standard_uncertainty for region in both],
-            "snr": [region.snr.value for region in both],
-            "snr_standard_uncertainty": [region.snr.standard_error for region in both],
-            "saturated": [region.invalid_shares.get("saturated", 0.0) for region in both],
-            _INVALID: [region.invalid_shares for region in both],
-        }
-        if n:
-            results = found.results[:n]
-            row |= {
-                "cdp": [one.result.cdp for one in results],
-                "cdp_standard_uncertainty": [one.standard_uncertainty for one in results],
-                "cdp_low": [one.confidence_interval[0] for one in results],
-                "cdp_high": [one.confidence_interval[1] for one in results],
-                "below": [one.result.below for one in results],
-                "above": [one.result.above for one in results],
-            }
-        else:
+        if "cdp" not in values:
             findings.append(warning("frame-without-contrast"))
-        if reference is not None:
-            result = found.results[n]
-            row |= {
-                "reference_contrast": reference,
-                "reference_cdp": result.result.cdp,
-                "reference_cdp_low": result.confidence_interval[0],
-                "reference_cdp_high": result.confidence_interval[1],
-            }
-        return row, [*findings, *saturation([roi.name for roi in rois], row["saturated"])]
+        for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
+            if share > TOO_SATURATED:
+                findings.append(warning("frame-region-saturated", region.name, share=share))
+        if repeats is not None:
+            findings.append(warning("frame-repeated", of_frame=repeats))
+        return row | values | _found([*findings, *([] if frame.note is None else [frame.note])])
 
-    def _pair(self, pixels: Frame, rois: Sequence[Roi], asked: _Asked) -> PairResult:
-        contrasts = [*asked.contrasts, *([] if asked.reference is None else [asked.reference])]
-        return evaluate_frame_pair(pixels, self._conversion, rois, contrasts, self._settings.epsilon)
-
-    def _asked(self, frame: VideoFrame) -> _Asked:
-        contrasts = tuple(contrast for contrast in self.contrasts if not isnan(contrast))
-        if self._reference is None:
-            return _Asked(contrasts, None, ())
-        reference, why = self._reference.of(frame.number, frame.time_s)
-        return _Asked(contrasts, reference, () if why is None else (why,))
+    def _of_pair(self, frame: VideoFrame, pixels: Frame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+        while True:
+            contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
+            reference, why = (None, None) if self._reference is None else self._reference.of(frame.number, frame.time_s)
+            asked = contrasts if reference is None else [*contrasts, reference]
+            found = evaluate_frame_pair(pixels, self._conversion, rois, asked, self.settings.epsilon)
+            # The first frame that is measured gives what was not given.
+            if not self._learn(found.contrast.value):
+                break
+        n, both = len(contrasts), (found.a, found.b)
+        row: Row = {name: values[0] for name, values in taken(OF_PAIR, [found]).items()}
+        row |= taken(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
+        if n:
+            row |= taken(OF_CONTRAST, found.results[:n])
+        row |= {name: values[0] for name, values in taken(OF_REFERENCE, found.results[n:]).items() if values}
+        return row, [] if why is None else [why]
 
     def _of_neighbours(self, frame: Frame, tables: NeighbourTables | None) -> Row:
         measured: Row = {}
-        if tables is not None and frame.dn.dtype == np.uint8:
+        if tables is not None:
             found = tables.evaluate(frame.dn)
         else:
             light = self._conversion.convert(frame).luminance_cd_m2.astype(np.float64)
             if isnan(self.contrasts[0]):
-                measured = {MEASURED: neighbour_contrast(light)}
-                self.learn(measured[MEASURED])
+                measured = {_MEASURED: neighbour_contrast(light)}
+                self._learn(measured[_MEASURED])
                 if isnan(self.contrasts[0]):
                     return measured
-            found = cdp_neighbours_range(light, self.contrasts, self._settings.epsilon)
-        return measured | {
-            "cdp": [one.cdp for one in found],
-            "cdp_standard_uncertainty": [one.standard_error for one in found],
-            "cdp_low": [one.confidence_interval[0] for one in found],
-            "cdp_high": [one.confidence_interval[1] for one in found],
-            "below": [one.below for one in found],
-            "above": [one.above for one in found],
-        }
+            found = cdp_neighbours_range(light, self.contrasts, self.settings.epsilon)
+        # One pixel takes part in four pairs.
+        return measured | taken(OF_CONTRAST, [CalibratedCdp.of(one, 0.0, one.pairs / 4) for one in found])
 
     def _neighbour_tables(self, frame: Frame) -> NeighbourTables | None:
-        """Tables for frames of this setting, made once for each; None if more than the DN decides."""
-        setting = (frame.exposure_s, frame.gain_db, frame.nominal_black_dn, frame.saturation_dn, frame.temperature_c)
-        with self._lock:
-            if setting != self._setting:
-                light = light_by_dn(frame, self._conversion)
-                settings = self._settings
-                self._tables = None if light is None else NeighbourTables(light, self.contrasts, settings.epsilon)
-                self._setting = setting
-            return self._tables
+        """Tables for frames of this setting; None if more than the DN decides, or nothing is to be detected yet."""
+        if isnan(self.contrasts[0]):
+            return None
+        black_dn, top = frame.nominal_black_dn, (frame.bit_depth, frame.saturation_dn)
+        setting = (frame.exposure_s, frame.gain_db, black_dn, *top, frame.temperature_c)
+        known = self._tables
+        if known is None or known[0] != setting:
+            light = light_by_dn(frame, self._conversion)
+            known = setting, light if light is None else NeighbourTables(light, self.contrasts, self.settings.epsilon)
+            self._tables = known
+        return known[1]
 
 
-def _of_regions(regions: Sequence[TrackedRoi], rois: Sequence[Roi], seen: bool) -> Row:
+def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
     """Where the regions are; nan in a damaged frame."""
     row: Row = dict.fromkeys(names(OF_FRAME), nan) | {name: [nan, nan] for name in names(OF_REGION)}
-    if not seen or not regions:
-        nothing = [[nan] * len(roi.corners) for roi in rois]
-        return row | {"lost": [False, False], "corner_x": nothing, "corner_y": nothing}
-    return row | {
-        "quality": [float(one.quality) for one in regions],
-        "lost": [bool(one.lost) for one in regions],
-        "centre_x": [one.roi.centre[0] for one in regions],
-        "centre_y": [one.roi.centre[1] for one in regions],
-        "corner_x": [[x for x, _ in one.roi.corners] for one in regions],
-        "corner_y": [[y for _, y in one.roi.corners] for one in regions],
-    }
+    if regions:
+        return row | taken((*OF_PLACE, *OF_CORNER), regions)
+    nothing = [[nan] * len(roi.corners) for roi in rois]
+    return row | {"lost": [False, False]} | dict.fromkeys(names(OF_CORNER), nothing)
 
 
 def _found(findings: Iterable[Finding]) -> Row:
@@ -231,12 +247,12 @@ def variables(row: Row) -> Row:
 def evaluate_frame_pair(
     frame: Frame, conversion: PictureConversion, rois: Sequence[Roi], contrasts: Sequence[float], epsilon: Epsilon
 ) -> PairResult:
-    """Evaluate two regions of a frame as `labcdp.metrics.pair.evaluate_pair` does.
+    """Evaluate two regions of a frame as `labcdp.metrics.regions.pair.evaluate_pair` does its whole map.
 
     Parameters
     ----------
     frame : Frame
-        The frame.
+        The frame; only what lies around the regions is converted.
     conversion : PictureConversion
         To light.
     rois : sequence of two Roi

@@ -1,121 +1,32 @@
-"""One pass through a video: following its regions, and evaluating its frames."""
+"""One pass through a video: decoding, following its regions and evaluating its frames, at the same time."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
-from dataclasses import dataclass
-from math import nan
-from typing import Any
+from functools import partial
+from itertools import islice, repeat
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
 from ...core.frame import Frame
-from ...core.result import Finding, info, warning
 from ...core.roi import Roi
 from ...files.video.open import frames_of
 from ...files.video.source import VideoFrame, VideoSource
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
-from ..picture.conversion import PictureConversion
-from .pipeline import ahead, in_order
-from .rows import MEASURED, FrameRows, is_end, variables
-from .settings import Observer, Progress, ReferenceContrast, VideoSettings
+from .rows import FollowedFrame, PartRun
+from .settings import Progress
 
+_Result = TypeVar("_Result")
 
-@dataclass(frozen=True, eq=False)
-class _Item:
-    """A chosen frame, its place among them, and where the regions are in it.
-
-    `repeats` is the number of the frame before if it has the same pixels.
-    """
-
-    frame: VideoFrame
-    place: int
-    regions: Mapping[Roi, TrackedRoi]
-    repeats: int | None
-
-
-class PartRun:
-    """What a pair of regions, or nearest neighbours, make of the frames; what is in the journal is not done again.
-
-    Parameters
-    ----------
-    settings : VideoSettings
-        What is to be evaluated.
-    conversion : PictureConversion
-        Of frames to light.
-    reference : ReferenceContrast or None
-        What each frame is compared with.
-    journal : LineJournal
-        Of this evaluation.
-    observer : callable or None
-        Given each frame.
-    """
-
-    def __init__(
-        self,
-        settings: VideoSettings,
-        conversion: PictureConversion,
-        reference: ReferenceContrast | None,
-        journal: LineJournal,
-        observer: Observer | None,
-    ) -> None:
-        self.settings, self.journal, self.observer = settings, journal, observer
-        #: Why it cannot be evaluated, whatever the frames show.
-        self.failure: InputError | None = None
-        self._rows = FrameRows(settings, conversion, reference)
-        self.n_done = len(journal)
-        self.end: Row | None = None
-        if self.n_done and is_end(last := journal.row(self.n_done - 1)):
-            self.end = last
-            self.n_done -= 1
-        for row in journal.rows():
-            self._rows.learn(row.get(MEASURED, nan))
-
-    @property
-    def contrasts(self) -> tuple[float, ...]:
-        """Contrasts that were to be detected; a measured one is nan if no frame could be measured."""
-        return self._rows.contrasts
-
-    @property
-    def done(self) -> bool:
-        """Whether no frame is needed any more."""
-        return self.end is not None and self.observer is None
-
-    def worked(self, item: _Item) -> Row | None:
-        """Results of a frame; None for one that is done."""
-        return None if item.place < self.n_done else self._rows.row(item.frame, self._regions(item), item.repeats)
-
-    def take(self, item: _Item, row: Row | None) -> None:
-        """Record the results of a frame, and show it."""
-        if row is not None:
-            self.journal.add(row)
-        frame = item.frame
-        if self.observer is not None and frame.frame is not None:
-            known = self.journal.row(item.place) if row is None else row
-            self.observer(frame.number, frame.grey, self._regions(item), variables(known))
-
-    def finish(self, n_frames: int | None) -> None:
-        """Record that the video has ended, after a number of frames if that is its end."""
-        if self.end is None:
-            self.end = {"end": n_frames}
-            self.journal.add(self.end)
-
-    def announced(self, announced: int | None) -> tuple[Finding, ...]:
-        """Return a finding if the file announces another number of frames than it has."""
-        found = None if self.end is None else self.end["end"]
-        if announced is None or found is None or announced == found:
-            return ()
-        if found < announced:
-            return (warning("video-cut-off", announced=announced, found=found),)
-        return (info("video-longer", announced=announced, found=found),)
-
-    def _regions(self, item: _Item) -> tuple[TrackedRoi, ...]:
-        return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
+#: Frames that wait between two steps: enough to keep both busy, few enough to keep memory small.
+_WAITING = 4
 
 
 class VideoRun:
@@ -134,7 +45,7 @@ class VideoRun:
         self._selection = parts[0].settings.selection
         self._n_frames = 0
         self._choose_regions()
-        self._begun = not self._rois
+        self._begun = not self._methods
 
     def _choose_regions(self) -> None:
         """Keep the parts that can be evaluated, and their regions; raises InputError if none can."""
@@ -145,7 +56,6 @@ class VideoRun:
         self._methods: dict[Roi, str] = {}
         for part in self._parts:
             self._methods |= zip(part.settings.rois, part.settings.methods, strict=True)
-        self._rois = tuple(self._methods)
         self._follows = any(method != "fixed" for method in self._methods.values())
 
     def go(self, progress: Progress | None) -> None:
@@ -156,11 +66,8 @@ class VideoRun:
         place = 0
         # Small steps in several threads wait for each other; a whole frame of neighbours does not.
         # Without a contrast the first frame gives it to the others.
-        n_workers = 0 if self._rois or any(part.settings.contrasts is None for part in self._parts) else 2
-        with (
-            closing(ahead(self._frames())) as frames,
-            closing(in_order(self._followed(frames), self._worked, n_workers)) as worked,
-        ):
+        alone = self._methods or any(part.settings.contrasts is None for part in self._parts)
+        with closing(ahead(self._frames())) as frames, closing(self._worked(frames, 0 if alone else 2)) as worked:
             for place, (item, rows) in enumerate(worked, start=1):
                 for part, row in zip(self._parts, rows, strict=True):
                     part.take(item, row)
@@ -190,10 +97,20 @@ class VideoRun:
 
         return frames_of(self._source, self._selection, needed)
 
-    def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[_Item]:
+    def _worked(
+        self, frames: Iterator[VideoFrame], n_workers: int
+    ) -> Generator[tuple[FollowedFrame, list[dict[str, Any] | None]], None, None]:
+        """Go through the chosen frames, each with its results for each part."""
+
+        def work(item: FollowedFrame) -> tuple[FollowedFrame, list[dict[str, Any] | None]]:
+            return item, [part.worked(item) for part in self._parts]
+
+        return in_order((partial(work, item) for item in self._followed(frames)), n_workers)
+
+    def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[FollowedFrame]:
         """Follow the regions; only chosen frames are passed on."""
-        tracker = None
-        regions: tuple[TrackedRoi, ...] = ()
+        tracker: Tracker | None = None
+        regions: dict[Roi, TrackedRoi] = {}
         place = 0
         last: VideoFrame | None = None
         unseen: VideoFrame | None = None
@@ -201,40 +118,39 @@ class VideoRun:
             if self._follows and tracker is None and frame.frame is None:
                 unseen = unseen or frame
                 continue
-            if self._rois and frame.frame is not None:
+            if self._methods and frame.frame is not None:
                 if unseen is not None:
-                    raise InputError(
-                        f"frame {unseen.number} of {self._source.path}, in which the regions are: {_text(unseen)}; "
-                        f"draw them in frame {frame.number}, the first whole one, and give --start {frame.number}"
-                    )
+                    remedy = f"draw them in frame {frame.number}, the first whole one, and give --start {frame.number}"
+                    raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
                     tracker = self._tracker(_tracked(frame.frame))
-                    regions = tuple(TrackedRoi(roi, 1.0, False) for roi in self._rois)
+                    regions = {roi: TrackedRoi(roi, 1.0, False) for roi in self._methods}
                     self._begun = True
                 else:
-                    regions = tracker.update(_tracked(frame.frame))
+                    regions = dict(zip(self._methods, tracker.update(_tracked(frame.frame)), strict=True))
             if frame.chosen:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
-                yield _Item(frame, place, dict(zip(self._rois, regions, strict=False)), repeats)
+                yield FollowedFrame(frame, place, regions, repeats)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:
-            raise InputError(f"frame {unseen.number} of {self._source.path}: {_text(unseen)}; so are all others")
+            raise InputError(f"{self._why(unseen)}; so are all others")
+
+    def _why(self, frame: VideoFrame) -> str:
+        """Say why a frame is lost, in which the regions were drawn."""
+        text = "" if frame.fault is None else finding_text(frame.fault)
+        return f"frame {frame.number} of {self._source.path}, in which the regions are: {text}"
 
     def _tracker(self, first: NDArray[Any]) -> Tracker:
         """Make a tracker; a region that cannot be followed costs only its own pairs."""
         while True:
             try:
-                return make_tracker(tuple(self._methods.values()), first, self._rois)
+                return make_tracker(tuple(self._methods.values()), first, tuple(self._methods))
             except NotFollowedError as error:
                 for part in self._parts:
                     if any(roi.name == error.region for roi in part.settings.rois):
                         part.failure = error
                 self._choose_regions()
-
-    def _worked(self, item: _Item) -> list[Row | None]:
-        """Results of a frame, part by part."""
-        return [part.worked(item) for part in self._parts]
 
 
 def _tracked(frame: Frame) -> NDArray[Any]:
@@ -254,5 +170,34 @@ def _same_picture(last: VideoFrame, frame: VideoFrame) -> bool:
     return np.array_equal(one[::64], other[::64]) and np.array_equal(one, other)
 
 
-def _text(frame: VideoFrame) -> str:
-    return "" if frame.fault is None else finding_text(frame.fault)
+def ahead(items: Generator[_Result, None, None]) -> Generator[_Result, None, None]:
+    """Go through items that are made in a thread of their own, a few ahead."""
+    with closing(items), closing(in_order(repeat(lambda: tuple(islice(items, 1))), 1)) as found:
+        for one in found:
+            if not one:
+                return
+            yield from one
+
+
+def in_order(tasks: Iterable[Callable[[], _Result]], n_workers: int) -> Generator[_Result, None, None]:
+    """Call functions in threads, or in this one if there are none, and yield what they return, in order.
+
+    Close the iterator (`contextlib.closing`) if it is not used up: its threads end then.
+    """
+    if not n_workers:
+        for task in tasks:
+            yield task()
+        return
+    waiting: deque[Future[_Result]] = deque()
+    with ThreadPoolExecutor(n_workers, thread_name_prefix="labcdp video") as pool:
+        try:
+            for task in tasks:
+                waiting.append(pool.submit(task))
+                if len(waiting) >= n_workers + _WAITING:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+            wait(waiting)

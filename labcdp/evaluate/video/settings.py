@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -12,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import file_sha256, reason
+from ...core.disk.files import file_sha256 as calibration_sha256
 from ...core.disk.files import shown
+from ...core.disk.journal import Row
 from ...core.errors import InputError
-from ...core.result import Finding, warning
+from ...core.result import Finding, InputFile, warning
 from ...core.roi import Roi
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
@@ -155,10 +158,12 @@ class ReferenceContrast:
         """Contrast for a frame, or why there is none; nothing of both as long as no frame was measured."""
         return self._contrast, None
 
-    def learn(self, contrast: float) -> None:
-        """Take note of what was measured in a frame: the first valid contrast is kept."""
-        if self._contrast is None and isfinite(contrast) and contrast > 0:
-            self._contrast = contrast
+    def learn(self, contrast: float) -> bool:
+        """Take note of what was measured in a frame: the first valid contrast is kept. Return whether it is this."""
+        if self._contrast is not None or not (isfinite(contrast) and contrast > 0):
+            return False
+        self._contrast = contrast
+        return True
 
 
 class VideoReference(ReferenceContrast):
@@ -201,8 +206,9 @@ class VideoReference(ReferenceContrast):
             return None, warning("reference-without-contrast")
         return contrast, None
 
-    def learn(self, contrast: float) -> None:
+    def learn(self, contrast: float) -> bool:
         """Nothing: what this video measures does not matter."""
+        return False
 
 
 def make_reference(settings: VideoSettings) -> ReferenceContrast | None:
@@ -229,3 +235,42 @@ def _load(path: Path) -> Mapping[str, NDArray[Any]]:
         return {name: np.asarray(dataset[name].values, dtype=float) for name in names}
     except (ValueError, TypeError) as error:
         raise InputError(f"the reference {path} holds no numbers ({reason(error)}): give results.nc") from error
+
+
+#: Format of the journal, and packages on which results depend to the last bit.
+_FORMAT = 2
+_PACKAGES = ("labcdp", "numpy", "numba", "scipy", "av", "opencv-contrib-python-headless")
+
+
+def evaluation_head(settings: VideoSettings, reference: ReferenceContrast | None) -> Row:
+    """Return all inputs of the results other than the video, as in the journal."""
+    return {"format": _FORMAT, "settings": video_configuration(settings, reference), "versions": package_versions()}
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages on which results depend to the last bit."""
+    return {name: version(name) for name in _PACKAGES}
+
+
+def video_configuration(settings: VideoSettings, reference: ReferenceContrast | None) -> dict[str, Any]:
+    """All that decides the results, as values JSON can hold."""
+    epsilon = settings.epsilon
+    asked: Any = settings.reference
+    if isinstance(asked, Path):
+        assert reference is not None
+        asked = {"sha256": reference.sha256, "by": settings.reference_by}
+    return {
+        "contrasts": None if settings.contrasts is None else list(settings.contrasts),
+        "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
+        "method": settings.method if settings.rois else None,
+        "epsilon": epsilon if isinstance(epsilon, float | int) else asdict(epsilon),
+        "reference": asked,
+        "selection": settings.selection.to_dict(),
+        "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
+        "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
+        "encoding": settings.encoding,
+        "exposure_s": settings.exposure_s,
+        "gain_db": settings.gain_db,
+        "bit_depth": settings.bit_depth,
+        "damaged": settings.damaged,
+    }

@@ -43,7 +43,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
     CalibrationError
         If the calibration is for another camera.
     """
-    from ...evaluate.video.checks import conversion_findings, opened_video
+    from ...evaluate.video.evaluate import conversion_findings, opened_video
 
     source, conversion = opened_video(path, conversion)
     number, frame = _frame(source, at)

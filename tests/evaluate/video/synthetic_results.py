@@ -7,8 +7,8 @@ import numpy as np
 from xarray import Dataset
 
 from labcdp.core.result import Finding, info, warning
-from labcdp.evaluate.video.dataset import as_json
-from labcdp.evaluate.video.findings import note_of, recorded
+from labcdp.evaluate.video.dataset import as_json, recorded
+from labcdp.evaluate.video.findings import note_of
 
 #: Frames in which the region "dark" is lost, and in which there was nothing to evaluate, of the usual 120.
 LOST, BROKEN = [(40, 60), (100, 101)], (20, 25)

@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
-from labcdp.evaluate.video.frame_findings import runs
+from labcdp.evaluate.video.findings import runs
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE

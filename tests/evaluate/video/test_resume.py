@@ -16,7 +16,7 @@ import xarray as xr
 
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.checks import JOURNAL as FILE_NAME
+from labcdp.evaluate.video.evaluate import JOURNAL as FILE_NAME
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 

@@ -13,7 +13,8 @@ from ..core.luminance import CommonError
 from ..core.vignetting import Cos4Vignetting, FlatField
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import GLARE, REFOCUS, common_errors
-from .findings import BudgetRow
+from .findings import BudgetRow, Distribution
+from .meter import METER_SOURCES
 from .model import Calibration, PatchResidual
 from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
@@ -38,7 +39,7 @@ SOURCES = (
     "fit",
 )
 #: Sources whose uncertainty is not evaluated by statistics.
-_TYPE_B = ("meter scale", "meter f1'", "spectral mismatch", "exposure time", REFOCUS)
+_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS)
 #: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
 _OF_EACH_PLANE = ("shot and read noise", "uneven darkness", "dark and temperature", "gain", "linearity")
 #: Highest preferred signal, as a share of the saturation.
@@ -61,9 +62,9 @@ class CombinedUncertainty:
     Parameters
     ----------
     standard_uncertainty_rel : float
-        Root of the sum of squares of the rows that are included (JCGM 100:2008, 5.1.2).
+        Root of the sum of squares of the included rows (JCGM 100:2008, 5.1.2).
     effective_degrees_of_freedom : float
-        By the formula of Welch and Satterthwaite (JCGM 100:2008, G.4.1); infinite where no row is based on few values.
+        After Welch and Satterthwaite (JCGM 100:2008, G.4.1); infinite where no row is based on few values.
     expanded_95_rel : float
         Expanded uncertainty U (95 %): the largest rectangular row as such, all others normal.
     """
@@ -162,10 +163,10 @@ def _of_plane(
         errors.setdefault(error.source, []).append(error)
     for source, group in errors.items():
         u = float(np.linalg.norm([np.ravel(error.relative)[0] for error in group]))
-        distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
+        kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
         basis = _BASIS.get(source) or plane.meter_scale.basis(source)
         dof = None if group[0].dof == inf else group[0].dof
-        rows[source] = BudgetRow(source, u, distribution, True, "B" if source in _TYPE_B else "A", basis, dof=dof)
+        rows[source] = BudgetRow(source, u, kind, True, "B" if source in _TYPE_B else "A", basis, dof=dof)
     rows |= _split(plane.residuals, rows["fit"])
     stretch = float(plane.response.slope(net_dn)) / float(plane.response.linearise(net_dn))
     noise_dn2 = plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / (n_pixels * n_frames)
@@ -209,14 +210,12 @@ def _of_planes(calibration: ColourCalibration, planes: Sequence[dict[str, Budget
 
 def _joined(leading: BudgetRow, planes: Sequence[Mapping[str, BudgetRow]], shares: Sequence[float]) -> BudgetRow:
     source = leading.source
-    parts = [
-        share * rows[source].standard_uncertainty_rel
-        for share, rows in zip(shares, planes, strict=True)
-        if source in rows and rows[source].included
+    own = [
+        (s, rows[source]) for s, rows in zip(shares, planes, strict=True) if source in rows and rows[source].included
     ]
-    first = next((rows[source] for rows in planes if source in rows and rows[source].included), leading)
-    if not parts:
+    if not own:
         return leading
+    first, parts = own[0][1], [share * row.standard_uncertainty_rel for share, row in own]
     if source not in _OF_EACH_PLANE:
         return replace(first, standard_uncertainty_rel=abs(sum(parts)))
     basis = f"{first.basis}; each plane with its share of the luminance"
@@ -250,7 +249,7 @@ def _not_included(plane: Calibration) -> dict[str, BudgetRow]:
     if "scatter" in tests and tests["scatter"].significant:
         uniformity = "the patches scatter more than stated, by what their exposures disagree"
     drift = "not tested: read a patch before and after the frames, and verify regularly"
-    if "drift" in tests and (u := tests["drift"].standard_uncertainty) > 0:
+    if (u := tests["drift"].standard_uncertainty if "drift" in tests else 0.0) > 0:
         found = f"{100 * tests['drift'].value:+.2g} % ± {100 * expanded_half_width(0.0, u):.2g} % (95 %)"
         drift = f"{found} an hour during the calibration; a verification shows the drift since then"
     why = {

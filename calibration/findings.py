@@ -8,6 +8,8 @@ from typing import Literal, TypeAlias
 from ..core.response import ResponseKind
 from ..core.result import Finding
 
+#: Distribution of an error in a budget.
+Distribution: TypeAlias = Literal["normal", "rectangular"]
 #: Reason for leaving data out.
 Reason: TypeAlias = Literal[
     "saturated",
@@ -131,7 +133,7 @@ class BudgetRow:
 
     source: str
     standard_uncertainty_rel: float
-    distribution: Literal["normal", "rectangular"]
+    distribution: Distribution
     common: bool
     evaluation: Literal["A", "B"]
     basis: str

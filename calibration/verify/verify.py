@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot, inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
-from ..colour.conversion import luminance_of_planes
+from ..colour.conversion import luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
-from ..convert.patch import PatchLuminance
+from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..frames.observations import DarkObservation, PatchObservation
-from ..meter import MeterScale
+from ..meter import METER_SOURCES, MeterScale
 from ..model import Calibration
+from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..signal import net_signal, temperature_findings, usable
-from ..uncertainty import effective_dof, expanded_rel, of_one_estimate
-from .comparison import Comparison, balanced, join_readings
+from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate
 from .findings import findings_of
-from .result import WANDER_DN, Verification, VerifiedDark, VerifiedPlane, require_tolerance
+from .result import WANDER_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
 
 def verify(
@@ -65,69 +66,188 @@ def verify(
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     if not groups:
         raise CalibrationError("there is no patch to verify the calibration with: give frames and readings of one")
-    planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
+    dark = [_dark(plane, darks.get(_name(plane), ())) for plane in calibration.planes]
     seen, unusable, findings = _measured(calibration, groups)
-    read = join_readings(seen, readings, meter, calibration.meter_scale)
-    brightest = max(calibration.planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
-    uneven = {name: _uneven_rel(groups[name][_name(brightest)], brightest) for name in seen}
-    comparison = Comparison.of(list(seen.values()), read, uneven)
-    if isinstance(calibration, ColourCalibration):
-        planes = balanced(calibration, {name: groups[name] for name in seen}, read, uneven, planes)
-    else:
-        planes = [replace(planes[0], drift=comparison.drift(calibration))]
-    result = _result(calibration, comparison, darks, planes, tolerance)
-    of_patches = [*read.findings, *(one for row in seen.values() for one in row.findings), *findings]
-    result = replace(result, tolerance_stated=tolerance_rel is not None, unusable=unusable)
-    return replace(result, findings=(*findings_of(result), *dict.fromkeys(of_patches)))
-
-
-def _result(
-    calibration: AnyCalibration,
-    comparison: Comparison,
-    darks: Mapping[str, Sequence[DarkObservation]],
-    planes: Sequence[VerifiedPlane],
-    tolerance_rel: float,
-) -> Verification:
-    """Return the result without findings."""
+    comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
     mean, u = comparison.mean()
-    read = comparison.readings
-    return Verification(
+    measured = max(reading.timestamp for patch in seen for reading in readings[patch])
+    result = Verification(
         findings=(),
         state=calibration.state,
         lens=calibration.lens,
-        measured=read.measured,
+        measured=measured,
         calibration_measured=calibration.provenance.measured,
         calibration_sha256=calibration.provenance.input_sha256,
-        meter=read.scale,
+        meter=meter,
         calibration_meter=calibration.meter_scale,
-        tolerance_rel=tolerance_rel,
-        tolerance_stated=True,
-        patches=comparison.rows(tolerance_rel),
-        unusable=(),
+        tolerance_rel=tolerance,
+        tolerance_stated=tolerance_rel is not None,
+        patches=comparison.rows(tolerance),
+        unusable=unusable,
         darks=tuple(
-            _dark_row(d, one, calibration.range_cd_m2[0], share)
-            for one, share in zip(calibration.planes, calibration.weights, strict=True)
-            for d in sorted(darks[_name(one)], key=lambda d: d.exposure_s)
+            _dark_row(d, plane, calibration.range_cd_m2[0], weight)
+            for plane, weight in zip(calibration.planes, calibration.weights, strict=True)
+            for d in sorted(darks[_name(plane)], key=lambda d: d.exposure_s)
         ),
-        planes=tuple(planes),
+        planes=_planes(calibration, dark, comparison, {name: groups[name] for name in seen}),
         mean_rel=mean,
-        mean_expanded_rel=expanded_rel(read.scales, u),
+        mean_expanded_rel=expanded_rel(comparison.scales, u),
     )
+    findings = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *findings]
+    return replace(result, findings=(*findings_of(result), *dict.fromkeys(findings)))
 
 
 def own_tolerance_rel(calibration: AnyCalibration) -> float:
     """Relative U (95 %) of a calibration: meter, fit and scatter of the patches, without the noise of a patch."""
+    refocus = calibration.lens.refocus_rel**2
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
         parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
         variance, dof = of_one_estimate(parts)
-        refocus = calibration.lens.refocus_rel**2
         dof = effective_dof(((variance, dof), (refocus, inf)))
         return expanded_rel([calibration.meter_scale], sqrt(variance + refocus), dof)
     of_weights = float(np.linalg.norm(calibration.weight_errors.sum(axis=1)))
-    return expanded_rel(
-        [calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, calibration.planes[0].lens.refocus_rel)
+    return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, sqrt(refocus)))
+
+
+def grey_patches(calibration: ColourCalibration) -> set[str]:
+    """Names of the patches of one spectrum, which the planes were fitted to and for which they agree."""
+    return set.intersection(*({row.patch for row in plane.residuals} for plane in calibration.planes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """Deviations of n patches; `scales` are of the meters that matter: none with the calibration's meter, else both."""
+
+    seen: Sequence[PatchLuminance]
+    read: Mapping[str, PatchReading]
+    uneven_rel: Mapping[str, float]
+    meter: MeterScale
+    scales: Sequence[MeterScale]
+
+    @property
+    def deviation_rel(self) -> NDArray[np.float64]:
+        return np.array([one.luminance_cd_m2 / self.read[one.patch].luminance_cd_m2 - 1 for one in self.seen])
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        read = [self.read[one.patch] for one in self.seen]
+        own = [
+            hypot(s.random_rel, r.random_cd_m2 / r.luminance_cd_m2, self.uneven_rel[s.patch])
+            for s, r in zip(self.seen, read, strict=True)
+        ]
+        covariance = np.diag(np.square(own))
+        common = [numbered(one.common) for one in self.seen]
+        for name in dict.fromkeys(name for errors in common for name in errors if name[0] not in METER_SOURCES):
+            pattern = np.array([float(errors[name].relative) if name in errors else 0.0 for errors in common])
+            covariance = covariance + np.outer(pattern, pattern)
+        return covariance
+
+    def mean(self) -> tuple[float, float]:
+        """Mean deviation by generalised least squares, and its standard uncertainty without the meters' scales."""
+        weights = np.linalg.solve(self.covariance, np.ones(len(self.seen)))
+        return float(weights @ self.deviation_rel / weights.sum()), 1 / sqrt(weights.sum())
+
+    def drift(self, plane: Calibration) -> Drift:
+        """Return the mean deviation as a change of a plane's responsivity."""
+        mean, u = self.mean()
+        responsivity = plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean)
+        return Drift(mean, expanded_rel(self.scales, u), responsivity, expanded_rel([self.meter], u))
+
+    def rows(self, tolerance_rel: float) -> tuple[VerifiedPatch, ...]:
+        """One row per patch."""
+        of_scales = hypot(*(one.common_rel for one in self.scales))
+        deviations, normal = self.deviation_rel.tolist(), np.sqrt(np.diag(self.covariance)).tolist()
+        return tuple(
+            VerifiedPatch.of(
+                self.read[s.patch],
+                s.luminance_cd_m2,
+                s.exposures_s,
+                deviation_rel=deviation,
+                standard_uncertainty_rel=hypot(u, of_scales),
+                expanded_rel=expanded_rel(self.scales, u),
+                independent_rel=u,
+                tolerance_rel=tolerance_rel,
+            )
+            for s, deviation, u in zip(self.seen, deviations, normal, strict=True)
+        )
+
+
+def _compared(
+    calibration: AnyCalibration,
+    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    seen: Sequence[PatchLuminance],
+    readings: Mapping[str, Sequence[Reading]],
+    meter: MeterScale,
+) -> tuple[_Comparison, list[Finding]]:
+    """Combine the readings of each patch, and determine the relevant scale errors."""
+    brightest = max(calibration.planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
+    read: dict[str, PatchReading] = {}
+    uneven_rel: dict[str, float] = {}
+    findings: list[Finding] = []
+    for patch in (one.patch for one in seen):
+        read[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
+        findings += of_patch
+        if read[patch].luminance_cd_m2 == 0:
+            text = f"patch {patch!r} reads 0 cd/m^2, below the meter's range: verify with a brighter patch"
+            raise CalibrationError(text)
+        # Meter and camera view a non-uniform patch at slightly different positions, as in the fit.
+        kept, _, _ = usable(groups[patch][_name(brightest)], brightest.settings)
+        uneven_rel[patch] = float(np.median([net_signal(o, brightest.settings).slow_rel for o in kept]))
+    calibrated = calibration.meter_scale
+    scales: tuple[MeterScale, ...] = () if meter.is_as_in(calibrated) else (meter, calibrated)
+    if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
+        # One instrument: its spectral mismatch is the same in the same light.
+        scales = tuple(replace(one, f1_prime=None) for one in scales)
+    return _Comparison(seen, read, uneven_rel, meter, scales), findings
+
+
+def _planes(
+    calibration: AnyCalibration,
+    dark: Sequence[DarkModel],
+    comparison: _Comparison,
+    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+) -> tuple[VerifiedPlane, ...]:
+    """Each plane with its change against the meter, and its deviation from all planes together, by grey patches."""
+    planes = [VerifiedPlane(one.state.plane, d, None) for one, d in zip(calibration.planes, dark, strict=True)]
+    if isinstance(calibration, Calibration):
+        return (replace(planes[0], drift=comparison.drift(calibration)),)
+    seen = [_of_planes(calibration, groups[name]) for name in groups if name in grey_patches(calibration)]
+    by_plane = list(zip(*filter(None, seen), strict=True))
+    if not by_plane:
+        return tuple(planes)
+    luminance = np.array([[one.luminance_cd_m2 for one in of_plane] for of_plane in by_plane])
+    shares = np.array(calibration.weights)[:, None] * luminance
+    shares = (shares / shares.sum(axis=0)).mean(axis=1)
+    balance = (luminance / (np.array(calibration.weights) @ luminance) - 1).mean(axis=1)
+    errors = np.array([_own_rel(plane, own) for plane, own in zip(calibration.planes, by_plane, strict=True)])
+    u = np.sqrt(np.square(np.eye(len(planes)) - shares) @ np.square(errors))
+    return tuple(
+        replace(
+            one,
+            drift=replace(comparison, seen=own).drift(plane),
+            balance_rel=float(balance[n]),
+            balance_expanded_rel=expanded_half_width(0.0, float(u[n])),
+            share=float(shares[n]),
+        )
+        for n, (one, plane, own) in enumerate(zip(planes, calibration.planes, by_plane, strict=True))
     )
+
+
+def _of_planes(
+    calibration: ColourCalibration, group: Mapping[str, Sequence[PatchObservation]]
+) -> list[PatchLuminance] | None:
+    try:
+        return [patch_luminance(plane, group[_name(plane)]) for plane in calibration.planes]
+    except CalibrationError:
+        return None
+
+
+def _own_rel(plane: Calibration, own: Sequence[PatchLuminance]) -> float:
+    """Relative standard uncertainty of a plane's mean over patches, by what differs from plane to plane."""
+    noise = sum(own_rel(plane, one) ** 2 for one in own) / len(own) ** 2
+    scatter = plane.responsivity.scatter_rel**2 / len(own)
+    return sqrt(noise + scatter + max(one.fit_rel for one in own) ** 2)
 
 
 def _name(plane: Calibration) -> str:
@@ -154,12 +274,6 @@ def _measured(
     return seen, tuple(errors), findings
 
 
-def _uneven_rel(group: Sequence[PatchObservation], calibration: Calibration) -> float:
-    """Non-uniformity of a patch, which meter and camera view at slightly different positions, as in the fit."""
-    kept, _, _ = usable(group, calibration.settings)
-    return float(np.median([net_signal(o, calibration.settings).slow_rel for o in kept]))
-
-
 def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
     of_plane = f" of plane {plane.state.plane}" if plane.state.plane else ""
     if not darks:
@@ -169,11 +283,10 @@ def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
     return fit_dark(darks)[0]
 
 
-def _dark_row(dark: DarkObservation, calibration: Calibration, lowest_cd_m2: float, weight: float) -> VerifiedDark:
+def _dark_row(dark: DarkObservation, plane: Calibration, lowest_cd_m2: float, weight: float) -> VerifiedDark:
     """One exposure of new dark frames; `weight` is that of the plane in the luminance."""
-    model = calibration.setting(dark.state.gain_db).dark
+    model = plane.setting(dark.state.gain_db).dark
     own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
-    light_dn_s = calibration.responsivity.responsivity_dn_s_cd_m2 * lowest_cd_m2
     return VerifiedDark(
         plane=dark.state.plane,
         exposure_s=dark.exposure_s,
@@ -181,5 +294,5 @@ def _dark_row(dark: DarkObservation, calibration: Calibration, lowest_cd_m2: flo
         expected_dn=model.mean_dn(dark.exposure_s, dark.temperature_c),
         standard_uncertainty_dn=hypot(sqrt(own), WANDER_DN / sqrt(3)),
         # The lowest luminance is measured with the longest exposures.
-        effect_rel_per_dn=weight / (light_dn_s * calibration.exposures_s[-1]),
+        effect_rel_per_dn=weight / (lowest_cd_m2 * plane.dn_per_cd_m2(plane.exposures_s[-1])),
     )

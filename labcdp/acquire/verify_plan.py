@@ -8,7 +8,7 @@ from math import log, sqrt
 from ..calibration import AnyCalibration, Calibration
 from ..calibration.frames.planes import plane_region
 from ..calibration.frames.statistics import MIN_NET_SIGNAL
-from ..calibration.verify.comparison import grey_patches
+from ..calibration.verify.verify import grey_patches
 from ..core.errors import InputError
 from ..session import Patch, SessionConfiguration
 

@@ -12,8 +12,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...calibration.record import calibration_sha256
 from ...core.disk import file_sha256, reason
-from ...core.disk.files import file_sha256 as calibration_sha256
 from ...core.disk.files import shown
 from ...core.disk.journal import Row
 from ...core.errors import InputError

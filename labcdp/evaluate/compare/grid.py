@@ -47,6 +47,13 @@ class Uncertain:
     common: Mapping[str, ArrayLike] = field(default_factory=dict)
     sources: tuple[str, ...] = ()
 
+    @property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The value and the ends of its interval."""
+        value, below, above = (np.asarray(one, dtype=np.float64) for one in (self.value, self.below, self.above))
+        value, low, high = np.broadcast_arrays(value, value - below, value + above)
+        return value, low, high
+
     def correlation(self, other: Uncertain) -> NDArray[np.float64]:
         """Return the coefficient of correlation: sum of the products of the parts by errors that both have.
 
@@ -75,6 +82,11 @@ class Difference:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     z: NDArray[np.float64]
+
+    @property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The difference and the ends of its interval."""
+        return self.value, self.low, self.high
 
     @property
     def significant(self) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...core.result import Result
 from ...output import Destination, write_files
@@ -28,8 +28,20 @@ from .result import answer
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: Place of a legend beside a panel.
+_OUTSIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "frameon": False}
 #: Most rows of values, and columns of maps, in a figure.
 _MOST_ROWS, _MOST_COLUMNS = 30, 3
+
+
+#: Most rows of a table beside the figure, and most cards.
+_BRIEF, _MOST_CARDS = 10, 4
+_METHOD = (
+    "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
+    "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
+    "5.2.2; for probabilities Newcombe 1998, method 10). A difference is significant if the interval does not contain "
+    "0, which happens by chance in 1 of 20."
+)
 
 
 def comparison_figure(found: Comparison) -> bytes | None:
@@ -45,24 +57,23 @@ def comparison_figure(found: Comparison) -> bytes | None:
 def _values(found: Comparison, names: Sequence[str]) -> bytes:
     """Draw CDPs with their intervals, or z of all differences where there is no CDP."""
     quantities = list(dict.fromkeys(row.first.quantity for row in found.rows))[:_MOST_ROWS]
-    cdps = [name for name in quantities if any(r.first.probability for r in found.rows if r.first.quantity == name)]
+    probabilities = {row.first.quantity for row in found.rows if row.first.probability}
+    cdps = [name for name in quantities if name in probabilities]
     drawn = cdps or quantities
     figure = new_figure(7.5, 1.0 + (0.34 if len(drawn) < 12 else 0.2) * len(drawn))
     axes = figure.add_subplot()
     step = 0.5 / len(names)
-    for number, name in enumerate(names):
-        rows = [row for row in found.rows if number == 0 or row.name == found.subjects[number].name]
-        places, values, sides = [], [], []
-        for row in rows:
-            if row.first.quantity not in drawn or (number == 0 and not cdps):
-                continue
-            one = row.first.value if number == 0 else row.other.value
-            places.append(drawn.index(row.first.quantity) + step * (number - (len(names) - 1) / 2))
-            values.append(float(one.value) if cdps else float(row.difference.z))  # type: ignore[arg-type]
-            sides.append([float(np.nan_to_num(side)) for side in (one.below, one.above)])
-        if places:
-            style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
-            axes.errorbar(values, places, xerr=np.transpose(sides) if cdps else None, label=name, **style)
+    for number, (name, subject) in enumerate(zip(names, found.subjects, strict=True)):
+        rows = [row for row in found.rows if row.first.quantity in drawn and (number == 0 or row.name == subject.name)]
+        if not rows or (number == 0 and not cdps):
+            continue
+        places = [drawn.index(row.first.quantity) + step * (number - (len(names) - 1) / 2) for row in rows]
+        own = [row.other.value if number else row.first.value for row in rows]
+        style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
+        if cdps:
+            style["xerr"] = np.nan_to_num([[one.below for one in own], [one.above for one in own]])
+        values = [one.value for one in own] if cdps else [row.difference.z for row in rows]
+        axes.errorbar(np.array(values, dtype=float), places, label=name, **style)
     axes.set_yticks(range(len(drawn)), [printable(name) for name in drawn], parse_math=False)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
     # Values close to 1 have many digits.
@@ -70,7 +81,7 @@ def _values(found: Comparison, names: Sequence[str]) -> bytes:
     if not cdps:
         axes.axvspan(-1.96, 1.96, color="0.88", linewidth=0, zorder=0, label="not significant")
     text = "CDP with 95 % interval" if cdps else f"z: difference from {names[0]} over its standard uncertainty"
-    finish(axes, text, "", "", loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    finish(axes, text, "", "", **_OUTSIDE)
     return png(figure)
 
 
@@ -86,46 +97,26 @@ def _curves(grid: Grid, names: Sequence[str], found: Comparison) -> bytes:
             style: dict[str, Any] = {"color": colour, "linestyle": ("-", "--", ":", "-.")[number % 4 if several else 0]}
             text = f"{name}, {at}" if several else name
             if not grid.relative:
-                one = grid.values[number]
-                value, below, above = (
-                    np.broadcast_to(v, np.shape(one.value))[index] for v in (one.value, one.below, one.above)
-                )
-                _draw(panels[0], axis, value, value - below, value + above, text, style)
+                _draw(panels[0], axis, [end[index] for end in grid.values[number].ends], text, style)
             if number:
-                of, factor = grid.differences[number - 1], 100 if grid.relative else 1
-                middle, low, high = (factor * v[index] for v in (of.value, of.low, of.high))
-                _draw(panels[-1], axis, middle, low, high, text, style)
+                factor = 100 if grid.relative else 1
+                _draw(panels[-1], axis, [factor * end[index] for end in grid.differences[number - 1].ends], text, style)
     panels[-1].axhline(0.0, color="0.4", linewidth=1)
-    if not grid.relative:
+    set_scale(axis, panels[-1].xaxis)
+    if grid.relative:
+        finish(panels[0], axis_label(axis), f"{grid.quantity} from that\nof {names[0]} in %", "", **_OUTSIDE)
+    else:
         panels[0].axhline(found.analyses[0].level, color="0.4", linewidth=1, linestyle=":")
         panels[0].set_ylim(-0.03, 1.05)
-        finish(panels[0], "", grid.quantity, "", loc="upper left", bbox_to_anchor=(1.01, 1.02), frameon=False)
-    ratio = (
-        f"{grid.quantity} from that\nof {names[0]} in %"
-        if grid.relative
-        else f"difference of {grid.quantity}\nfrom {names[0]}"
-    )
-    set_scale(axis, panels[-1].xaxis)
-    legend = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "frameon": False} if grid.relative else None
-    if legend:
-        finish(panels[-1], axis_label(axis), ratio, "", **legend)
-    else:
-        label(panels[-1], axis_label(axis), ratio, "")
-        panels[-1].grid(color="0.9")
+        finish(panels[0], "", grid.quantity, "", **_OUTSIDE)
+        label(panels[1], axis_label(axis), f"difference of {grid.quantity}\nfrom {names[0]}", "")
+        panels[1].grid(color="0.9")
     figure.align_ylabels()
     return png(figure)
 
 
-def _draw(
-    panel: Axes,
-    axis: MapAxis,
-    value: ArrayLike,
-    low: NDArray[Any],
-    high: NDArray[Any],
-    text: str,
-    style: dict[str, Any],
-) -> None:
-    places = shown(axis, axis.values)
+def _draw(panel: Axes, axis: MapAxis, ends: Sequence[NDArray[Any]], text: str, style: dict[str, Any]) -> None:
+    places, (value, low, high) = shown(axis, axis.values), ends
     panel.plot(places, value, label=text, **style)
     if np.any(low < high):
         panel.fill_between(places, low, high, color=style["color"], alpha=0.2, linewidth=0)
@@ -172,16 +163,6 @@ def _maps(grid: Grid, names: Sequence[str]) -> bytes:
     return png(figure)
 
 
-#: Most rows of a table beside the figure, and most cards.
-_BRIEF, _MOST_CARDS = 10, 4
-_METHOD = (
-    "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
-    "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
-    "5.2.2; for probabilities Newcombe 1998, method 10). A difference is significant if the interval does not contain "
-    "0, which happens by chance in 1 of 20."
-)
-
-
 def write_comparison(found: Comparison, result: Result, folder: Destination) -> list[Path]:
     """Write a comparison into a folder as `write_files` takes it.
 
@@ -199,29 +180,27 @@ def write_comparison(found: Comparison, result: Result, folder: Destination) -> 
 
 
 def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Page:
-    said = answer(found)
-    sentences = [finding_text(one) for one in said]
-    tables = {table.name: table for table in result.tables}
-    first = [tables[name] for name in ("usable_ranges", "differences") if name in tables]
+    said, tables = answer(found), {table.name: table for table in result.tables}
     axes = [axis.name for axis in found.grid.axes] if found.grid else []
     kept = ("quantity", "name", "difference", "z", "differs", "low", "high", "decades", *axes)
-    brief = [table.showing(*kept) for table in first]
+    brief = [tables[name].showing(*kept) for name in ("usable_ranges", "differences") if name in tables]
     lead: tuple[Block, ...] = (*figures, *(table for table in brief if len(table) <= _BRIEF))
+    titles = {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
     sections = [
-        *(Section("Values", (table,), len(table) <= _BRIEF) for table in first if table.name == "differences"),
-        *(Section("Settings that differ", (tables[name],)) for name in ("settings",) if name in tables),
-        *(Section("All places", (tables[name],), collapsed=True) for name in ("curves",) if name in tables),
-        Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True),
+        Section(title, (tables[name],), name == "curves" or (name == "differences" and len(tables[name]) <= _BRIEF))
+        for name, title in titles.items()
+        if name in tables
     ]
+    method = Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True)
     return Page(
         f"Comparison of {found.kind}s",
         result.title,
-        " ".join(f"{text[:1].upper()}{text[1:]}." for text in sentences),
+        " ".join(f"{text[:1].upper()}{text[1:]}." for text in map(finding_text, said)),
         SIMULATED if result.simulated else "",
         tuple(_cards(found)),
         lead,
         [one for one in result.findings if one not in said],
-        sections,
+        [*sections, method],
     )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from math import isfinite
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.ranges import End
 from ..sweep.maps.result import ranges_table
 from .compare import Compared, Comparison
-from .grid import Grid, Uncertain
+from .grid import Grid
 from .subject import Subject
 
 #: Share of values without a difference that differ significantly by chance.
@@ -163,65 +165,55 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
         yield info("compare-unmatched", quantities=list(found.unmatched))
 
 
-def _interval_columns(name: str, label: str, meaning: str) -> tuple[Column, ...]:
+def _interval(name: str, label: str, meaning: str, of: str) -> tuple[Column, ...]:
     """Return columns that show ``value ± U``, or ``value (low to high)`` where the interval is not symmetric."""
-    expanded, low, high = f"expanded_{name}", f"{name}_low", f"{name}_high"
-    what = {expanded: "U (95 %) if symmetric", low: "lower end of 95 %", high: "upper end of 95 %"}
-    hidden = (Column(end, f"{label}, {text}", shown=False) for end, text in what.items())
-    return Column(name, label, "", meaning, unit_of="unit", expanded=expanded, low=low, high=high), *hidden
+    taken = attrgetter(f"{of}.ends")
 
+    def ends(row: Compared) -> tuple[float | None, float | None, float | None]:
+        value, low, high = map(float, taken(row))
+        if not (isfinite(high - low) and high > low):
+            return None, None, None
+        symmetric = abs((high - value) - (value - low)) <= _ASYMMETRY * (high - low)
+        return (high - low) / 2 if symmetric else None, low, high
 
-def _interval_cells(name: str, value: Any, low: Any, high: Any) -> dict[str, float | None]:
-    value, low, high = float(value), float(low), float(high)
-    known = isfinite(high - low) and high > low
-    symmetric = known and abs((high - value) - (value - low)) <= _ASYMMETRY * (high - low)
-    ends = (low, high) if known else (None, None)
-    expanded = (high - low) / 2 if symmetric else None
-    return {name: value, f"expanded_{name}": expanded, f"{name}_low": ends[0], f"{name}_high": ends[1]}
-
-
-def _value_cells(name: str, one: Uncertain) -> dict[str, float | None]:
-    value = np.asarray(one.value)
-    return _interval_cells(name, value, value - one.below, value + one.above)
+    names = (f"expanded_{name}", f"{name}_low", f"{name}_high")
+    shown = Column(name, label, "", meaning, expanded=names[0], low=names[1], high=names[2], unit_of="unit")
+    return (
+        replace(shown, value=lambda row: float(taken(row)[0])),
+        Column(names[0], f"{label}, U (95 %) if symmetric", shown=False, value=lambda row: ends(row)[0]),
+        Column(names[1], f"{label}, lower end of 95 %", shown=False, value=lambda row: ends(row)[1]),
+        Column(names[2], f"{label}, upper end of 95 %", shown=False, value=lambda row: ends(row)[2]),
+    )
 
 
 def difference_text(row: Compared) -> str:
     """Return a difference with its interval and unit."""
-    column, *_ = _interval_columns("difference", "", "")
-    of, unit = row.difference, row.first.unit
-    cells = {**_interval_cells("difference", of.value, of.low, of.high), "unit": unit}
-    return f"{cell_text(column, cells)} {unit}".strip()
+    columns = (*_interval("difference", "", "", "difference"), Column("unit", "unit", value="first.unit"))
+    table = Table.of_items("", "", columns, [row])
+    return f"{cell_text(table.columns[0], next(table.rows()))} {row.first.unit}".strip()
+
+
+def _differs(row: Compared) -> str:
+    return "unknown" if np.isnan(row.difference.z) else "yes" if row.difference.significant else "no"
 
 
 def _differences(found: Comparison) -> Iterator[Table]:
     if not found.rows:
         return
     first, *others = (subject.name for subject in found.subjects)
+    several = len(others) > 1
     columns = (
-        Column("quantity", "quantity"),
-        Column("name", "of", meaning="What is compared with the first.", shown=len(others) > 1),
-        *_interval_columns("first", first, "Value of the first."),
-        *_interval_columns("value", "value" if len(others) > 1 else others[0], "Value of the other."),
-        *_interval_columns("difference", "difference", "Value of the other minus that of the first."),
-        Column("unit", "unit", "", "Unit of values and difference."),
-        Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1),
-        Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference."),
-    )
-    rows = [
-        {
-            "quantity": row.first.quantity,
-            "name": row.name,
-            "unit": row.first.unit,
-            "z": float(of.z),
-            **_value_cells("first", row.first.value),
-            **_value_cells("value", row.other.value),
-            **_interval_cells("difference", of.value, of.low, of.high),
-            "differs": "unknown" if np.isnan(of.z) else "yes" if of.significant else "no",
-        }
-        for row in found.rows
-        for of in (row.difference,)
-    ]
-    yield Table.of_rows("differences", f"Values and their difference from {first}", columns, rows)
+        Column("quantity", "quantity", value="first.quantity"),
+        Column("name", "of", meaning="What is compared with the first.", shown=several),
+        *_interval("first", first, "Value of the first.", "first.value"),
+        *_interval("value", "value" if several else others[0], "Value of the other.", "other.value"),
+        *_interval("difference", "difference", "Value of the other minus that of the first.", "difference"),
+        Column("unit", "unit", "", "Unit of values and difference.", value="first.unit"),
+        Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1,
+               value=lambda row: float(row.difference.z)),
+        Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference.", value=_differs),
+    )  # fmt: skip
+    yield Table.of_items("differences", f"Values and their difference from {first}", columns, found.rows)
 
 
 def _ranges(found: Comparison) -> Iterator[Table]:
@@ -260,11 +252,8 @@ def _settings(found: Comparison) -> Iterator[Table]:
     settings = found.settings
     if not settings:
         return
-    names = [subject.name for subject in found.subjects]
-    columns = [Column("setting", "setting"), *(Column(f"value_{n}", name) for n, name in enumerate(names, start=1))]
-    rows = [
-        {"setting": name, **{f"value_{n}": text for n, text in enumerate(texts, start=1)}}
-        for name, texts in settings.items()
-    ]
-    long = len(rows) * len(names) > _PRINTED
-    yield Table.of_rows("settings", "Settings that differ", columns, rows, detail=long)
+    names = {f"value_{number}": subject.name for number, subject in enumerate(found.subjects, start=1)}
+    columns = (Column("setting", "setting"), *(Column(key, name) for key, name in names.items()))
+    data = {"setting": list(settings), **dict(zip(names, zip(*settings.values(), strict=True), strict=True))}
+    long = len(settings) * len(names) > _PRINTED
+    yield Table("settings", "Settings that differ", columns, data, detail=long)

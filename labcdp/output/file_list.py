@@ -1,64 +1,27 @@
-"""The list of the files that labcdp wrote into a folder of results."""
+"""The list of the files that labcdp wrote into a folder of results, and what must not be replaced."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal
+from typing import Any, ClassVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
-
-from ..core.disk import open_regular, read_json, reason, validated_as
+from ..core.disk import read_json, reason, validated_as
 from ..core.errors import InputError
+from .file import StoredFile, cannot_be_written, file_exists
 
 #: Name of the list in its folder.
 LIST_FILE = "labcdp-files.json"
 
-_FORMAT, _VERSION = "labcdp-files", 1
+_HEAD = {"format": "labcdp-files", "version": 1}
 #: A list of a million files is smaller.
 _MOST_BYTES = 2**28
-
-
-@dataclass(frozen=True)
-class ListedFile:
-    """A file as it was written.
-
-    Parameters
-    ----------
-    name : str
-        Path inside the folder, with forward slashes.
-    size : int
-        Length in bytes.
-    sha256 : str
-        SHA-256 of its bytes, in hexadecimal.
-    """
-
-    name: str
-    size: int
-    sha256: str
-
-    @classmethod
-    def of(cls, folder: Path, name: str) -> ListedFile:
-        """Describe a file; raises OSError if it cannot be read."""
-        with open_regular(folder / name) as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return cls(name, os.fstat(file.fileno()).st_size, digest)
-
-    def is_unchanged(self, folder: Path) -> bool:
-        """Whether the file is there, in real folders, with the content it was written with."""
-        if not is_inside(folder, self.name):
-            return False
-        try:
-            state = (folder / self.name).lstat()
-            return stat.S_ISREG(state.st_mode) and state.st_size == self.size and self.of(folder, self.name) == self
-        except OSError:
-            return False
 
 
 @dataclass(frozen=True)
@@ -71,23 +34,44 @@ class FileList:
         Command the results are of.
     finished : bool
         Whether the results are complete.
-    files : tuple of ListedFile
+    files : tuple of StoredFile
         The files; while results are replaced, a name may be listed as it was and as it will be.
     journal : str or None
         File to which an unfinished command adds, and with which it resumes.
     labcdp : str
         Version that wrote them.
+
+    Raises
+    ------
+    InputError
+        If a name is none of a file in the folder.
     """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     command: str
     finished: bool
-    files: tuple[ListedFile, ...] = ()
-    journal: str | None = None
+    files: tuple[StoredFile, ...]
+    journal: str | None
     labcdp: str = field(default_factory=lambda: version("labcdp"))
+
+    def __post_init__(self) -> None:
+        for name in (*(one.name for one in self.files), *([] if self.journal is None else [self.journal])):
+            path = PurePosixPath(name)
+            if not name or path.is_absolute() or ".." in path.parts or name == LIST_FILE or "\0" in name:
+                raise InputError(f"{name!r} is no name of a file in the folder")
 
     def encode(self) -> bytes:
         """Return the content of the list's file."""
-        return (json.dumps({"format": _FORMAT, "version": _VERSION, **asdict(self)}, indent=1) + "\n").encode("ascii")
+        return (json.dumps(_HEAD | asdict(self), indent=1) + "\n").encode("ascii")
+
+    @property
+    def by_name(self) -> dict[str, list[StoredFile]]:
+        """Descriptions of each file by its name."""
+        found: dict[str, list[StoredFile]] = {}
+        for one in self.files:
+            found.setdefault(one.name, []).append(one)
+        return found
 
 
 def read_list(folder: Path) -> FileList | None:
@@ -102,60 +86,90 @@ def read_list(folder: Path) -> FileList | None:
     remedy = "give another --output"
     try:
         state = path.lstat()
-        if not stat.S_ISREG(state.st_mode) or state.st_size > _MOST_BYTES:
-            raise InputError(f"{path} is not a file list of labcdp: {remedy}")
-        values = read_json(path, "another --output", _MOST_BYTES)
-        if isinstance(values, dict) and values.get("version", _VERSION) != _VERSION:
-            raise InputError(f"{path} was written by another version of labcdp: {remedy}")
-        try:
-            listed = validated_as(_Document, values)
-        except InputError as error:
-            raise InputError(f"{path} is damaged ({error}): {remedy}") from error
-        files = tuple(ListedFile(one.name, one.size, one.sha256) for one in listed.files)
-        return FileList(listed.command, listed.finished, files, listed.journal, listed.labcdp)
     except FileNotFoundError:
         return None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({reason(error)}): {remedy}") from error
+    if not stat.S_ISREG(state.st_mode) or state.st_size > _MOST_BYTES:
+        raise InputError(f"{path} is not a file list of labcdp: {remedy}")
+    values = read_json(path, "another --output", _MOST_BYTES)
+    if isinstance(values, dict):
+        head = {key: values.pop(key, None) for key in _HEAD}
+        if head["version"] not in (None, _HEAD["version"]):
+            raise InputError(f"{path} was written by another version of labcdp: {remedy}")
+        values |= {} if head == _HEAD else head
+    try:
+        return validated_as(FileList, values)
+    except InputError as error:
+        raise InputError(f"{path} is damaged ({error}): {remedy}") from error
 
 
-def by_name(files: tuple[ListedFile, ...]) -> Mapping[str, list[ListedFile]]:
-    """Descriptions of each file by its name."""
-    found: dict[str, list[ListedFile]] = {}
-    for one in files:
-        found.setdefault(one.name, []).append(one)
-    return found
+def check_file(
+    path: str | PathLike[str], *, force: bool = False, inputs: Iterable[Path] = (), option: str = "--output"
+) -> Path:
+    """Check that a file can be written, before the work whose result it will hold.
+
+    Parameters
+    ----------
+    path : path-like
+        File to be written.
+    force : bool
+        Whether an existing file may be replaced.
+    inputs : iterable of Path
+        Files that are never replaced, and folders in which none is.
+    option : str
+        Option of the command line that names the file, for messages; empty in Python.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If it exists and may not be replaced, is a folder, an input, or one of the results in a folder of labcdp, or its
+        folder is missing or not writable.
+    """
+    path = Path(path)
+    name = f"{option} {path}".lstrip()
+    try:
+        is_folder, has_folder = path.is_dir(), path.parent.is_dir()
+    except OSError as error:  # as of a name that is too long
+        raise cannot_be_written(path, error) from error
+    if is_folder:
+        raise InputError(f"{name} is a folder: give the name of a file")
+    if any(_is_input(path, one) for one in inputs):
+        raise InputError(f"{name} is an input of this command: give another name")
+    if os.path.lexists(path):
+        if not force:
+            raise file_exists(path, option)
+        _require_no_result(path, name)
+    if not has_folder:
+        raise InputError(f"{name} cannot be written: {path.parent} is not a folder; give one that exists")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{name} cannot be written: you may not write to {path.parent}; give another folder")
+    return path
 
 
-def is_inside(folder: Path, name: str) -> bool:
-    """Whether the subfolders of a name are folders, and no links to elsewhere."""
-    parents = [folder / parent for parent in PurePosixPath(name).parents if parent != PurePosixPath(".")]
-    return not any(os.path.lexists(one) and (one.is_symlink() or not one.is_dir()) for one in parents)
+def is_same_file(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file; False if one of them leads nowhere."""
+    try:
+        return os.path.samefile(one, other)
+    except OSError:
+        return False
 
 
-def _name(name: str) -> str:
-    path = PurePosixPath(name)
-    if not name or path.is_absolute() or ".." in path.parts or name == LIST_FILE or "\0" in name:
-        raise ValueError("it is no name of a file in the folder")
-    return name
+def _is_input(path: Path, one: Path) -> bool:
+    """Whether a file is an input, or exists already in an input folder."""
+    inside = one.is_dir() and os.path.lexists(path) and path.parent.resolve().is_relative_to(one.resolve())
+    return inside or is_same_file(path, one)
 
 
-_Name = Annotated[str, AfterValidator(_name)]
-
-
-class _DocumentFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    name: _Name
-    size: int = Field(ge=0)
-    sha256: str
-
-
-class _Document(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    format: Literal["labcdp-files"]
-    version: int
-    command: str
-    finished: bool
-    files: list[_DocumentFile]
-    journal: _Name | None
-    labcdp: str
+def _require_no_result(path: Path, name: str) -> None:
+    """Refuse a file that the list of a results folder names, or the list itself."""
+    place = path.parent.resolve() / path.name
+    for folder in place.parents:
+        listed = read_list(folder)
+        if listed and place.relative_to(folder).as_posix() in (LIST_FILE, *listed.by_name):
+            raise InputError(f"{name} belongs to the results of labcdp {listed.command}: give another name")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
@@ -15,17 +16,15 @@ from typing import Self, TypeAlias
 from ..core.errors import InputError
 from .file import (
     Buffer,
+    StoredFile,
     cannot_be_written,
     fsync_folder,
-    is_same_file,
-    is_staging,
-    lock_folder,
-    make_folder,
+    is_inside,
+    lock,
     put_in_place,
-    staging_name,
     write_file,
 )
-from .file_list import LIST_FILE, FileList, ListedFile, by_name, is_inside, read_list
+from .file_list import LIST_FILE, FileList, is_same_file, read_list
 
 
 class ResultsFolder:
@@ -76,11 +75,11 @@ class ResultsFolder:
     def __enter__(self) -> Self:
         """Check the folder and make it."""
         with ExitStack() as end:
-            make_folder(self.folder, end)
-            is_locked = lock_folder(self.folder, end)
-            stale = [one for one in self._entries() if is_staging(one)]
+            _make(self.folder, end)
+            is_locked = _lock(self.folder, end)
+            stale = [one for one in self._entries() if _is_staging(one)]
             self._before = self._checked(stale)
-            self._staging = staging_name(self.folder)
+            self._staging = self.folder / f".labcdp-{secrets.token_hex(8)}.unfinished"
             end.callback(self._tidy)
             try:
                 self._staging.mkdir()
@@ -147,8 +146,7 @@ class ResultsFolder:
             If a file of that name is not labcdp's.
         """
         path = self.folder / name
-        known = by_name(self._before.files).get(name, []) if self._before else []
-        is_ours = bool(known) or (self._before is not None and self._before.journal == name)
+        is_ours = self._before is not None and name in (self._before.journal, *self._before.by_name)
         if os.path.lexists(path):
             if not is_ours or path.is_symlink() or not path.is_file():
                 raise _foreign(path)
@@ -161,12 +159,11 @@ class ResultsFolder:
     def keep(self) -> None:
         """Let the same command resume what is in the folder if it is interrupted from now on."""
         self._begun = True
-        files = tuple(one for one in self._files_before if one.name != self._journal)
-        self._write_list(FileList(self._command, False, files, self._journal))
+        self._write_list(self._files_before, self._journal)
 
     @property
-    def _files_before(self) -> tuple[ListedFile, ...]:
-        return self._before.files if self._before else ()
+    def _files_before(self) -> tuple[StoredFile, ...]:
+        return tuple(one for one in self._before.files if one.name != self._journal) if self._before else ()
 
     def _entries(self) -> list[Path]:
         try:
@@ -188,7 +185,7 @@ class ResultsFolder:
             raise InputError(f"{folder} has results of labcdp {before.command}: give another --output")
         if before.finished and not (self._force or self._resume):
             raise InputError(f"{folder} already has results: give --force to replace them, or another --output")
-        listed = by_name(before.files)
+        listed = before.by_name
         for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
             if any(is_same_file(path, one) for one in self._inputs):
                 raise InputError(f"{path} is an input of this command: give another --output")
@@ -198,14 +195,15 @@ class ResultsFolder:
         return before
 
     def _finish(self) -> None:
-        new = [ListedFile.of(self._staging, name) for name in self.names]
-        before = by_name(tuple(one for one in self._files_before if one.name != self._journal))
+        new = [StoredFile.of(self._staging, name) for name in self.names]
+        journal = self._journal or (self._before.journal if self._before else None)
+        older = self._files_before
+        before = FileList(self._command, False, older, journal).by_name
         for one in new:
             self._require_place(one.name, before)
-            _fsync(self._staging / one.name)
-        journal = self._journal or (self._before.journal if self._before else None)
-        older = tuple(one for known in before.values() for one in known)
-        self._write_list(FileList(self._command, False, (*older, *new), journal))
+            with (self._staging / one.name).open("rb") as file:
+                os.fsync(file.fileno())
+        self._write_list((*older, *new), journal)
         self._begun = True
         for one in new:
             target = self.folder / one.name
@@ -221,12 +219,12 @@ class ResultsFolder:
         for parent in {(self.folder / one.name).parent for one in new}:
             fsync_folder(parent)
         if journal is not None and (self.folder / journal).is_file():
-            new.append(ListedFile.of(self.folder, journal))
-        self._write_list(FileList(self._command, self.complete, tuple(new), None if self.complete else journal))
+            new.append(StoredFile.of(self.folder, journal))
+        self._write_list(tuple(new), None if self.complete else journal, self.complete)
         self._before = None
         self._begun = False
 
-    def _require_place(self, name: str, before: Mapping[str, list[ListedFile]]) -> None:
+    def _require_place(self, name: str, before: Mapping[str, list[StoredFile]]) -> None:
         target = self.folder / name
         if not is_inside(self.folder, name):
             raise InputError(f"{target.parent} was not created by labcdp: move it away, or give another --output")
@@ -243,8 +241,9 @@ class ResultsFolder:
             for parent in PurePosixPath(name).parents[:-1]:
                 (self.folder / parent).rmdir()
 
-    def _write_list(self, files: FileList) -> None:
-        write_file(self.folder / LIST_FILE, files.encode(), force=True)
+    def _write_list(self, files: tuple[StoredFile, ...], journal: str | None, finished: bool = False) -> None:
+        listed = FileList(self._command, finished, files, journal)
+        write_file(self.folder / LIST_FILE, listed.encode(), force=True)
 
     def _tidy(self) -> None:
         """Remove what is not in its place, and the list if there is nothing to resume."""
@@ -253,8 +252,8 @@ class ResultsFolder:
             return
         with suppress(OSError, InputError):
             if self._journal is not None and not (self.folder / self._journal).exists() and self._before is not None:
-                files = tuple(one for one in self._before.files if one.name != self._journal)
-                self._write_list(replace(self._before, files=files, journal=None))
+                listed = replace(self._before, files=self._files_before, journal=None)
+                write_file(self.folder / LIST_FILE, listed.encode(), force=True)
             elif self._before is None and not self._entries():
                 (self.folder / LIST_FILE).unlink()
 
@@ -282,9 +281,46 @@ def write_files(destination: Destination, command: str, files: Mapping[str, Buff
         return results.add(files)
 
 
-def _fsync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
+def _make(folder: Path, end: ExitStack) -> None:
+    """Make a folder; at the end those that were made and are empty are removed."""
+    made: list[Path] = []
+
+    def remove_empty() -> None:
+        for one in made:
+            with suppress(OSError):  # not empty: it holds the results
+                one.rmdir()
+
+    end.callback(remove_empty)
+    try:
+        made += [path for path in (folder, *folder.parents) if not path.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(f"{folder} is not a folder: give another --output") from error
+    except NotADirectoryError as error:
+        raise InputError(f"{folder} lies in a file: give another --output") from error
+    except OSError as error:
+        raise cannot_be_written(folder, error) from error
+
+
+def _lock(folder: Path, end: ExitStack) -> bool:
+    """Keep other processes of labcdp from writing into a folder until the end; False where there are no such locks."""
+    if not hasattr(os, "O_DIRECTORY"):  # Windows
+        return False
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read ({error.strerror}): give another --output") from error
+    end.callback(os.close, descriptor)
+    try:
+        return lock(descriptor)
+    except BlockingIOError as error:
+        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another --output") from error
+
+
+def _is_staging(path: Path) -> bool:
+    """Whether this is a subfolder in which files waited, left behind by a kill: by its name and its mark."""
+    is_named = path.name.startswith(".labcdp-") and path.name.endswith(".unfinished")
+    return is_named and not path.is_symlink() and (path / LIST_FILE).is_file()
 
 
 def _foreign(path: Path) -> InputError:

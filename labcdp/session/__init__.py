@@ -1,5 +1,6 @@
 """Sessions: one measurement in a folder the user can read, safe against kills and checked when read."""
 
+from ..output.file import StoredFile
 from .configuration import (
     ConditionsConfiguration,
     ContrastConfiguration,
@@ -11,7 +12,6 @@ from .configuration import (
     example_configuration,
     example_session,
 )
-from .files import StoredFile
 from .records import EventRecord, FrameRecord, ReadingRecord, Record, Role
 from .store import Session
 from .tables import CameraConfiguration, LensConfiguration, MeterCertificate, MeterConfiguration, SourceConfiguration

@@ -8,52 +8,20 @@ import secrets
 import shutil
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 
 from ..core.clock import Clock
 from ..core.errors import SessionError
-from ..output.file import fsync_folder, is_temporary
+from ..output.file import fsync_folder, is_temporary, write_several
 from .configuration import SessionConfiguration
-from .files import FRAMES, read_checked, reported, write_whole
+from .frames import FRAMES, read_checked, reported
 from .journal import FORMER_END, JOURNAL, Entry, Journal, read_journal
 from .records import SUPERSEDED, event_record
 
 CONFIGURATION = "session.toml"
 README = "README.txt"
 
-_README_TEXT = """\
-A session recorded by labcdp
-============================
-
-This folder holds one measurement: a camera and a luminance meter looked at the same target, and everything
-they said is here as they said it. Nothing in it is computed, so a result can be computed again from it.
-
-session.toml    The configuration as it was used: camera, lens, meter with its serial number and calibration
-                date, operator, target and plan. Lengths are in metres, times in seconds, luminance in cd/m2.
-
-journal.jsonl   What was recorded, in order, one line of JSON each: line number, time, kind, content, and for
-                a file its name, size and SHA-256. Frames are in DN (digital numbers). A reading has the unit
-                the meter stated with it, its patch of the target, and the meter's reply as received.
-
-frames/         The images, named number_role_exposure: 0001_light_5ms.tif is the first frame, taken of the
-                target with an exposure of 5 ms; "dark" was taken with the lens covered. They are grey TIFF
-                files of 8 or 16 bit that image programs open. A 12-bit image looks dark there, since white
-                is 4095 of 65535; the values are right. The tag ImageDescription holds exposure, gain,
-                temperature, time and camera as JSON.
-
-journal.torn-*  Only there if the recording was cut off in the middle of a line: what was left of that line.
-
-Please change nothing here. Every file has its checksum in the journal, and every line of the journal has one
-of its own, so a change is noticed and the session no longer counts as sound.
-Copy the folder as a whole. To read it in Python:
-
-    from labcdp.session import Session
-
-    session = Session.open("this folder")
-    session.verify()                                # raises an error if something is missing or altered
-    frame = session.load(session.frames()[0])       # frame.dn holds the pixels
-    readings = [(r.patch, r.reading.luminance_cd_m2) for r in session.readings()]
-"""
 
 #: Format of the sessions this labcdp writes; it reads earlier ones too.
 FORMAT = 2
@@ -104,8 +72,8 @@ def create_folder(path: Path, configuration: SessionConfiguration, compress: boo
 
 def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> None:
     (folder / FRAMES).mkdir(parents=True)
-    toml = write_whole(folder, CONFIGURATION, configuration.to_toml().encode())
-    readme = write_whole(folder, README, _README_TEXT.encode())
+    text = files("labcdp").joinpath("data/session-readme.txt").read_bytes()
+    toml, readme = write_several(folder, [(CONFIGURATION, (configuration.to_toml().encode(),)), (README, (text,))])
     versions = {"labcdp": version("labcdp"), "numpy": version("numpy"), "python": platform.python_version()}
     journal = Journal.create(folder, clock)
     try:
@@ -132,8 +100,8 @@ def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Files in a session's folder that its journal does not know, as names inside it."""
     known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, FORMER_END}
     with reported(folder, "read"):
-        files = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
-    return sorted({path.relative_to(folder).as_posix() for path in files} - known)
+        found = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
+    return sorted({path.relative_to(folder).as_posix() for path in found} - known)
 
 
 def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
@@ -153,13 +121,13 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """
     found: list[str] = []
     try:
-        text = read_journal(folder)
-        if text.torn:
+        on_disk, _, torn = read_journal(folder)
+        if torn:
             found.append(
                 f"{folder / JOURNAL} ends with a line that is not whole: open the session for writing once to set it "
                 "aside"
             )
-        if [entry.check for entry in text.entries[: len(entries)]] != [e.check for e in entries]:
+        if [entry.check for entry in on_disk[: len(entries)]] != [e.check for e in entries]:
             found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")
     except SessionError as error:
         found.append(str(error))

@@ -1,24 +1,85 @@
-"""Frames of a session: TIFF files that any image program opens, numbered, and written together or not at all."""
+"""Files of a session: checked when read; frames are TIFF files that any image program opens."""
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
+import os
 import re
 import struct
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 
-from ..core.disk import parse_json, reason
+from ..core.disk import open_regular, parse_json, reason
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
-from ..output.file import Buffer
-from .files import FRAMES, StoredFile, remove_partial, reported, write_several
-from .journal import Entry
-from .records import Role
+from ..output.file import Buffer, StoredFile, is_temporary, write_several
+
+#: Folder of the frames in a session.
+FRAMES = "frames"
+
+
+def read_checked(folder: Path, stored: StoredFile) -> bytes:
+    """Read a recorded file and check it against its record.
+
+    Raises
+    ------
+    SessionError
+        If it is missing, shorter or longer than recorded, altered, or cannot be read.
+    """
+    path = folder / stored.name
+    # Not Path.exists, which raises for a name that is too long.
+    if not os.path.exists(path):
+        raise SessionError(f"{path} is missing: {_again(folder, stored)}")
+    with reported(path, "read"), open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read() if size == stored.size else b""
+    if size < stored.size:
+        fault = f"is truncated: {size} of {stored.size} bytes are left"
+    elif size > stored.size:
+        fault = f"was altered: it has {size} bytes, {stored.size} were recorded"
+    elif hashlib.sha256(data).hexdigest() != stored.sha256:
+        fault = "was altered: its SHA-256 is not the recorded one"
+    else:
+        return data
+    raise SessionError(f"{path} {fault}; {_again(folder, stored)}")
+
+
+def _again(folder: Path, stored: StoredFile) -> str:
+    remedy = "restore it from a copy of the session"
+    if not stored.name.startswith(f"{FRAMES}/"):
+        return remedy
+    command = f"labcdp acquire {quote(str(folder / 'session.toml'))} {quote(str(folder))} --replace-damaged"
+    return f"{remedy}, or record it again: {command}"
+
+
+@contextmanager
+def reported(path: Path, done: str) -> Iterator[None]:
+    """Turn an OSError into a SessionError that names the file and the remedy; `done` is "read" or "written"."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        # A file to be written cannot be missing, but its folder can.
+        what = path if done == "read" or path.parent.is_dir() else path.parent
+        raise SessionError(f"{what} is missing: restore it from a copy of the session") from error
+    except OSError as error:
+        remedies = {
+            errno.EACCES: f"give yourself the right to have it {done}",
+            errno.EPERM: f"give yourself the right to have it {done}",
+            errno.EROFS: "use a folder on a disk you may write to",
+            errno.ENOSPC: "free some space on the disk and record it again",
+            errno.EDQUOT: "free some of your disk quota and record it again",
+            errno.EFBIG: "raise the limit of the file size and record it again",
+        }
+        remedy = remedies.get(error.errno or 0, "check the path and the disk")
+        raise SessionError(f"{path} cannot be {done} ({reason(error)}): {remedy}") from error
+
 
 #: What messages call the file, which the session names itself.
 _IT = Path("it")
@@ -108,18 +169,8 @@ def frame_from_tiff(data: bytes, source: str) -> Frame:
         raise SessionError(f"{source} is not a frame recorded by labcdp ({reason(error)})") from error
 
 
-def frame_file_name(number: int, role: str, exposure_s: float) -> str:
-    """Name of a frame's file, for example ``0001_light_5ms.tif``."""
-    unit, scale = next(
-        (unit, scale)
-        for unit, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6))
-        if exposure_s * scale >= 1 or unit == "us"
-    )
-    return f"{number:04d}_{role}_{exposure_s * scale:.6g}{unit}.tif"
-
-
 class FrameFolder:
-    """Writes the frames of a session.
+    """Writes the frames of a session: numbered files, written together or not at all.
 
     Parameters
     ----------
@@ -134,23 +185,24 @@ class FrameFolder:
         self._compress = compress
         self.next_number = 1
 
-    def recover(self, entries: Sequence[Entry]) -> None:
-        """Remove what a killed writer left half done, and find the next number; raises SessionError."""
+    def recover(self, recorded: Iterable[str]) -> None:
+        """Remove what a killed writer left half done, and find the number after those of recorded and other files."""
         frames = self._session / FRAMES
         with reported(frames, "written"):
             # Programs that copy or pack folders may leave out an empty one.
             frames.mkdir(exist_ok=True)
-            remove_partial(self._session)
-            remove_partial(frames)
-        names = [path.name for path in frames.iterdir()] + [entry.file.name for entry in entries if entry.file]
+            for path in (*self._session.iterdir(), *frames.iterdir()):
+                if is_temporary(path) and path.is_file():
+                    path.unlink()
+        names = [*(path.name for path in frames.iterdir()), *recorded]
         numbers = [int(found[1]) for name in names if (found := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
         self.next_number = max(numbers, default=0) + 1
 
-    def write(self, frames: Sequence[tuple[Frame, Role]]) -> list[StoredFile]:
-        """Write frames with the next numbers; raises SessionError, and then none is there."""
+    def write(self, frames: Sequence[tuple[Frame, str]]) -> list[StoredFile]:
+        """Write frames of a role with the next numbers; raises SessionError, and then none is there."""
         first = self.next_number
         names = [
-            f"{FRAMES}/{frame_file_name(number, role, frame.exposure_s)}"
+            f"{FRAMES}/{_file_name(number, role, frame.exposure_s)}"
             for number, (frame, role) in enumerate(frames, start=first)
         ]
         parts = (tiff_parts(frame, self._compress) for frame, _ in frames)
@@ -169,3 +221,13 @@ class FrameFolder:
             for name in names:
                 (self._session / name).unlink(missing_ok=True)
             self.next_number = first
+
+
+def _file_name(number: int, role: str, exposure_s: float) -> str:
+    """Name of a frame's file, for example ``0001_light_5ms.tif``."""
+    unit, scale = next(
+        (unit, scale)
+        for unit, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6))
+        if exposure_s * scale >= 1 or unit == "us"
+    )
+    return f"{number:04d}_{role}_{exposure_s * scale:.6g}{unit}.tif"

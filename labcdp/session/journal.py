@@ -18,38 +18,42 @@ from datetime import datetime
 from io import FileIO
 from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
 from ..core.clock import Clock
 from ..core.disk import parse_json, read_at_most, validated_as
 from ..core.errors import InputError, SessionError
-from ..output.file import write_all
-from .files import StoredFile, reported, write_whole
+from ..output.file import StoredFile, lock, write_all, write_several
+from .frames import reported
 
 JOURNAL = "journal.jsonl"
 #: File of sessions of format 1, which is not read any more.
 FORMER_END = "journal.end"
+#: Kind of a line that says that the clock was set back.
+CLOCK = "clock"
 
 _FORMER_START = "0" * 64
 #: Size from which a journal is refused: some 100 000 frames.
 _MOST_BYTES = 2**28
 _LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}', re.DOTALL)
+#: A path that stays inside the session's folder, and can be printed.
+_NAME = re.compile(r"(?:[\w-][\w .-]*/)*[\w-][\w .-]*")
+_LONGEST_NAME = 250
+#: Clocks that follow a time server are put right in steps below this.
+_CLOCK_STEP_S = 1.0
+
+_log = logging.getLogger(__name__)
+
+#: A line to be added: its kind, what is to be known about it as values JSON can hold, and the file it belongs to.
+Line: TypeAlias = tuple[str, Mapping[str, Any], StoredFile | None]
 
 
-class _LineValues(BaseModel):
-    """A line without its check."""
-
-    model_config = ConfigDict(extra="forbid")
-    sequence: int = Field(ge=1)
-    time: str
-    kind: str = Field(min_length=1)
-    content: dict[str, Any]
-    # A path that stays inside the session's folder, and can be printed.
-    file: str | None = Field(None, pattern=r"^(?:[\w-][\w .-]*/)*[\w-][\w .-]*$", max_length=250)
-    sha256: str = Field("", pattern="^[0-9a-f]{64}$")
-    size: int = Field(0, ge=0, le=2**40)
+def _inside(file: StoredFile) -> StoredFile:
+    if not (_NAME.fullmatch(file.name) and len(file.name) <= _LONGEST_NAME):
+        raise ValueError("it is no name of a file in the session")
+    return file
 
 
 @dataclass(frozen=True)
@@ -66,72 +70,33 @@ class Entry:
         What was recorded, for example ``frame``.
     content : dict
         What is to be known about it, as values JSON can hold.
-    file : StoredFile or None
-        The file it belongs to.
     check : str
         The line's check, in hexadecimal.
-    """
-
-    sequence: int
-    time: datetime
-    kind: str
-    content: dict[str, Any]
-    file: StoredFile | None
-    check: str
-
-
-@dataclass(frozen=True)
-class JournalText:
-    """What a journal holds.
-
-    Parameters
-    ----------
-    entries : list of Entry
-        The whole lines.
-    whole_bytes : int
-        Length of the whole lines.
-    torn : bytes
-        The rest: a line without its end, left by a writer that was killed, or that is writing just now.
-    """
-
-    entries: list[Entry]
-    whole_bytes: int
-    torn: bytes
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line to be added.
-
-    Parameters
-    ----------
-    kind : str
-        What is recorded.
-    content : mapping
-        What is to be known about it, as values JSON can hold.
     file : StoredFile or None
         The file it belongs to.
     """
 
-    kind: str
-    content: Mapping[str, Any]
-    file: StoredFile | None = None
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    def values(self, number: int, time: datetime) -> dict[str, Any]:
-        """Values of the line, all but its check."""
-        values: dict[str, Any] = {
-            "sequence": number,
-            "time": time.isoformat(timespec="microseconds"),
-            "kind": self.kind,
-            "content": self.content,
-        }
-        if self.file is not None:
-            values |= {"file": self.file.name, "sha256": self.file.sha256, "size": self.file.size}
-        return values
+    sequence: Annotated[int, Field(ge=1)]
+    time: datetime
+    kind: Annotated[str, Field(min_length=1)]
+    content: dict[str, Any]
+    check: str
+    file: Annotated[StoredFile, AfterValidator(_inside)] | None = None
 
 
-def read_journal(folder: Path) -> JournalText:
+def read_journal(folder: Path) -> tuple[list[Entry], int, bytes]:
     """Read a session's journal and verify its lines; changes nothing.
+
+    Returns
+    -------
+    list of Entry
+        The whole lines.
+    int
+        Their length in bytes.
+    bytes
+        The rest: a line without its end, left by a writer that was killed, or that is writing just now.
 
     Raises
     ------
@@ -144,30 +109,33 @@ def read_journal(folder: Path) -> JournalText:
     *lines, torn = text.split(b"\n")
     entries: list[Entry] = []
     for number, line in enumerate(lines, start=1):
-        entry = decode(line, entries[-1].check if entries else _FORMER_START)
+        entry = _decode(line, entries[-1].check if entries else _FORMER_START)
         if entry is None or entry.sequence != number:
             raise SessionError(
                 f"{path} line {number} was altered, or a line there was removed or swapped: restore the journal "
                 "from a copy of the session"
             )
         entries.append(entry)
-    return JournalText(entries, len(text) - len(torn), torn)
+    return entries, len(text) - len(torn), torn
 
 
-def encode(values: dict[str, Any]) -> bytes:
+def _encode(number: int, time: datetime, line: Line) -> bytes:
     """Make a line, without its end; raises InputError for what JSON has not."""
+    kind, content, file = line
+    values = {"sequence": number, "time": time.isoformat(timespec="microseconds"), "kind": kind, "content": content}
+    if file is not None:
+        values |= {"file": file.name, "sha256": file.sha256, "size": file.size}
     try:
         body = json.dumps(values, ensure_ascii=False, allow_nan=False).encode()
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"the content of this {values['kind']} record cannot be written as JSON ({error}): give text, finite "
-            "numbers, truth values, lists and tables"
+            f"the content of this {kind} record cannot be written as JSON ({error}): give text, finite numbers, truth "
+            "values, lists and tables"
         ) from error
-    check = hashlib.sha256(body).hexdigest()
-    return body[:-1] + f', "check": "{check}"}}'.encode()
+    return body[:-1] + f', "check": "{hashlib.sha256(body).hexdigest()}"}}'.encode()
 
 
-def decode(line: bytes, former_check: str = "") -> Entry | None:
+def _decode(line: bytes, former_check: str = "") -> Entry | None:
     """Return the entry, None if it is no whole line; the check may be over that of the line before as well."""
     found = _LINE.fullmatch(line)
     if not found:
@@ -177,35 +145,11 @@ def decode(line: bytes, former_check: str = "") -> Entry | None:
         return None
     try:
         values = parse_json(body)
-        line_values = validated_as(_LineValues, values)
-        time = datetime.fromisoformat(line_values.time)
-    except ValueError:
+        if values.get("file") is not None:
+            values["file"] = {"name": values["file"], "sha256": values.pop("sha256"), "size": values.pop("size")}
+        return validated_as(Entry, values | {"check": check})
+    except (ValueError, KeyError):
         return None
-    file = None
-    if line_values.file is not None:
-        file = StoredFile(line_values.file, line_values.sha256, line_values.size)
-    return Entry(line_values.sequence, time, line_values.kind, values["content"], file, check)
-
-
-#: Kind of a line that says that the clock was set back.
-CLOCK = "clock"
-
-#: Clocks that follow a time server are put right in steps below this.
-_CLOCK_STEP_S = 1.0
-
-_log = logging.getLogger(__name__)
-
-
-def _lock(file: FileIO, folder: Path) -> None:
-    with reported(folder / JOURNAL, "written"):
-        try:
-            import fcntl  # not on all systems; reading needs no lock
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise SessionError(
-                f"{folder} is in use by another process: end that one first, or open the session for reading"
-            ) from error
 
 
 class Journal:
@@ -217,24 +161,30 @@ class Journal:
         The session's folder.
     file : FileIO
         The journal, open for appending and locked.
-    text : JournalText
-        What it holds.
+    entries : list of Entry
+        Its whole lines.
+    whole_bytes : int
+        Their length.
+    torn : bytes
+        What follows them.
     clock : Clock
         Where the lines' times come from.
     """
 
-    def __init__(self, folder: Path, file: FileIO, text: JournalText, clock: Clock) -> None:
+    def __init__(
+        self, folder: Path, file: FileIO, entries: list[Entry], whole_bytes: int, torn: bytes, clock: Clock
+    ) -> None:
         self._clock = clock
         self._folder = folder
         self._file = file
-        self._whole_bytes = text.whole_bytes
-        self.entries = text.entries
-        self.torn = text.torn
+        self._whole_bytes = whole_bytes
+        self.entries = entries
+        self.torn = torn
 
     @classmethod
     def create(cls, folder: Path, clock: Clock) -> Self:
         """Make an empty journal and open it; raises OSError if it cannot be written."""
-        write_whole(folder, JOURNAL, b"")
+        write_several(folder, [(JOURNAL, (b"",))])
         return cls.open(folder, clock)
 
     @classmethod
@@ -250,12 +200,17 @@ class Journal:
         with reported(path, "written"):
             file = FileIO(os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC), "r+")
         try:
-            _lock(file, folder)
-            text = read_journal(folder)
+            if not lock(file.fileno()):
+                raise SessionError(f"{folder} cannot be locked: record on a disk whose file system has locks")
+            return cls(folder, file, *read_journal(folder), clock)
+        except BlockingIOError as error:
+            file.close()
+            raise SessionError(
+                f"{folder} is in use by another process: end that one first, or open the session for reading"
+            ) from error
         except BaseException:
             file.close()
             raise
-        return cls(folder, file, text, clock)
 
     def close(self) -> None:
         """Release the lock; may be called twice."""
@@ -267,7 +222,7 @@ class Journal:
         names = (f"journal.torn-{number:04d}-{n}.txt" for n in count(1))
         name = next(name for name in names if not (self._folder / name).exists())
         with reported(self._folder / name, "written"):
-            aside = write_whole(self._folder, name, self.torn)
+            (aside,) = write_several(self._folder, [(name, (self.torn,))])
         with reported(self._folder / JOURNAL, "written"):
             self._file.truncate(self._whole_bytes)
             os.fsync(self._file.fileno())
@@ -277,7 +232,7 @@ class Journal:
 
     def append(self, kind: str, content: Mapping[str, Any], file: StoredFile | None = None) -> Entry:
         """Add a line; as `append_several`."""
-        return self.append_several([Line(kind, content, file)])[0]
+        return self.append_several([(kind, content, file)])[0]
 
     def append_several(self, lines: Sequence[Line]) -> list[Entry]:
         """Add lines; when this returns, they are on the disk, and if it raises, none of them counts.
@@ -293,18 +248,18 @@ class Journal:
             If a content has values JSON does not have.
         """
         now = self._clock.now()
-        stepped_back_s = self._last_time_s(now) - now.timestamp()
+        stepped_back_s = (self.entries[-1].time - now).total_seconds() if self.entries else 0.0
         if stepped_back_s > _CLOCK_STEP_S:
             _log.warning(
                 "%s: the computer's clock was set back by %.0f s; records keep their order by number",
                 self._folder / JOURNAL,
                 stepped_back_s,
             )
-            lines = [Line(CLOCK, {"set_back_s": round(stepped_back_s, 3)}), *lines]
+            lines = [(CLOCK, {"set_back_s": round(stepped_back_s, 3)}, None), *lines]
         text, entries = b"", []
         for number, line in enumerate(lines, start=len(self.entries) + 1):
-            encoded = encode(line.values(number, now))
-            entry = decode(encoded)
+            encoded = _encode(number, now, line)
+            entry = _decode(encoded)
             assert entry is not None
             text += encoded + b"\n"
             entries.append(entry)
@@ -312,9 +267,6 @@ class Journal:
             self._require_untouched()
             self._append(text, entries)
         return [entry for entry in entries if entry.kind != CLOCK]
-
-    def _last_time_s(self, now: datetime) -> float:
-        return (self.entries[-1].time if self.entries else now).timestamp()
 
     def _append(self, text: bytes, entries: list[Entry]) -> None:
         """Write lines, or leave the journal as it was, also if Ctrl-C comes in between."""

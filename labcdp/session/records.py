@@ -13,7 +13,7 @@ from ..core.disk import shortened, validated_as
 from ..core.errors import InputError, SessionError
 from ..core.frame import CameraIdentity, checked_metadata
 from ..core.reading import Reading
-from .files import StoredFile
+from ..output.file import StoredFile
 from .journal import Entry
 
 Role = Literal["light", "dark"]
@@ -132,15 +132,6 @@ class EventRecord:
 Record = FrameRecord | ReadingRecord | EventRecord
 
 
-def frame_content(
-    number: int, role: Role, shape: tuple[int, int], metadata: dict[str, Any], patch: str | None
-) -> dict[str, Any]:
-    """Content of a frame's line in the journal."""
-    height, width = shape
-    content = {"number": number, "role": role, "width": width, "height": height, "frame": metadata}
-    return content if patch is None else content | {"patch": patch}
-
-
 def superseded(records: Iterable[Record]) -> frozenset[int]:
     """Journal lines of the frames and readings that were taken again and no longer count."""
     lines: set[int] = set()
@@ -148,11 +139,6 @@ def superseded(records: Iterable[Record]) -> frozenset[int]:
         if isinstance(one, EventRecord) and one.kind == SUPERSEDED:
             lines.update(one.content["lines"])
     return frozenset(lines)
-
-
-def reading_content(patch: str, reading: Reading) -> dict[str, Any]:
-    """Content of a reading's line in the journal."""
-    return {"patch": patch, "reading": reading.to_dict()}
 
 
 def record(entry: Entry) -> Record:
@@ -191,8 +177,11 @@ def event_record(entry: Entry) -> EventRecord:
     return EventRecord(entry.sequence, entry.time, entry.kind, entry.content, entry.file)
 
 
-class _FrameContent(BaseModel):
+class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+class _FrameContent(_Strict):
     number: int = Field(ge=1)
     role: Role
     width: int = Field(ge=1)
@@ -201,14 +190,12 @@ class _FrameContent(BaseModel):
     patch: str | None = None
 
 
-class _ReadingContent(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _ReadingContent(_Strict):
     patch: str
     reading: dict[str, Any]
 
 
-class _SupersededContent(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _SupersededContent(_Strict):
     lines: list[int]
     reason: str
     # Their files are known to be missing or altered.
@@ -220,8 +207,7 @@ class _ExposuresContent(BaseModel):
     exposures_s: list[Annotated[float, Field(gt=0)]] = Field(min_length=1)
 
 
-class _SessionContent(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _SessionContent(_Strict):
     format: int
     compress: bool
     versions: dict[str, str]

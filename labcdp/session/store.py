@@ -15,10 +15,9 @@ from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from .configuration import SessionConfiguration
-from .files import read_checked
 from .folder import create_folder, problems, read_configuration, remove_session, require_session, unrecorded
-from .frames import FrameFolder, frame_from_tiff
-from .journal import CLOCK, JOURNAL, Entry, Journal, Line, read_journal
+from .frames import FrameFolder, frame_from_tiff, read_checked
+from .journal import CLOCK, JOURNAL, Entry, Journal, read_journal
 from .records import (
     EXPOSURES,
     ROLES,
@@ -29,9 +28,7 @@ from .records import (
     Record,
     Role,
     event_record,
-    frame_content,
     frame_record,
-    reading_content,
     reading_record,
     record,
     superseded,
@@ -113,10 +110,10 @@ class Session:
         path = Path(path)
         require_session(path)
         if not writable:
-            text = read_journal(path)
-            if text.torn:
+            entries, _, torn = read_journal(path)
+            if torn:
                 _log.warning("%s: the last line is not whole and left out", path / JOURNAL)
-            return cls(path, text.entries, None)
+            return cls(path, entries, None)
         journal = Journal.open(path, clock)
         try:
             session = cls(path, journal.entries, journal)
@@ -237,10 +234,11 @@ class Session:
                 self._require_patch(patch)
         journal, first = self._writer(), self._folder.next_number
         files = self._folder.write([(frame, role) for frame, role, _ in frames])
-        lines = [
-            Line("frame", frame_content(number, role, frame.shape, frame.metadata(), patch), file)
-            for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False)
-        ]
+        lines = []
+        for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False):
+            height, width = frame.shape
+            content = {"number": number, "role": role, "width": width, "height": height, "frame": frame.metadata()}
+            lines.append(("frame", content | ({} if patch is None else {"patch": patch}), file))
         try:
             entries = journal.append_several(lines)
         except BaseException:
@@ -277,7 +275,7 @@ class Session:
             If the configuration has no such patch.
         """
         self._require_patch(patch)
-        return reading_record(self._writer().append("reading", reading_content(patch, reading)))
+        return reading_record(self._writer().append("reading", {"patch": patch, "reading": reading.to_dict()}))
 
     def add_event(self, kind: str, content: Mapping[str, Any]) -> EventRecord:
         """Record anything else, as values JSON can hold.
@@ -318,7 +316,7 @@ class Session:
     def _recover(self) -> None:
         """Put right what a killed writer left behind."""
         journal = self._writer()
-        self._folder.recover(self._entries)
+        self._folder.recover(entry.file.name for entry in self._entries if entry.file)
         if journal.torn:
             journal.set_torn_line_aside()
         for name in self.unrecorded():

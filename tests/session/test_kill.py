@@ -71,7 +71,7 @@ def write_until_call(path, calls, configuration=None):
         setattr(os, name, wrapper)
 
     say = os.write
-    for name in ("write", "fsync", "rename", "mkdir", "unlink"):
+    for name in ("write", "fsync", "replace", "rename", "mkdir", "unlink"):
         counted(name)
     if os.path.exists(path):
         session = Session.open(path, writable=True)

@@ -16,7 +16,7 @@ from ...core.table import Column, Table
 from ...evaluate.picture.conversion import PictureConversion
 from ...files.read import read_picture
 from ...files.video.selection import Position
-from ...output.file import is_same_file
+from ...output.file_list import is_same_file
 from ...regions import Shape, load_regions, new_shapes
 from ...report.text import finding_text
 from ...web.lock import locked

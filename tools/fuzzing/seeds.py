@@ -15,7 +15,8 @@ from labcdp.core.disk.journal import LineJournal
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import LuminanceMap
 from labcdp.core.reading import MeterIdentity, Reading
-from labcdp.output.file_list import LIST_FILE, FileList, ListedFile
+from labcdp.output.file import StoredFile
+from labcdp.output.file_list import LIST_FILE, FileList
 
 DATA = Path(str(files("labcdp"))) / "data"
 RNG = np.random.default_rng(7)
@@ -116,7 +117,7 @@ def _texts(folder: Path) -> None:
     _write(folder / "readings" / "readings.csv", READINGS)
     _write(folder / "readings" / "plain.csv", "patch,luminance_cd_m2\nleft,356.5\nright,12.25\n")
     _write(folder / "faults" / "faults.txt", SCHEDULE)
-    files = tuple(ListedFile(name, 12, 64 * "a") for name in ("report.html", "figures/a.png"))
+    files = tuple(StoredFile(name, 64 * "a", 12) for name in ("report.html", "figures/a.png"))
     _write(folder / "list" / LIST_FILE, FileList("image", True, files, "video.jsonl").encode())
 
 

@@ -1,58 +1,152 @@
-"""The commands by group; the module of a command, and all it needs, is imported when the command is run."""
+"""The commands by group, and how a function becomes one.
+
+An argument of a command is a positional parameter of its function, an option one that is given by name. A parameter
+that is a dataclass stands for an option for each of its fields. Their help are the sections Parameters of the
+docstrings, in which a name may be followed by what the help shows for its value: ``pair : BRIGHT:DARK``.
+"""
 
 from __future__ import annotations
 
 import ast
 import inspect
+import re
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache, wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_type_hints
+from types import NoneType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command as Typer takes it: a parameter that is a dataclass stands for an option for each of its fields.
+@dataclass(frozen=True)
+class As:
+    """How a value is given on the command line, in ``Annotated[type, As(...)]``.
 
     Parameters
     ----------
-    command : callable
-        Its dataclasses have the option of each field as default, ``typer.Option(...)``.
+    help : str
+        Help, for parameters of several commands; the docstring of a command comes first.
+    names : tuple of str
+        Names of the option; by default that of the parameter.
+    parse : callable or None
+        Turns the text, or with `many` the texts, and the name of the option into the value.
+    show : callable
+        Turns a default into the text that stands for it.
+    many : bool
+        Whether it may be given several times.
+    least, most : float or None
+        Range of a number.
     """
-    hints = get_type_hints(command)
-    parameters: list[inspect.Parameter] = []
-    groups: dict[str, Any] = {}
-    for name, parameter in inspect.signature(command).parameters.items():
+
+    help: str = ""
+    names: tuple[str, ...] = ()
+    parse: Callable[[Any, str], Any] | None = None
+    show: Callable[[Any], str] = str
+    many: bool = False
+    least: float | None = None
+    most: float | None = None
+
+
+class _Parameter:
+    """A parameter of a command's function, or a field of a dataclass that is one, as Typer takes it.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    hint : type
+        Its type.
+    default : object
+        `MISSING` or `inspect.Parameter.empty` for none.
+    about : dict of str to (str, str)
+        What stands for the values, and the help, by name.
+    is_option : bool
+        Whether it is given by name.
+    """
+
+    def __init__(self, name: str, hint: Any, default: Any, about: dict[str, tuple[str, str]], is_option: bool) -> None:
+        self.name, (kind, self.how) = name, _unwrapped(hint)
+        default = ... if default in (MISSING, inspect.Parameter.empty) else default
+        how, many = self.how, get_origin(kind) is tuple and ... in get_args(kind)
+        metavar, text = about.get(name, ("", how.help))
+        if how.parse is not None:
+            kind = list[str] if how.many else str | None
+            default = default if default in (..., None) else how.show(default)
+        elif many:
+            kind = list[get_args(kind)[0]]  # type: ignore[misc]
+        if (many or how.many) and default is not ...:
+            default = []
+        about_it: dict[str, Any] = {"help": text, "metavar": metavar or None, "min": how.least, "max": how.most}
+        # Without another name a flag could be switched off, too.
+        names = how.names or (f"--{name}/--no-{name}" if default is True else f"--{name}",)
+        self.names = tuple(one.replace("_", "-") for one in names)
+        made = typer.Option(default, *self.names, **about_it) if is_option else typer.Argument(default, **about_it)
+        if hint is typer.Context:
+            made = inspect.Parameter.empty
+        self.declared = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=made, annotation=kind)
+
+    def value(self, given: Any) -> Any:
+        """Return the value of what was given."""
+        given = tuple(given) if isinstance(given, list) else given
+        return given if self.how.parse is None or given is None else self.how.parse(given, self.names[0])
+
+
+def _unwrapped(hint: Any) -> tuple[Any, As]:
+    """Return a type without annotations, and how its values are given; ``Annotated[X, As(...)] | None`` too."""
+    optional = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else []
+    if len(optional) == 1 and get_origin(optional[0]) is Annotated:
+        kind, how = _unwrapped(optional[0])
+        return kind | None, how
+    if get_origin(hint) is not Annotated:
+        return hint, As()
+    kind, *notes = get_args(hint)
+    return kind, next(one for one in notes if isinstance(one, As))
+
+
+def _about(*documented: Any) -> dict[str, tuple[str, str]]:
+    """Return what docstrings say of parameters, by name: what stands for the values, and the help."""
+    found: dict[str, tuple[str, str]] = {}
+    for one in documented:
+        _, _, section = inspect.cleandoc(one.__doc__ or "").partition("\n\nParameters\n----------\n")
+        entries = re.findall(r"^(\w+)(?: : (.*))?\n((?: +.*\n?)+)", section.split("\n\n")[0], re.MULTILINE)
+        found |= {name: (metavar, " ".join(text.split())) for name, metavar, text in entries}
+    return found
+
+
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """Return the function of a command as Typer takes it."""
+    parameters: list[_Parameter] = []
+    groups: dict[str, tuple[Any, list[_Parameter]]] = {}
+    hints, about = get_type_hints(function, include_extras=True), _about(function)
+    for name, one in inspect.signature(function).parameters.items():
         if is_dataclass(hints[name]):
-            groups[name] = hints[name]
-            types = get_type_hints(hints[name])
-            parameters += [_option(one.name, one.default, types[one.name]) for one in fields(hints[name])]
+            group: Any = hints[name]
+            types, documented = get_type_hints(group, include_extras=True), _about(*reversed(group.__mro__))
+            members = [_Parameter(it.name, types[it.name], it.default, documented, True) for it in fields(group)]
+            groups[name] = group, members
+            parameters += members
         else:
-            parameters.append(_option(name, parameter.default, hints[name]))
+            is_option = one.kind is inspect.Parameter.KEYWORD_ONLY
+            parameters.append(_Parameter(name, hints[name], one.default, about, is_option))
 
-    @wraps(command)
+    @wraps(function)
     def call(**given: Any) -> None:
-        made = {
-            name: group(**{one.name: given.pop(one.name) for one in fields(group)}) for name, group in groups.items()
-        }
-        command(**given, **made)
+        values = {one.name: one.value(given[one.name]) for one in parameters}
+        made = {name: group(**{one.name: values.pop(one.name) for one in ms}) for name, (group, ms) in groups.items()}
+        function(**values, **made)
 
-    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    call.__signature__ = inspect.Signature([one.declared for one in parameters])  # type: ignore[attr-defined]
+    call.__annotations__ = {one.name: one.declared.annotation for one in parameters}
     return call
-
-
-def _option(name: str, default: Any, annotation: Any) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 #: Modules of the commands by group, as the help shows them. A command's function has its name.
 _GROUPS = {
-    "Start": {"demo": "bench.demo", "init": "start.init", "info": "start.info"},
+    "Start": {"demo": "start", "init": "start", "info": "info"},
     "Bench": {
         "doctor": "bench.doctor",
         "devices": "bench.devices",
@@ -60,7 +154,7 @@ _GROUPS = {
         "meter": "bench.devices",
         "bench": "bench.live",
         "acquire": "bench.acquire",
-        "import": "bench.import_files",
+        "import": "bench.acquire",
         "simulate-bench": "bench.simulate_bench",
     },
     "Evaluate": {
@@ -68,16 +162,16 @@ _GROUPS = {
         "evaluate": "evaluate.session",
         "luminance": "evaluate.luminance",
         "verify": "evaluate.verify",
-        "history": "evaluate.history",
-        "characterise": "evaluate.characterise",
-        "twin": "evaluate.twin",
+        "history": "evaluate.compare",
+        "characterise": "evaluate.camera",
+        "twin": "evaluate.camera",
         "compare": "evaluate.compare",
     },
     "Pictures and videos": {
         "view": "pictures.rois",
         "rois": "pictures.rois",
         "image": "pictures.image",
-        "image-map": "pictures.image_map",
+        "image-map": "pictures.image",
         "video": "pictures.video",
     },
     "Simulation": {
@@ -99,7 +193,7 @@ def all_commands() -> dict[str, Any]:
 def _command(name: str) -> Any:
     function = getattr(import_module(f".{_module(name)}", __package__), _function(name))
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, help=_paragraphs(function.__doc__), rich_help_panel=_GROUP_OF[name])(grouped(function))
+    alone.command(name, help=_paragraphs(function.__doc__), rich_help_panel=_GROUP_OF[name])(as_command(function))
     return typer.main.get_command(alone)
 
 
@@ -138,5 +232,6 @@ def _help(name: str) -> str:
 
 
 def _paragraphs(text: str | None) -> str:
-    """Put each paragraph of a docstring on one line, which the help breaks where the terminal ends."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text or "").split("\n\n"))
+    """Put each paragraph of a docstring, before its sections, on one line, which the help breaks at the terminal."""
+    before = re.split(r"\n\n\w+\n-{3,}\n", inspect.cleandoc(text or ""))[0]
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in before.split("\n\n"))

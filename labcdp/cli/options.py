@@ -1,196 +1,143 @@
-"""Options that several commands share, and parsers of pairs, contrasts and tolerances."""
+"""Options that several commands share, and the paths of what commands write, checked before any work starts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from decimal import Decimal, InvalidOperation
-from fractions import Fraction
-from math import isfinite
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from ..core.errors import InputError
-from .terminal import fraction_of_percent
+from ..evaluate.sweep.plan import Axis, parse_axis
+from .commands import As
+from .terminal import print_result
+from .values import fraction_of_percent, parse_changes, parse_contrasts, parse_seconds, parse_tolerance
 
-#: Help for the option that gives contrasts.
-CONTRAST_HELP = (
-    "Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. "
-    "May be repeated."
-)
-#: Description of the default of that option.
-MEASURED = "the measured contrast of each pair"
-PAIR_METAVAR = "BRIGHT:DARK"
-CAMERA_SPEC_OPTION = typer.Option(
-    None, "--camera-spec", help="Camera specification (TOML, see labcdp init camera), for estimated values in cd/m²."
-)
-PORT_OPTION = typer.Option(0, "--port", min=0, max=65535, help="Port of the page; default: any free port.")
-ADDRESS_OPTION = typer.Option(
-    "127.0.0.1",
-    "--address",
-    help="Address of the page. The default can be reached from this computer and through ssh.",
-)
-METER_OPTION = typer.Option(
-    None,
-    "--meter",
-    help="Serial port of the meter, for example /dev/ttyUSB0.",
-    show_default="as configured, or the only one",
-)
-CERTIFICATE_OPTION = typer.Option(
-    None,
-    "--certificate",
-    help="TOML file with the meter's calibration certificate.",
-    show_default="as configured, [meter.certificate]",
-)
-METER_MODEL_OPTION = typer.Option(
-    "LS-110", "--meter-model", help="Model of the meter; it cannot be read from the meter."
-)
-SIMULATED_BENCH_OPTION = typer.Option(
-    None,
-    "--simulated-bench",
-    help="Use the simulated bench that this file describes; see labcdp init simulated-bench.",
-    show_default="a Manta G-505B",
-)
-#: Contrasts outside these limits, in percent, are refused as mistakes: luminance spans some 14 decades.
-_LEAST_PERCENT, _MOST_PERCENT = Decimal("0.000000001"), Decimal(1_000_000_000)
-#: Larger counts in a range are refused as mistakes.
-_MOST_CONTRASTS = 10_000
+if TYPE_CHECKING:
+    from ..core.result import Result
+    from ..output import ResultsFolder
 
+#: Parameters of commands that name what is written.
+_WRITTEN = {"output", "preview", "transcript"}
 
-def contrasts_or_measured(texts: Sequence[str]) -> tuple[float, ...] | None:
-    """Return the contrasts that were given; None, which stands for the measured ones, if there are none."""
-    return parse_contrasts(texts) if texts else None
-
-
-def parse_contrasts(texts: Sequence[str], name: str = "--contrast") -> tuple[float, ...]:
-    """Turn ``1000%``, ``50%,100%`` and ``10%:200%:20`` into contrasts.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Each a percentage, several with commas between them, or ``start:stop:count[:log]`` with both ends included.
-    name : str
-        Name of the option in messages.
-
-    Returns
-    -------
-    tuple of float
-        Fractions (1.0 is 100 %), rising, each once; each the number nearest to the decimal that was typed.
-
-    Raises
-    ------
-    InputError
-        If a text has another form, or a contrast is not above 0 or out of range.
-    """
-    found: set[float] = set()
-    for text in texts:
-        if ":" in text:
-            found.update(_range(text, name))
-        else:
-            found.update(float(_fraction(part, text, name)) for part in text.split(","))
-    return tuple(sorted(found))
+Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
+Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
+Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]
+Output = Annotated[Path | None, As("New folder for the results; default: INPUT-COMMAND.", ("--output", "-o"))]
+Natural = Annotated[int, As(least=0)]
+Positive = Annotated[int, As(least=1)]
+NonNegative = Annotated[float, As(least=0)]
+Seed = Annotated[int, As("Random seed of the noise.", least=0)]
+Percent = Annotated[float, As(parse=fraction_of_percent, show=lambda value: f"{100 * value:g}%")]
+Tolerance = Annotated[
+    float,
+    As("Relative tolerance of the contrast.", parse=parse_tolerance, show=lambda value: f"{100 * value:g}%"),
+]
+Seconds = Annotated[float, As(parse=parse_seconds, show=lambda value: f"{1e3 * value:g}ms")]
+#: Parameters of a chain and their values; changed parameters, by name.
+Axes = Annotated[tuple[Axis, ...], As(parse=lambda texts, _: tuple(map(parse_axis, texts)), many=True)]
+Changes = Annotated[
+    tuple[tuple[str, Any], ...],
+    As(names=("--set",), parse=lambda texts, name: tuple(parse_changes(texts, name).items()), many=True),
+]
+#: Contrasts; None for the measured ones.
+Contrasts = Annotated[
+    tuple[float, ...] | None,
+    As(
+        "Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. "
+        "May be repeated; default: the measured contrast of each pair.",
+        parse=lambda texts, name: parse_contrasts(texts, name) or None,
+        many=True,
+    ),
+]
+Port = Annotated[int, As("Port of the page; default: any free port.", least=0, most=65535)]
+PageAddress = Annotated[str, As("Address of the page. The default can be reached from this computer and through ssh.")]
+MeterPort = Annotated[
+    str | None,
+    As("Serial port of the meter, for example /dev/ttyUSB0; default: as configured, or the only one.", ("--meter",)),
+]
+MeterModel = Annotated[
+    Literal["LS-110", "LS-100"], As("Model of the meter; it cannot be read from the meter.", ("--meter-model",))
+]
+Certificate = Annotated[
+    Path | None,
+    As("TOML file with the meter's calibration certificate; default: as configured in meter.certificate."),
+]
+SimulatedBenchPath = Annotated[
+    Path | None,
+    As("Use the simulated bench that this file describes, see labcdp init simulated-bench; default: a Manta G-505B."),
+]
+Without = Annotated[tuple[str, ...], As("Patch to leave out; may be repeated.")]
 
 
-def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[str, str]:
-    """Split ``BRIGHT:DARK`` into two of the names, which may hold colons themselves.
+@dataclass(frozen=True)
+class PageOptions:
+    """Options of commands that serve a page."""
 
-    Raises
-    ------
-    InputError
-        If it is not two different names of `names`.
-    """
-    splits = [(text[:at].strip(), text[at + 1 :].strip()) for at, letter in enumerate(text) if letter == ":"]
-    for bright, dark in splits:
-        if bright != dark and bright in names and dark in names:
-            return bright, dark
-    if not splits:
-        raise InputError(f"{name} is {text!r}: give two names separated by a colon, for example bright:dark")
-    missing = next((one for one in splits[0] if one not in names), None)
-    if missing is None:
-        raise InputError(f"{name} is {text!r}: give two different names")
-    raise InputError(f"{name} is {text!r}, but there is no {missing!r}: choose from {', '.join(names)}")
+    port: Port = 0
+    address: PageAddress = "127.0.0.1"
 
 
-def parse_seconds(text: str, name: str) -> float:
-    """Turn ``5ms`` into 0.005.
+@dataclass(frozen=True)
+class Results:
+    """Options of commands that write a folder of results with a page."""
 
-    Raises
-    ------
-    InputError
-        If it is not a number above 0 with s, ms or us.
-    """
-    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("s", 1.0)):
-        if text.endswith(unit):
-            try:
-                value = float(text.removesuffix(unit)) * scale
-            except ValueError:
-                break
-            if isfinite(value) and value > 0:
-                return value
-            break
-    raise InputError(f"{name} is {text!r}: give a number above 0 with s, ms or us, for example 5ms")
+    output: Output = None
+    force: Force = False
+    open_page: Open = False
+    as_json: Json = False
 
+    def folder(self, context: typer.Context, source: str | Path, *, resume: bool = False) -> ResultsFolder:
+        """Return the folder of a command's results: ``NAME-COMMAND`` in the current directory, or as given.
 
-def parse_tolerance(text: str) -> float:
-    """Turn ``50%`` into 0.5; raises InputError unless it is above 0 % and up to 100 %."""
-    tolerance = fraction_of_percent(text, "--epsilon")
-    if not 0 < tolerance <= 1:
-        raise InputError(f"--epsilon is {text!r}: give a percentage above 0%, up to 100%")
-    return tolerance
+        Entering it refuses, before any work, a folder with anything that must not be replaced.
 
+        Parameters
+        ----------
+        context : typer.Context
+            Of the command that runs; its arguments are never replaced.
+        source : str or Path
+            What the results are of; a file gives its name without suffix, a folder its name.
+        resume : bool
+            Whether finished results are completed.
+        """
+        from ..output import ResultsFolder
 
-def _range(text: str, name: str) -> list[float]:
-    parts = text.split(":")
-    logarithmic = len(parts) == 4 and parts[3].strip() == "log"
-    if not (len(parts) == 3 or logarithmic):
-        raise _refusal(text, name)
-    if parts[2].strip().endswith("%"):
-        raise InputError(f"{name} is {text!r}: the third part is the number of contrasts, for example 10%:200%:20")
-    start, stop = (_fraction(part, text, name) for part in parts[:2])
-    try:
-        count = int(parts[2])
-    except ValueError:
-        raise _refusal(text, name) from None
-    if not (2 <= count <= _MOST_CONTRASTS and start < stop):
-        raise InputError(
-            f"{name} is {text!r}: give a smaller start, a larger stop, and a count of 2 to {_MOST_CONTRASTS}"
-        )
-    if logarithmic:
-        ratio = float(stop / start)
-        inner = [float(start) * ratio ** (step / (count - 1)) for step in range(1, count - 1)]
-        return [float(start), *inner, float(stop)]
-    return [float(start + (stop - start) * step / (count - 1)) for step in range(count)]
+        command = str(context.info_name)
+        folder = self.output or default_folder(source, command)
+        return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs(context, "--output"))
+
+    def show(self, result: Result, folder: ResultsFolder, page: str = "report.html", also: str = "") -> None:
+        """Print a result and where its page is, and open the page if that is wanted."""
+        self.print(result, f"Report: {folder.folder / page}{also}", page=folder.folder / page)
+
+    def print(self, result: Result, *following: str, page: Path) -> None:
+        """Print a result and, unless as JSON, the lines that follow; open the page if that is wanted."""
+        print_result(result, self.as_json, *following)
+        if self.open_page and page.suffix == ".html":
+            typer.launch(str(page))
 
 
-def _fraction(part: str, text: str, name: str) -> Fraction:
-    """Turn ``1.1%`` into 11/1000: 1.1 / 100 is not the float nearest to 0.011."""
-    try:
-        if not (part.isascii() and part.strip().endswith("%")):
-            raise _refusal(text, name)
-        percent = Decimal(part.strip()[:-1].strip())
-    except InvalidOperation:
-        raise _refusal(text, name) from None
-    if not (percent.is_finite() and percent > 0):
-        raise InputError(f"{name} is {text!r}: give contrasts above 0%")
-    if not _LEAST_PERCENT <= percent <= _MOST_PERCENT:
-        raise InputError(f"{name} is {text!r}: give contrasts from {_LEAST_PERCENT:f}% to {_MOST_PERCENT:f}%")
-    return Fraction(percent) / 100
+def default_folder(source: str | Path, command: str) -> Path:
+    """Return the folder in which a command writes its results unless another one is given."""
+    path = Path(source)
+    # The name of "." or ".." is that of the folder it stands for.
+    name = path.resolve().name if path.is_dir() else path.stem
+    return Path(f"{name or 'root'}-{command}")
 
 
-def _refusal(text: str, name: str) -> InputError:
-    return InputError(
-        f"{name} is {text!r}: give a percentage such as 1000%, a list such as 50%,100%, or a range such as 10%:200%:20"
-    )
+def output_file(context: typer.Context, path: Path, force: bool, option: str = "--output") -> Path:
+    """Check, before any work, that a file can be written and is no input of the command; see `check_file`."""
+    from ..output import check_file
+
+    return check_file(path, force=force, inputs=_inputs(context, option), option=option)
 
 
-def parse_changes(changes: Sequence[str]) -> dict[str, Any]:
-    """Return the parameters of a chain that ``--set`` gives, by name; raises InputError for another form."""
-    from ..evaluate.sweep.plan import parse_axis
-
-    values: dict[str, Any] = {}
-    for text in changes:
-        if "=" not in text:
-            raise InputError(f"--set is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
-        axis = parse_axis(text)
-        values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
-    return values
+def _inputs(context: typer.Context, option: str) -> Iterator[Path]:
+    """Files and folders that a command was given to read, and texts that may name one; not what `option` names."""
+    written = _WRITTEN | {option.lstrip("-").lower()}
+    for name, value in context.params.items():
+        for one in value if isinstance(value, list | tuple) else (value,):
+            if name not in written and isinstance(one, str | Path) and str(one):
+                yield Path(one)

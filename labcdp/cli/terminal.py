@@ -6,13 +6,10 @@ import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from math import isfinite, nan
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from ..core.disk.files import printable
-from ..core.errors import InputError
 from ..core.result import unique
 from ..report.text import significant
 
@@ -101,8 +98,8 @@ def say(text: str) -> None:
     print("\n".join(printable(line) for line in text.split("\n")), file=sys.stderr, flush=True)
 
 
-def print_result(result: Result, as_json: bool) -> None:
-    """Print a result: as JSON on standard output, or its tables there and its findings on standard error."""
+def print_result(result: Result, as_json: bool, *following: str) -> None:
+    """Print a result as JSON on standard output; or its tables, and say its findings and the `following` lines."""
     if as_json:
         from ..report.files import envelope_json
 
@@ -123,6 +120,8 @@ def print_result(result: Result, as_json: bool) -> None:
         say("Simulated data, not a measurement")
     for finding in unique(result.findings):
         say(f"{finding.severity}: {finding_text(finding)}")
+    for line in following:
+        say(line)
 
 
 def print_table(
@@ -184,8 +183,6 @@ class Bars:
 
     def acquisition(self, progress: AcquisitionProgress) -> None:
         """Set the bar of a step of an acquisition, and show its live numbers below the bars."""
-        from .terminal import live_line
-
         if progress.note is not None:
             say(progress.note)
         if progress.reading is not None:
@@ -244,13 +241,18 @@ def progress_bars() -> Iterator[Bars]:
         bars.end()
 
 
+@contextmanager
+def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Show one progress bar while the context lasts; yields what sets it."""
+    with progress_bars() as bars:
+        yield partial(bars.update, name)
+
+
 def _progress(before: Any = None) -> Any:
     """Make bars, like those that were stopped if there are any."""
     from rich.console import Console, RenderableType
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.text import Text
-
-    from .terminal import live_line, live_table
 
     class WithLiveNumbers(Progress):
         """Progress bars, and below them the numbers of the frames that are being taken."""
@@ -275,23 +277,3 @@ def _progress(before: Any = None) -> Any:
             new = progress.tasks[-1]
             new.start_time, new.stop_time, new.finished_time = task.start_time, task.stop_time, task.finished_time
     return progress
-
-
-def fraction_of_percent(text: str, name: str) -> float:
-    """Turn ``1000%`` into 10.0.
-
-    Raises
-    ------
-    InputError
-        If it is not a number with a percent sign.
-    """
-    try:
-        fraction = float(text[:-1].strip()) / 100 if text.isascii() and text.endswith("%") else nan
-        if not isfinite(fraction):
-            raise ValueError
-        return fraction
-    except ValueError:
-        raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 50%") from None
-
-
-JSON_OPTION = typer.Option(False, "--json", help="Print the result as JSON.")

@@ -15,8 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from labcdp.cli.app import app, unwinding
-from labcdp.cli.bench.demo import demonstrate
 from labcdp.cli.commands import all_commands
+from labcdp.cli.start import demonstrate
 from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.photometry import spectral_weights
 from labcdp.drivers.simulated import SimulatedBenchFile

@@ -43,7 +43,6 @@ REFUSED = (
     ("acquire s/session.toml own --simulated --replay x", "--simulated cannot be combined with --replay"),
     ("acquire s/session.toml own --simulated --meter /dev/ttyS0", "--meter cannot be combined with --simulated"),
     ("acquire s/session.toml own --replay s --transcript t.txt", "--transcript cannot be combined"),
-    ("acquire s/session.toml own --simulated --lens off", "--lens is 'off'"),
     ("acquire s/session.toml own --simulated --lens covered", "--lens requires --unattended"),
     ("acquire s/session.toml begun --replay s", "begun already has frames or readings"),
     ("simulate-bench s/session.toml --faults faults.txt", "faults.txt, line 2: 'vanisch' is not a known fault"),

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from labcdp.cli.pictures.picture_options import PictureLightOptions
+from labcdp.cli.pictures.options import PictureLightOptions
 from labcdp.core.errors import InputError
 from labcdp.core.result import warning
 from labcdp.evaluate.picture.conversion import picture_conversion
@@ -53,7 +53,7 @@ def test_a_typed_exposure_and_gain_count_before_those_of_the_file(stated, suffix
     # What a calibration knows does not overrule the file.
     known = read_picture(stated[suffix], PictureOptions(exposure_s=0.005, gain_db=12.0))
     assert (known.frame.exposure_s, codes(known)) == (pytest.approx(0.008), [])
-    picture = read_picture(stated[suffix], given(exposure="5ms", gain_db=12.0))
+    picture = read_picture(stated[suffix], given(exposure=0.005, gain_db=12.0))
     assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
     assert codes(picture) == ["exposure-replaced", "gain-replaced"]
     assert {*codes(picture)} <= {one.code for one in picture_conversion(None, None, None).findings(picture)}
@@ -64,7 +64,7 @@ def test_a_typed_exposure_and_gain_count_before_those_of_the_file(stated, suffix
 def test_a_typed_exposure_counts_before_that_of_a_session():
     session = example_session()
     assert open_video(session).findings == open_video(session, PictureOptions(exposure_s=1.0)).findings
-    source = open_video(session, given(exposure="5s", bit_depth=4))
+    source = open_video(session, given(exposure=5.0, bit_depth=4))
     assert next(iter(frames_of(source, Selection()))).frame.exposure_s == 5.0
     assert {"exposure-replaced", "session-bit-depth"} <= set(codes(source))
 
@@ -73,14 +73,14 @@ def test_options_that_cannot_count_are_named(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), GREY)
     for changes, expected in (
         ({"bit_depth": 4}, warning("bit-depth-ignored", given=4, bits=8)),
-        ({"size": "10x9", "pixel_format": "Mono8"},
+        ({"size": (10, 9), "pixel_format": "Mono8"},
          warning("size-ignored", given_width=10, given_height=9, width=16, height=12)),
         ({"pixel_format": "Mono12Packed"}, warning("pixel-format-ignored", given="Mono12Packed")),
     ):  # fmt: skip
         assert read_picture(tmp_path / "a.png", given(**changes)).findings == (expected,)
     # Nothing of DN counts for floats.
     np.save(tmp_path / "a.npy", GREY.astype(np.float32))
-    options = given(picture_conversion(None, None, "srgb").options, exposure="5ms")
+    options = given(picture_conversion(None, None, "srgb").options, exposure=0.005)
     assert read_picture(tmp_path / "a.npy", options).findings == (
         warning("option-needs-dn", option="exposure"),
         warning("encoding-ignored", given="srgb", encoding="linear"),

@@ -230,7 +230,7 @@ def _calibration(_: Path, path: Path) -> Any:
 
 
 def _history(folder: Path, _: Path) -> Any:
-    from labcdp.cli.evaluate.history import _read
+    from labcdp.cli.evaluate.compare import _read
 
     return repr(_read([folder]))
 

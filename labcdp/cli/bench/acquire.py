@@ -1,10 +1,12 @@
-"""Command acquire: record a session as planned."""
+"""Commands acquire and import: record a session as planned, or make one of pictures taken without labcdp."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import groupby
+from math import inf
 from pathlib import Path
 from shlex import quote
 
@@ -12,123 +14,76 @@ import typer
 
 from ...acquire import AcquisitionStoppedError, Control, Left, Unattended, forget, is_complete
 from ...acquire import acquire as run
+from ...acquire.import_files import ImportFile, import_session
 from ...acquire.plan import holds_something, no_bare_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...regions import load_regions
-from ...session import FrameRecord, ReadingRecord, Session, SessionConfiguration
+from ...session import FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
 from ...web.bench.recording import with_regions
-from ..terminal import JSON_OPTION, print_result, progress_bars, say
-from .device_options import DeviceChoice, DeviceOptions
-from .devices_of_session import connected
+from ..options import Json
+from ..terminal import print_result, progress_bars, say
+from .connected import connected
 from .operators import Console, Keys
+from .options import Again, DeviceOptions, Person, Replay
 
 #: Exit status of a program ended by Ctrl-C; also used for the key q.
 _INTERRUPTED = 130
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Options for a session instead of devices."""
-
-    replay: Path | None = typer.Option(None, help="Replay this recorded session instead of using devices.")
-    speed: float | None = typer.Option(
-        None, help="With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting."
-    )
-
-
-@dataclass(frozen=True)
-class Again:
-    """Options for what of a session is recorded again."""
-
-    replace_damaged: bool = typer.Option(
-        False, "--replace-damaged", help="Check every frame of the session, and record missing and damaged ones again."
-    )
-    retake: list[str] = typer.Option(
-        [], help="Part to record again: a patch, 'light frames' or 'dark frames'; may be repeated."
-    )
-
-
-@dataclass(frozen=True)
-class Person:
-    """Options for who does the manual steps."""
-
-    unattended: bool = typer.Option(False, "--unattended", help="Run unattended; list remaining manual steps.")
-    lens: str | None = typer.Option(
-        None, help="With --unattended: state of the lens, 'uncovered' or 'covered'.", show_default="uncovered"
-    )
-    rehearse: bool = typer.Option(
-        False, "--rehearse", help="Use the simulated bench, but ask for each manual step as with devices."
-    )
-
-    def operator(self) -> Unattended | None:
-        """Return the operator of an unattended run; raises InputError if options contradict each other."""
-        if self.lens not in (None, "uncovered", "covered"):
-            raise InputError(f"--lens is {self.lens!r}: give 'uncovered' or 'covered'")
-        if self.rehearse and self.unattended:
-            raise InputError("--rehearse cannot be combined with --unattended: leave one out")
-        if self.unattended:
-            return Unattended("covered" if self.lens == "covered" else "uncovered")
-        if self.lens is not None:
-            raise InputError("--lens requires --unattended: give both or neither")
-        return None
-
-
 def acquire(
     devices: DeviceOptions,
-    recorded: Recorded,
+    replay: Replay,
     person: Person,
     again: Again,
-    configuration: Path = typer.Argument(help="TOML file with bench, target and plan; see labcdp init bench."),
-    session: Path = typer.Argument(help="Folder of the session."),
-    roi: Path | None = typer.Option(
-        None, help="Region file whose regions are the patches of the target.", show_default="those of the configuration"
-    ),
-    as_json: bool = JSON_OPTION,
+    configuration: Path,
+    session: Path,
+    *,
+    roi: Path | None = None,
+    as_json: Json = False,
 ) -> None:
-    """Record the planned frames and meter readings; resume an interrupted session."""
-    choice = devices.choice(recorded.replay, recorded.speed, person.rehearse)
-    operator = person.operator()
+    """Record the planned frames and meter readings; resume an interrupted session.
+
+    Parameters
+    ----------
+    configuration
+        TOML file with bench, target and plan; see labcdp init bench.
+    session
+        Folder of the session.
+    roi
+        Region file whose regions are the patches of the target; default: those of the configuration.
+    """
+    replay.check(devices)
+    operator = person.operator(devices.rehearse)
     wanted = SessionConfiguration.load(configuration)
     if roi is not None:
-        wanted = _with_regions(wanted, roi)
-    choice.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, choice, operator, again)
-    if as_json:
-        print_result(_result(session, frames, readings, left, choice.simulated), as_json)
-        return
-    say(f"{session}: {frames} frames and {readings} readings recorded")
-    for hand, of_hand in groupby(left, key=lambda thing: thing.hand):
-        say(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
-    if left:
-        say("Resume with the same command without --unattended")
-    else:
-        say(f"Next: labcdp calibrate {quote(str(session))}")
-
-
-def _with_regions(configuration: SessionConfiguration, roi: Path) -> SessionConfiguration:
-    return with_regions(configuration, load_regions(roi))
-
-
-def _result(session: Path, frames: int, readings: int, left: tuple[Left, ...], simulated: bool) -> Result:
+        wanted = with_regions(wanted, load_regions(roi))
+    if replay.replay is None:
+        devices.check(wanted.meter)
+    left, frames, readings = record(session, configuration, wanted, devices, replay, operator, again)
     recorded = quantity_table("recorded", "Recorded", [Quantity("frames", frames), Quantity("readings", readings)])
     columns = (Column("hand", "step"), Column("what", "what", "", "What remains to be recorded in this step."))
-    rows = [{"hand": thing.hand, "what": thing.what} for thing in left]
-    steps = Table.of_rows("left", "Remaining manual steps", columns, rows)
-    journal = InputFile.of("session", session / "journal.jsonl")
-    of_session = InputFile(journal.role, str(session), journal.sha256)
-    return Result("acquire", str(session), (recorded, steps), inputs=(of_session,), simulated=simulated)
+    steps = Table.of_items("left", "Remaining manual steps", columns, left)
+    inputs = (replace(InputFile.of("session", session / "journal.jsonl"), path=str(session)),)
+    tables, simulated = (recorded.as_detail(), steps.as_detail()), bool(devices.simulating)
+    following = [f"{session}: {frames} frames and {readings} readings recorded"]
+    for hand, of_hand in groupby(left, key=lambda thing: thing.hand):
+        following.append(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
+    resumed = "Resume with the same command without --unattended"
+    following.append(resumed if left else f"Next: labcdp calibrate {quote(str(session))}")
+    print_result(Result("acquire", str(session), tables, inputs=inputs, simulated=simulated), as_json, *following)
 
 
 def record(
     path: Path,
     source: Path,
     wanted: SessionConfiguration,
-    choice: DeviceChoice,
+    devices: DeviceOptions,
+    replay: Replay = Replay(),
     unattended_operator: Unattended | None = None,
-    again: Again = Again(False, []),
+    again: Again = Again(),
 ) -> tuple[tuple[Left, ...], int, int]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
@@ -140,8 +95,10 @@ def record(
         File of the configuration, for messages.
     wanted : SessionConfiguration
         Bench, target and plan.
-    choice : DeviceChoice
+    devices : DeviceOptions
         Which devices.
+    replay : Replay
+        Recorded session instead of devices.
     unattended_operator : Unattended or None
         Operator of an unattended acquisition.
     again : Again
@@ -152,9 +109,9 @@ def record(
     tuple of Left, int, int
         Remaining manual steps, and the numbers of frames and readings.
     """
-    clock = _clock(path, choice.virtual_clock)
+    clock = _clock(path, devices.virtual_clock)
     # A replay does not wait for the pace of the plan.
-    pace = clock if choice.replay is None else SimulatedClock()
+    pace = clock if replay.replay is None else SimulatedClock()
     control = Control()
     left: tuple[Left, ...] = ()
     try:
@@ -165,11 +122,11 @@ def record(
                 keys = Keys(control)
                 with (
                     progress_bars() as bars,
-                    connected(opened, choice, clock, Console(bars, keys), unattended_operator) as devices,
+                    connected(opened, devices, replay, clock, Console(bars, keys), unattended_operator) as there,
                     keys,
                 ):
                     forget(opened, again.retake)
-                    left = run(opened, devices.camera, devices.meter, devices.operator, bars.acquisition, pace, control)
+                    left = run(opened, there.camera, there.meter, there.operator, bars.acquisition, pace, control)
             return left, len(opened.frames()), len(opened.readings())
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
@@ -201,7 +158,7 @@ def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, cloc
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
         session.close()
-        if _is_bare(session):
+        if not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records):
             # Refused before the first frame; the plan was corrected since.
             session.remove()
             return Session.create(path, wanted, clock=clock)
@@ -213,6 +170,98 @@ def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, cloc
     return session
 
 
-def _is_bare(session: Session) -> bool:
-    """Whether a session has neither frames nor readings."""
-    return not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
+def import_files(
+    configuration: Path,
+    session: Path,
+    *,
+    light: tuple[str, ...] = (),
+    dark: tuple[str, ...] = (),
+    readings: Path,
+    exposure: tuple[str, ...] = (),
+    as_json: Json = False,
+) -> None:
+    """Create a session from camera RAW files, or grey TIFF and PNG files, and a list of meter readings.
+
+    With import and calibrate, a still camera that writes RAW files becomes a luminance meter. All files are checked
+    before anything is written. Repeating the command adds what is missing. Values of TIFF and PNG files are read as
+    plan.pixel_format of the configuration; RAW files contain their format.
+
+    Parameters
+    ----------
+    configuration
+        TOML file with bench and target.
+    session
+        Folder of the session, new or to be completed.
+    light
+        Picture of the target: a file, a folder of files, or a pattern in quotes such as 'light/*.NEF'; PATCH=FILE if
+        patches were shown one by one. May be repeated.
+    dark
+        Picture with the lens covered: a file, a folder, or a pattern in quotes. May be repeated.
+    readings
+        CSV file of the meter readings: columns patch, luminance_cd_m2 or luminance_fL, and optionally time.
+    exposure
+        Exposure in seconds of pictures that do not state it; FILE=SECONDS for one picture. May be repeated.
+    """
+    wanted = SessionConfiguration.load(configuration)
+    exposures_s = _exposures_s(exposure)
+    files = [one for text in light for one in _pictures(*_of_patch(text), "light", exposures_s)]
+    files += [one for text in dark for one in _pictures("", text, "dark", exposures_s)]
+    if not any(file.role == "light" for file in files):
+        raise InputError("no picture of the target: give --light with a file, folder or pattern")
+    unused = sorted(set(exposures_s) - {str(file.path) for file in files} - {""})
+    if unused:
+        raise InputError(f"--exposure names {unused[0]}, which is not among the imported pictures: correct the name")
+    with progress_bars() as bars:
+        done = import_session(wanted, session, files, readings, bars.update)
+    counts = [
+        Quantity("frames", done.frames, "", "added"),
+        Quantity("readings", done.readings, "", "added"),
+        Quantity("known frames", done.known_frames, "", "already in the session"),
+        Quantity("known readings", done.known_readings, "", "already in the session"),
+    ]
+    inputs = (InputFile.of("configuration", configuration), InputFile.of("readings", readings))
+    table = quantity_table("imported", f"Imported into {session}", counts)
+    result = Result("import", str(session), (table,), done.findings, inputs)
+    print_result(result, as_json, f"Next: labcdp calibrate {quote(str(session))}")
+
+
+def _of_patch(text: str) -> tuple[str, str]:
+    """Split ``PATCH=FILE``; FILE alone is of no patch."""
+    patch, found, name = text.partition("=")
+    if not found or Path(text).exists():
+        return "", text
+    if not (patch and name):
+        raise InputError(f"--light is {text!r}: give FILE, or PATCH=FILE")
+    return patch, name
+
+
+def _pictures(patch: str, text: str, role: Role, exposures_s: dict[str, float]) -> list[ImportFile]:
+    """Return the files of a name, a folder or a pattern, by name."""
+    path = Path(text)
+    if path.is_dir():
+        paths = sorted(one for one in path.iterdir() if one.is_file() and not one.name.startswith("."))
+    elif any(mark in text for mark in "*?[") and not path.exists():
+        paths = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+    else:
+        paths = [path]
+    if not paths:
+        raise InputError(f"--{role} {text} matches no file: check folder and pattern")
+    return [ImportFile(one, role, patch or None, exposures_s.get(str(one), exposures_s.get(""))) for one in paths]
+
+
+def _exposures_s(texts: Sequence[str]) -> dict[str, float]:
+    """Exposures by file, "" for all others."""
+    exposures_s: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.rpartition("=")
+        try:
+            seconds = float(number)
+        except ValueError:
+            seconds = 0.0
+        if not 0 < seconds < inf:
+            raise InputError(f"--exposure is {text!r}: give seconds above 0, or FILE=SECONDS")
+        key = str(Path(name)) if name else ""
+        if key in exposures_s:
+            raise InputError(f"--exposure {name or 'without a file'} is given twice: give it once")
+        exposures_s[key] = seconds
+    return exposures_s

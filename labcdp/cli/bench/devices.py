@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import Annotated
 
 import cv2
 import numpy as np
-import typer
 
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.reading import ReadingSeries
 from ...core.result import Finding, Quantity, Result, info, quantity_table, warning
-from ...core.table import Column, Table, uncertain, uncertain_values
+from ...core.table import Column, Table, uncertain
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.aravis.gvcp import set_address as change_address
 from ...drivers.aravis.library import discover
@@ -24,20 +22,19 @@ from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
 from ...drivers.minolta_ls.protocol import MeterMode
 from ...output import check_file, write_file
 from ...session.frames import frame_to_tiff
-from ..options import METER_MODEL_OPTION, METER_OPTION, parse_seconds
-from ..output import FORCE_OPTION
-from ..terminal import JSON_OPTION, print_result, say
+from ..commands import As
+from ..options import Force, Json, MeterModel, MeterPort, Seconds
+from ..terminal import print_result, say
 
 
-def devices(
-    set_address: str | None = typer.Option(
-        None,
-        metavar="SERIAL=ADDRESS",
-        help="First assign this camera an address in one of this computer's networks, until it is switched off.",
-    ),
-    as_json: bool = JSON_OPTION,
-) -> None:
-    """List cameras and serial ports."""
+def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
+    """List cameras and serial ports.
+
+    Parameters
+    ----------
+    set_address : SERIAL=ADDRESS
+        First assign this camera an address in one of this computer's networks, until it is switched off.
+    """
     if set_address is not None:
         serial, found, address = set_address.partition("=")
         if not (serial and found):
@@ -55,34 +52,43 @@ def devices(
     if not ports:
         findings.append(info("no-serial-port"))
     names = ("vendor", "model", "serial", "address", "protocol")
+    of_ports = (Column("device", "port"), Column("description", "description"))
     tables = (
-        Table.of_rows("cameras", "Cameras", [Column(name, name) for name in names], map(asdict, cameras)),
-        Table.of_rows(
-            "serial_ports",
-            "Serial ports",
-            (Column("device", "port"), Column("description", "description")),
-            [{"device": port.device, "description": port.description} for port in ports],
-        ),
+        Table.of_items("cameras", "Cameras", [Column(name, name) for name in names], cameras),
+        Table.of_items("serial_ports", "Serial ports", of_ports, ports),
     )
     print_result(Result("devices", "Connected devices", tables, tuple(findings)), as_json)
 
 
 def snap(
-    file: Path = typer.Argument(help="TIFF file to write; an 8-bit PNG to look at is written beside it."),
-    camera: str | None = typer.Option(None, help="Serial number, address or model; default: the only one."),
-    exposure: str = typer.Option("10ms", help="Exposure time, for example 5ms."),
-    pixel_format: str = typer.Option("Mono12", help="GenICam pixel format."),
-    force: bool = FORCE_OPTION,
-    as_json: bool = JSON_OPTION,
+    file: Path,
+    *,
+    camera: str | None = None,
+    exposure: Seconds = 0.01,
+    pixel_format: str = "Mono12",
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
-    """Take one frame, for drawing the regions of the patches in it."""
+    """Take one frame, for drawing the regions of the patches in it.
+
+    Parameters
+    ----------
+    file
+        TIFF file to write; an 8-bit PNG to look at is written beside it.
+    camera
+        Serial number, address or model; default: the only one.
+    exposure
+        Exposure time, for example 5ms.
+    pixel_format
+        GenICam pixel format.
+    """
     picture = file.with_suffix(".png")
     if picture == file:
         raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
     for path in (file, picture):
         check_file(path, force=force, option="file")
     with AravisCamera(camera) as opened:
-        opened.configure(exposure_s=parse_seconds(exposure, "--exposure"), pixel_format=pixel_format)
+        opened.configure(exposure_s=exposure, pixel_format=pixel_format)
         frame = opened.snap()
     write_file(file, frame_to_tiff(frame, False), force=force)
     write_file(picture, _picture(frame), force=force)
@@ -98,9 +104,7 @@ def snap(
     ]
     table = quantity_table("frame", f"{frame.camera}, {frame.pixel_format}", quantities)
     result = Result("snap", str(file), (table,), configuration=frame.metadata(), simulated=frame.camera.simulated)
-    print_result(result, as_json)
-    if not as_json:
-        say(f"Written: {file}, {picture}")
+    print_result(result, as_json, f"Written: {file}, {picture}")
 
 
 def _picture(frame: Frame) -> bytes:
@@ -119,15 +123,28 @@ def _picture(frame: Frame) -> bytes:
 
 
 def meter(
-    port: str | None = METER_OPTION,
-    n: int = typer.Option(5, "-n", min=1, help="Number of readings."),
-    model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
-    slow: bool = typer.Option(False, "--slow", help="Use the SLOW response, for flickering light."),
-    peak: bool = typer.Option(False, "--peak", help="Measure the peak value instead of the present one."),
-    transcript: Path | None = typer.Option(None, help="New file for the bytes exchanged with the meter."),
-    as_json: bool = JSON_OPTION,
+    *,
+    port: MeterPort = None,
+    n: Annotated[int, As(names=("-n",), least=1)] = 5,
+    model: MeterModel = "LS-110",
+    slow: bool = False,
+    peak: bool = False,
+    transcript: Path | None = None,
+    as_json: Json = False,
 ) -> None:
-    """Take readings of a luminance meter, with their mean and scatter."""
+    """Take readings of a luminance meter, with their mean and scatter.
+
+    Parameters
+    ----------
+    n
+        Number of readings.
+    slow
+        Use the SLOW response, for flickering light.
+    peak
+        Measure the peak value instead of the present one.
+    transcript
+        New file for the bytes exchanged with the meter.
+    """
     modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
     with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
         opened.ask_if_simulated()
@@ -146,28 +163,29 @@ def _only_port() -> str:
 
 def _result(series: ReadingSeries) -> Result:
     columns = (
-        Column("number", "number"),
-        Column("as_sent", "as sent", "", "Value and unit on the display of the meter."),
-        *uncertain(Column("luminance_cd_m2", "luminance", "cd/m²", "U and u without the scale error of the meter.")),
-        Column("time", "time", "", "Time of the reading."),
+        Column("number", "number", value=lambda reading: 1 + series.readings.index(reading)),
+        Column(
+            "as_sent",
+            "as sent",
+            "",
+            "Value and unit on the display of the meter.",
+            value=lambda reading: f"{reading.value:g} {reading.unit}",
+        ),
+        *uncertain(
+            Column(
+                "luminance_cd_m2",
+                "luminance",
+                "cd/m²",
+                "U and u without the scale error of the meter.",
+            ),
+            "standard_uncertainty_random_cd_m2",
+        ),
+        Column("time", "time", "", "Time of the reading.", value=lambda reading: reading.timestamp.isoformat()),
         Column("value", "value", "", "Value on the display.", shown=False),
         Column("unit", "unit", "", "Unit on the display.", shown=False),
         Column("peak", "peak", "", "Whether it is a held peak.", shown=False),
         Column("raw", "raw", "", "Bytes on the wire.", shown=False),
     )
-    rows = [
-        {
-            "number": number,
-            "as_sent": f"{reading.value:g} {reading.unit}",
-            **uncertain_values("luminance_cd_m2", reading.luminance_cd_m2, reading.standard_uncertainty_random_cd_m2),
-            "time": reading.timestamp.isoformat(),
-            "value": reading.value,
-            "unit": reading.unit,
-            "peak": reading.peak,
-            "raw": reading.raw,
-        }
-        for number, reading in enumerate(series.readings, start=1)
-    ]
     several = len(series.readings) > 1
     quantities = [
         Quantity("mean", series.mean_cd_m2, "cd/m²", "scale excluded", series.standard_uncertainty_random_cd_m2),
@@ -179,6 +197,9 @@ def _result(series: ReadingSeries) -> Result:
     return Result(
         "meter",
         f"{meter.model} {meter.serial}",
-        (Table.of_rows("readings", "Readings", columns, rows), quantity_table("series", "All readings", quantities)),
+        (
+            Table.of_items("readings", "Readings", columns, series.readings),
+            quantity_table("series", "All readings", quantities),
+        ),
         simulated=meter.simulated,
     )

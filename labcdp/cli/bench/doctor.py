@@ -10,14 +10,14 @@ from contextlib import suppress
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-from ...core.errors import InputError, LabcdpError
+from ...core.errors import LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
@@ -30,8 +30,9 @@ from ...drivers.doctor.meter import check_meter
 from ...drivers.network import interfaces
 from ...output import check_file, write_file
 from ...report.files import envelope_json
-from ..options import METER_MODEL_OPTION
-from ..terminal import JSON_OPTION, print_result, say
+from ..options import Json, MeterModel
+from ..terminal import print_result, say
+from .options import require_apart
 
 #: Marks and colours of the states; the second marks are for terminals without the first.
 _MARKS = {"good": ("✓", "ok", "green"), "notice": ("!", "!", "yellow"), "fault": ("✗", "XX", "red")}
@@ -41,26 +42,31 @@ _log = logging.getLogger(__name__)
 
 
 def doctor(
-    camera: str | None = typer.Option(None, help="Serial number, address or model; default: all cameras found."),
-    meter: str | None = typer.Option(
-        None, help="Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked."
-    ),
-    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION,
-    stream_test: str | None = typer.Option(
-        None, metavar="SERIAL", help="Also take some frames with this camera; its settings are restored afterwards."
-    ),
-    report: Path | None = typer.Option(
-        None, help="New .zip file for a problem report: findings, GenICam description and features, bytes of the meter."
-    ),
-    as_json: bool = JSON_OPTION,
+    *,
+    camera: str | None = None,
+    meter: str | None = None,
+    meter_model: MeterModel = "LS-110",
+    stream_test: str | None = None,
+    report: Path | None = None,
+    as_json: Json = False,
 ) -> None:
     """Check this computer, the cameras and the meter; list faults and the commands that fix them.
 
     Cameras are only read, except that of --stream-test. The meter's modes are set, as it cannot report them.
     The exit status is 1 if there is a fault, else 0.
+
+    Parameters
+    ----------
+    camera
+        Serial number, address or model; default: all cameras found.
+    meter
+        Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked.
+    stream_test : SERIAL
+        Also take some frames with this camera; its settings are restored afterwards.
+    report
+        New .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
     """
-    if camera is not None and stream_test is not None:
-        raise InputError("--camera cannot be combined with --stream-test: leave one out")
+    require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
     if report is not None:
         check_file(report, option="--report")
     computer = _attempt(lambda: host_findings(host_facts()))
@@ -89,13 +95,9 @@ def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Re
         Column("remedy", "remedy", "", "Command or action that fixes it."),
     )
     rows = [{"group": name, **asdict(finding)} for name, findings in groups for finding in findings]
-    states = (*_MARKS, "unknown")
-    count = Table.of_rows(
-        "counts",
-        "Counts",
-        (Column("state", "state"), Column("count", "count")),
-        [{"state": state, "count": counts[state]} for state in states],
-    )
+    states = [*_MARKS, "unknown"]
+    data: dict[str, list[Any]] = {"state": states, "count": [counts[state] for state in states]}
+    count = Table("counts", "Counts", (Column("state", "state"), Column("count", "count")), data)
     return Result("doctor", "Bench", (Table.of_rows("checks", "Checks", columns, rows), count))
 
 
@@ -149,7 +151,9 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding
 
 def _print(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> None:
     console = Console(highlight=False, soft_wrap=True)
-    plain = not _can_print("".join(mark for mark, _, _ in _MARKS.values()))
+    marks = "".join(mark for mark, _, _ in _MARKS.values())
+    encoding = sys.stdout.encoding or "ascii"
+    plain = marks.encode(encoding, "replace").decode(encoding) != marks
     for name, findings in groups:
         console.print(Text(name, style="bold"))
         for finding in findings:
@@ -162,11 +166,3 @@ def _print(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Non
     words = {state: state if counts[state] == 1 else f"{state}s" for state in ("fault", "notice")}
     total = ", ".join(f"{counts[state]} {words.get(state, state)}" for state in ("fault", "notice", "unknown", "good"))
     console.print(Text(total, style="bold"))
-
-
-def _can_print(text: str) -> bool:
-    try:
-        text.encode(sys.stdout.encoding or "ascii")
-    except UnicodeEncodeError:
-        return False
-    return True

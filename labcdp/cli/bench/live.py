@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -30,88 +30,75 @@ from ...web.lock import locked
 from ...web.regions.files import DrawingFiles, Start
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..options import (
-    ADDRESS_OPTION,
-    METER_MODEL_OPTION,
-    METER_OPTION,
-    PORT_OPTION,
-    SIMULATED_BENCH_OPTION,
-    parse_contrasts,
-)
-from ..output import output_file
-from ..terminal import JSON_OPTION, fraction_of_percent, print_result, say, say_where
-from .device_options import DeviceChoice
-from .devices_of_session import note_bench, serial_meter, simulated_bench_file, simulated_devices
+from ..commands import As
+from ..options import Json, MeterModel, PageOptions, Percent, output_file
+from ..terminal import print_result, say_where
+from ..values import parse_contrasts
+from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices
+from .options import BenchDevices, DeviceOptions
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
 _LIFETIME_S = 5.0
 
 
 @dataclass(frozen=True)
-class LiveDevices:
-    """Options for camera and meter."""
+class LiveDevices(BenchDevices):
+    """Options for camera and meter of the page."""
 
-    camera: str | None = typer.Option(
-        None, help="Serial number, address or model; default: as in the plan, else the only one."
-    )
-    meter: str | None = METER_OPTION
-    meter_model: Literal["LS-110", "LS-100"] = METER_MODEL_OPTION
-    simulated: bool = typer.Option(False, "--simulated", help="Use the simulated bench instead of devices.")
-    simulated_bench: Path | None = SIMULATED_BENCH_OPTION
+    meter_model: MeterModel = "LS-110"
 
     @contextmanager
-    def opened(self, plan: Path | None) -> Iterator[tuple[Camera, BenchOfPage]]:
-        """Open the devices; raises InputError if options contradict each other."""
-        simulated = self.simulated or self.simulated_bench is not None
-        choice = DeviceChoice(self.camera, self.meter, simulated=simulated, simulated_bench=self.simulated_bench)
-        configuration = None if plan is None else SessionConfiguration.load(plan)
-        if simulated:
-            configuration = configuration or SessionConfiguration.from_toml(
-                example_configuration(), "the demonstration's"
-            )
-            opening = _simulated(configuration, choice)
-        else:
-            opening = self._real(configuration, choice)
-        with opening as opened:
-            yield opened
-
-    @contextmanager
-    def _real(self, plan: SessionConfiguration | None, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
+    def opened(self, plan: SessionConfiguration | None) -> Iterator[tuple[Camera, BenchOfPage]]:
+        """Open the devices."""
+        if self.simulating:
+            plan = plan or SessionConfiguration.from_toml(example_configuration(), "the demonstration's")
+            described = simulated_bench_file(self.simulated_bench)
+            devices = described.devices(self.simulated_bench)
+            with SimulatedBench(plan, devices) as bench, simulated_devices(plan, bench) as opened:
+                meter = opened.meter if plan.meter.entry == "serial" else None
+                yield opened.camera, BenchOfPage(meter, plan, bench, lambda session: note_bench(session, described))
+            return
         wanted = None if plan is None else plan.camera
         selector = self.camera or (None if wanted is None else wanted.serial or wanted.address or wanted.model)
         unplanned = {"model": self.meter_model, "serial": "unknown"}
-        described = plan.meter if plan else MeterConfiguration.model_validate(unplanned)
-        port = self.meter or described.port
+        entry = plan.meter if plan else MeterConfiguration.model_validate(unplanned)
+        port = self.meter or entry.port
         with ExitStack() as stack:
             camera = stack.enter_context(AravisCamera(selector))
             meter = None
-            if port is not None and described.entry == "serial":
-                meter = serial_meter(stack, described, port, choice)
+            if port is not None and entry.entry == "serial":
+                meter = serial_meter(stack, entry, port, DeviceOptions(patience=0.0))
             yield camera, BenchOfPage(meter, plan)
+
+
+def _one_contrast(text: str, name: str) -> float:
+    contrasts = parse_contrasts([text], name)
+    if len(contrasts) != 1:
+        raise InputError(f"{name} of the live bench is one contrast: give for example 100%")
+    return contrasts[0]
 
 
 @dataclass(frozen=True)
 class Detection:
-    """Options for the contrast to detect."""
+    """Options for what is to be detected.
 
-    contrast: str | None = typer.Option(None, help="Contrast to detect, for example 100%.", show_default="as measured")
-    epsilon: str = typer.Option("50%", help="Relative tolerance of the contrast.")
+    Parameters
+    ----------
+    contrast
+        Contrast to detect, for example 100%; default: as measured.
+    epsilon
+        Relative tolerance of the contrast.
+    """
 
-    def target(self) -> Target:
-        """Return what is to be detected; raises InputError."""
-        contrasts = (None,) if self.contrast is None else parse_contrasts([self.contrast])
-        if len(contrasts) != 1:
-            raise InputError("--contrast of the live bench is one contrast: give for example 100%")
-        return Target(contrasts[0], fraction_of_percent(self.epsilon, "--epsilon"))
+    contrast: Annotated[float | None, As(parse=_one_contrast)] = None
+    epsilon: Percent = 0.5
 
 
 @dataclass(frozen=True)
-class LivePage:
-    """Options for the page."""
+class LivePage(PageOptions):
+    """Options of a page that is opened at once."""
 
-    port: int = PORT_OPTION
-    address: str = ADDRESS_OPTION
-    open_page: bool = typer.Option(True, "--open/--no-open", help="Open the page in the browser.")
+    open_page: Annotated[bool, As("Open the page in the browser.", ("--open/--no-open",))] = True
 
 
 def bench(
@@ -119,16 +106,11 @@ def bench(
     chosen: LiveDevices,
     detection: Detection,
     page: LivePage,
-    plan: Path | None = typer.Argument(
-        None,
-        help="TOML file with bench, target and plan; see labcdp init bench.",
-        show_default="patches drawn on the page",
-    ),
-    calibration: Path | None = typer.Option(None, help="Calibration file, for values in cd/m²."),
-    roi: Path = typer.Option(
-        Path("bench.rois.json"), help="Region file to start from and to save to; without it, the patches of the plan."
-    ),
-    as_json: bool = JSON_OPTION,
+    plan: Path | None = None,
+    *,
+    calibration: Path | None = None,
+    roi: Path = Path("bench.rois.json"),
+    as_json: Json = False,
 ) -> None:
     """Show camera and meter live in the browser: regions, luminance and CDP of what is seen now.
 
@@ -136,8 +118,18 @@ def bench(
     page and read back; a lost camera is waited for. Ctrl-C ends the command.
 
     Example: labcdp bench --simulated
+
+    Parameters
+    ----------
+    plan
+        TOML file with bench, target and plan; see labcdp init bench; default: patches drawn on the page.
+    calibration
+        Calibration file, for values in cd/m².
+    roi
+        Region file to start from and to save to; without it, the patches of the plan.
     """
-    target, conversion = detection.target(), picture_conversion(calibration, None, None)
+    conversion = picture_conversion(calibration, None, None)
+    configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
         output_file(context, roi, False, "--roi")
     with locked(roi) as tell_others:
@@ -149,37 +141,41 @@ def bench(
             if page.open_page:
                 typer.launch(where.url)
 
-        with chosen.opened(plan) as (camera, devices):
-            live, last_words = _serve(camera, devices, conversion, roi, target, server, ready)
-    if as_json:
-        print_result(_result(live, roi), as_json)
-    else:
-        for line in last_words:
-            say(line)
+        with chosen.opened(configuration) as (camera, devices):
+            target = Target(detection.contrast, detection.epsilon)
+            live, workspace = _bench(camera, devices, conversion, roi, target, server)
+            try:
+                server.run(
+                    Site(
+                        "labcdp bench",
+                        lambda document: BenchPage(live, document).tab(),
+                        lambda: live.begin(workspace),
+                        workspace.warn,
+                        _LIFETIME_S,
+                        lambda: live.results,
+                    ),
+                    ready,
+                )
+            finally:
+                live.end()
+    print_result(_result(live, roi), as_json, *workspace.last_words())
 
 
-@contextmanager
-def _simulated(plan: SessionConfiguration, choice: DeviceChoice) -> Iterator[tuple[Camera, BenchOfPage]]:
-    described = simulated_bench_file(choice.simulated_bench)
-    with (
-        SimulatedBench(plan, described.devices(choice.simulated_bench)) as bench,
-        simulated_devices(plan, bench) as opened,
-    ):
-        meter = opened.meter if plan.meter.entry == "serial" else None
-        yield opened.camera, BenchOfPage(meter, plan, bench, lambda session: note_bench(session, described))
-
-
-def _serve(
+def _bench(
     camera: Camera,
     devices: BenchOfPage,
     conversion: PictureConversion,
     roi: Path,
     target: Target,
     server: Server,
-    ready: Callable[[Address], None],
-) -> tuple[LiveBench, list[str]]:
-    """Serve the page until it is stopped; return the bench and what to say then."""
-    settings, plan = _settings(devices.plan), devices.plan
+) -> tuple[LiveBench, Workspace]:
+    """Return the bench, with the settings of the plan and its middle exposure, and the regions to begin with."""
+    plan = devices.plan
+    settings: dict[str, Any] = {}
+    if plan is not None:
+        settings |= {"gain_db": plan.plan.gain_db, "pixel_format": plan.plan.pixel_format}
+        exposures_s = sorted(plan.plan.exposures_s or ())
+        settings |= {"exposure_s": exposures_s[len(exposures_s) // 2]} if exposures_s else {}
 
     def prepare(camera: Camera) -> None:
         if plan is not None:
@@ -193,24 +189,7 @@ def _serve(
     live = LiveBench(LiveCamera(camera, settings, prepare, stated), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
-    workspace = Workspace(first, files, _start(files, devices.plan), server.elsewhere)
-    tab, begin = lambda document: BenchPage(live, document).tab(), lambda: live.begin(workspace)
-    try:
-        server.run(Site("labcdp bench", tab, begin, workspace.warn, _LIFETIME_S, lambda: live.results), ready)
-    finally:
-        live.end()
-    return live, workspace.last_words()
-
-
-def _settings(configuration: SessionConfiguration | None) -> dict[str, Any]:
-    """Return the settings to begin with: those of the plan, with its middle exposure."""
-    if configuration is None:
-        return {}
-    plan = configuration.plan
-    settings: dict[str, Any] = {"gain_db": plan.gain_db, "pixel_format": plan.pixel_format}
-    if plan.exposures_s is not None:
-        settings["exposure_s"] = sorted(plan.exposures_s)[len(plan.exposures_s) // 2]
-    return settings
+    return live, Workspace(first, files, _start(files, plan), server.elsewhere)
 
 
 def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> Start:
@@ -237,12 +216,9 @@ def _result(live: LiveBench, roi: Path) -> Result:
     received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
     columns = (
         Column("region", "region"),
-        Column("meter_cd_m2", "meter", "cd/m²"),
+        Column("meter_cd_m2", "meter", "cd/m²", value="luminance_cd_m2"),
         Column("camera_cd_m2", "camera", "cd/m²"),
     )
-    rows = [
-        {"region": one.region, "meter_cd_m2": one.luminance_cd_m2, "camera_cd_m2": one.camera_cd_m2}
-        for one in reversed(live.desk.readings)
-    ]
-    tables = (quantity_table("frames", "Frames", received), Table.of_rows("readings", "Readings", columns, rows))
+    readings = Table.of_items("readings", "Readings", columns, reversed(live.desk.readings), detail=True)
+    tables = (quantity_table("frames", "Frames", received, detail=True), readings)
     return Result("bench", str(roi), tables, configuration={"roi": str(roi)})

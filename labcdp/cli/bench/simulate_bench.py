@@ -9,10 +9,7 @@ import sys
 from collections.abc import Iterator
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
-from types import FrameType
-from typing import Any
-
-import typer
+from typing import Annotated
 
 from ...core.disk import read_text
 from ...core.errors import InputError, LabcdpError
@@ -22,27 +19,40 @@ from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.control import free_loopback_address
 from ...drivers.simulated.faults import EXAMPLES, parse_schedule
 from ...session import SessionConfiguration, example_configuration
-from ..options import SIMULATED_BENCH_OPTION
-from ..terminal import JSON_OPTION, print_result, say
-from .devices_of_session import simulated_bench_file
+from ..commands import As
+from ..options import Json, NonNegative, SimulatedBenchPath
+from ..terminal import print_result, say
+from .connected import simulated_bench_file
 
-_HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: "
+_HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: " + " | ".join(EXAMPLES)
 
 
 def simulate_bench(
-    configuration: Path | None = typer.Argument(None, help="TOML file with the target; default: that of labcdp demo."),
-    address: str | None = typer.Option(None, help="Loopback address of the camera.", show_default="the first free one"),
-    response_s: float = typer.Option(0.8, help="Seconds that a reading of the meter takes.", min=0),
-    simulated_bench: Path | None = SIMULATED_BENCH_OPTION,
-    seed: int | None = typer.Option(None, help="Random seed of camera and meter noise.", min=0, show_default="0"),
-    faults: Path | None = typer.Option(
-        None, help="File with a schedule of faults: lines such as 'at 1 min vanish for 5 s'."
-    ),
-    as_json: bool = JSON_OPTION,
+    configuration: Path | None = None,
+    *,
+    address: str | None = None,
+    response_s: NonNegative = 0.8,
+    simulated_bench: SimulatedBenchPath = None,
+    seed: Annotated[int | None, As(least=0)] = None,
+    faults: Path | None = None,
+    as_json: Json = False,
 ) -> None:
     """Run a simulated GigE Vision camera and luminance meter that view one simulated target.
 
     Type commands to cover the lens, point the meter or cause faults; --faults schedules faults.
+
+    Parameters
+    ----------
+    configuration
+        TOML file with the target; default: that of labcdp demo.
+    address
+        Loopback address of the camera; default: the first free one.
+    response_s
+        Seconds that a reading of the meter takes.
+    seed
+        Random seed of camera and meter noise; default: 0.
+    faults
+        File with a schedule of faults: lines such as 'at 1 min vanish for 5 s'.
     """
     if configuration is None:
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
@@ -55,10 +65,8 @@ def simulate_bench(
     parse_schedule(schedule, str(faults))
     with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:
         bench.schedule(schedule, str(faults))
-        print_result(_running(bench, address, loaded.meter.model, meter.port), as_json)
+        print_result(_running(bench, address, loaded.meter.model, meter.port), as_json, _HELP)
         sys.stdout.flush()
-        if not as_json:
-            say(_help())
         _serve(bench)
 
 
@@ -84,25 +92,21 @@ def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Resu
         {"device": "camera", "model": f"{device.vendor} {device.model}", "serial": device.serial, "address": address},
         {"device": "meter", "model": meter, "address": port, "settings": "4800 baud, 7E2"},
     ]
-    patches = (Column("patch", "patch"), Column("luminance_cd_m2", "luminance", "cd/m²", "Simulated luminance."))
-    luminances: dict[str, list[Any]] = {
-        "patch": list(bench.luminance_cd_m2),
-        "luminance_cd_m2": list(bench.luminance_cd_m2.values()),
-    }
-    return Result(
-        "simulate-bench",
-        "simulated bench",
-        (
-            Table.of_rows("devices", "Devices", devices, rows),
-            Table("patches", "Patches", patches, luminances).sorted_by("luminance_cd_m2"),
-        ),
-        simulated=True,
+    patches = (
+        Column("patch", "patch", value=lambda item: item[0]),
+        Column("luminance_cd_m2", "luminance", "cd/m²", "Simulated luminance.", value=lambda item: item[1]),
     )
+    rising = sorted(bench.luminance_cd_m2.items(), key=lambda item: item[1])
+    tables = (
+        Table.of_rows("devices", "Devices", devices, rows),
+        Table.of_items("patches", "Patches", patches, rising),
+    )
+    return Result("simulate-bench", "simulated bench", tables, simulated=True)
 
 
 def _serve(bench: SimulatedBench) -> None:
     """Run typed commands until quit or a signal."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for line in _typed_lines():
             if not _run_command(bench, line.strip()):
@@ -127,39 +131,32 @@ def _typed_lines() -> Iterator[str]:
         yield from (line.decode(errors="replace") for line in lines)
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
-def _help() -> str:
-    return _HELP + " | ".join(EXAMPLES)
-
-
 def _run_command(bench: SimulatedBench, line: str) -> bool:
     """Run one command; return whether to continue."""
     word, _, rest = line.partition(" ")
     if word == "quit":
         return False
     try:
-        if word == "cover":
-            bench.cover_lens()
-        elif word == "uncover":
-            bench.uncover_lens()
-        elif word == "point":
-            bench.point_meter(rest.strip())
-        elif word == "show":
-            bench.show_patch(rest.strip())
-        elif word in {example.split()[0] for example in EXAMPLES}:
-            bench.run_command(line)
-        elif word != "status":
-            say(_help())
-            return True
+        match word:
+            case "cover":
+                bench.cover_lens()
+            case "uncover":
+                bench.uncover_lens()
+            case "point":
+                bench.point_meter(rest.strip())
+            case "show":
+                bench.show_patch(rest.strip())
+            case "status":
+                pass
+            case _ if word in {example.split()[0] for example in EXAMPLES}:
+                bench.run_command(line)
+            case _:
+                say(_HELP)
+                return True
     except LabcdpError as error:
         say(str(error))
         return True
     lens = "covered" if bench.covered else "open"
-    drifted = ""
-    if bench.drifted:
-        drifted = f"; light {bench.light_rel:.1%}, camera at {bench.temperature_c:.1f} degrees Celsius"
-    say(f"Lens {lens}; meter points at {bench.pointed_at}{drifted}")
+    drifted = f"; light {bench.light_rel:.1%}, camera at {bench.temperature_c:.1f} degrees Celsius"
+    say(f"Lens {lens}; meter points at {bench.pointed_at}{drifted if bench.drifted else ''}")
     return True

@@ -1,60 +1,72 @@
-"""Command compare: results of one kind side by side."""
+"""Commands compare and history: results of one kind side by side, and calibrations of cameras over time."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
+from ...calibration import AnyCalibration, load_any
+from ...calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
+from ...calibration.verify.history import histories
+from ...calibration.verify.result import Verification
+from ...core.disk import read_json, real_path
 from ...core.errors import InputError
+from ...core.result import InputFile
+from ...evaluate.bench.history import history_result, write_history
 from ...evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ...evaluate.compare.page import write_comparison
 from ...evaluate.compare.result import compare_result
 from ...evaluate.compare.subject import picture_task
 from ...evaluate.picture.result import PictureTask
-from ...evaluate.sweep.plan import parse_axis
-from ..options import parse_changes
-from ..output import Results
-from ..pictures.picture_options import PictureLightOptions
-from ..terminal import fraction_of_percent, progress_bars
+from ..commands import As
+from ..options import Axes, Changes, Force, Json, Open, Percent, Results, output_file
+from ..pictures.options import PictureLightOptions
+from ..terminal import print_result, progress_bar, say
 
-_CHAINS = "For chains: "
+#: Prefixes of labcdp's own file names, to recognise damaged files.
+_OUR_NAMES = ("calibration", "verification")
+_BROKEN = "broken"
 
 
 @dataclass(frozen=True)
 class QuestionOptions:
-    """Options for what chains are asked."""
+    """Options for what chains are asked.
 
-    over: list[str] = typer.Option(
-        [],
-        help=f"{_CHAINS}parameter and its values, as for labcdp sweep; may be repeated.",
-        show_default="scene.luminance_cd_m2=0.001:100000:121:log",
-    )
-    contrast: str | None = typer.Option(
-        None,
-        help="For chains and pictures: contrast to detect, for example 100%; default: contrast of each scene, measured "
-        "contrast of each pair.",
-    )
-    epsilon: str | None = typer.Option(
-        None, help="For chains and pictures: relative tolerance of the contrast.", show_default="50%"
-    )
-    roi: Path | None = typer.Option(
-        None, "--roi", help="For pictures: region file, .json of labcdp rois, or .roi or .zip of ImageJ."
-    )
-    changes: list[str] = typer.Option(
-        [], "--set", help=f"{_CHAINS}set a parameter in all, for example scene.contrast=30%; may be repeated."
-    )
+    Parameters
+    ----------
+    over
+        For chains: parameter and its values, as for labcdp sweep; may be repeated; default:
+        scene.luminance_cd_m2=0.001:100000:121:log.
+    contrast
+        For chains and pictures: contrast to detect, for example 100%; default: contrast of each scene, measured
+        contrast of each pair.
+    epsilon
+        For chains and pictures: relative tolerance of the contrast; default: 50%.
+    roi
+        For pictures: region file, .json of labcdp rois, or .roi or .zip of ImageJ.
+    changes
+        For chains: set a parameter in all, for example scene.contrast=30%; may be repeated.
+    """
+
+    over: Axes = ()
+    contrast: Percent | None = None
+    epsilon: Percent | None = None
+    roi: Path | None = None
+    changes: Changes = ()
 
     def asked(self) -> Question | None:
         """Return what chains are asked; None if no option for them is given."""
-        if self.roi is not None or not (self.over or self.contrast or self.epsilon or self.changes):
+        if self.roi is not None or not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):
             return None
         return Question(
-            tuple(parse_axis(text) for text in self.over) or (LUMINANCES,),
-            parse_changes(self.changes),
-            None if self.contrast is None else fraction_of_percent(self.contrast, "--contrast"),
-            fraction_of_percent(self.epsilon or "50%", "--epsilon"),
+            self.over or (LUMINANCES,),
+            dict(self.changes),
+            self.contrast,
+            0.5 if self.epsilon is None else self.epsilon,
         )
 
     def of_pictures(self, light: PictureLightOptions) -> PictureTask | None:
@@ -76,8 +88,8 @@ class QuestionOptions:
             self.roi,
             light.conversion(),
             tuple(light.inputs({"regions": self.roi})),
-            None if self.contrast is None else (fraction_of_percent(self.contrast, "--contrast"),),
-            fraction_of_percent(self.epsilon or "50%", "--epsilon"),
+            None if self.contrast is None else (self.contrast,),
+            0.5 if self.epsilon is None else self.epsilon,
         )
 
 
@@ -86,11 +98,7 @@ def compare(
     question: QuestionOptions,
     light: PictureLightOptions,
     results: Results,
-    subjects: list[str] = typer.Argument(
-        metavar="A B...",
-        help="Chains (presets or files), maps of sweeps, sessions, calibrations, pictures (with --roi), or results of "
-        "labcdp evaluate, image or characterise; files or folders of results. Each is compared with the first.",
-    ),
+    subjects: tuple[str, ...],
 ) -> None:
     """Compare chains, sessions, calibrations, characterisations, pictures or sweeps, side by side on one page.
 
@@ -99,11 +107,98 @@ def compare(
     with U, z and significance, in which the errors of one meter or calibration are not counted as independent.
 
     Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
+
+    Parameters
+    ----------
+    subjects : A B...
+        Chains (presets or files), maps of sweeps, sessions, calibrations, pictures (with --roi), or results of labcdp
+        evaluate, image or characterise; files or folders of results. Each is compared with the first.
     """
     asked, pictures = question.asked(), question.of_pictures(light)
     with results.folder(context, subjects[0]) as folder:
-        with progress_bars() as bars:
-            found = compare_subjects(subjects, asked, lambda done, total: bars.update("Cells", done, total), pictures)
+        with progress_bar("Cells") as report:
+            found = compare_subjects(subjects, asked, report, pictures)
         result = compare_result(found)
         write_comparison(found, result, folder)
     results.show(result, folder)
+
+
+def history(
+    context: typer.Context,
+    paths: tuple[Path, ...],
+    *,
+    output: Annotated[Path | None, As(names=("--output", "-o"))] = None,
+    force: Force = False,
+    open_page: Open = False,
+    as_json: Json = False,
+) -> None:
+    """List changes of responsivity, dark signal and gain from calibration to calibration.
+
+    Each camera, lens, f-number and gain has its own table and plot.
+
+    Parameters
+    ----------
+    paths : FOLDER_OR_FILE...
+        Calibration and verification files, or folders to search for them.
+    output
+        File to write: .html (plot and tables), .png or .xlsx; default: print only.
+    """
+    if output is not None and output.suffix not in (".html", ".png", ".xlsx"):
+        raise InputError(f"--output is {output}: give a file that ends in .html, .png or .xlsx")
+    if open_page and (output is None or output.suffix != ".html"):
+        raise InputError("--open opens a page: give --output with a file that ends in .html")
+    if output is not None:
+        output_file(context, output, force)
+    calibrations, verifications = _read(paths)
+    found = histories(calibrations, verifications)
+    inputs = [InputFile.of("calibration", path) for path in calibrations]
+    result = history_result(found, [*inputs, *(InputFile.of("verification", path) for path in verifications)])
+    if output is not None:
+        write_history(found, result, output, force=force)
+    print_result(result, as_json)
+    if output is not None:
+        say(f"Written: {output}")
+        if open_page:
+            typer.launch(str(output))
+
+
+def _read(paths: Sequence[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verification]]:
+    calibrations: dict[str, AnyCalibration] = {}
+    verifications: dict[str, Verification] = {}
+    named = {real_path(path) for path in paths}
+    for path in _files(paths):
+        try:
+            if _format(path) == VERIFICATION:
+                verifications[str(path)] = load_verification(path)
+            else:
+                calibrations[str(path)] = load_any(path)
+        except InputError as error:
+            if real_path(path) in named:
+                raise
+            say(f"Left out: {error}")
+    if not calibrations and not verifications:
+        raise InputError("none of the files can be read: give files or folders of calibrations")
+    return calibrations, verifications
+
+
+def _files(paths: Sequence[Path]) -> Iterable[Path]:
+    """Files that were named, and those found in folders, each once."""
+    files: dict[Path, Path] = {}
+    for path in paths:
+        if path.is_dir():
+            inside = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
+            if not inside:
+                raise InputError(f"{path} contains no calibration: give a folder with results of labcdp calibrate")
+            files |= {real_path(p): p for p in inside}
+        else:
+            files[real_path(path)] = path
+    return files.values()
+
+
+def _format(path: Path) -> object:
+    """Return the format of a JSON file; None if labcdp did not write it."""
+    try:
+        document = read_json(path, "a calibration", MOST_BYTES)
+    except InputError:
+        return _BROKEN if path.stem.startswith(_OUR_NAMES) else None
+    return document.get("format") if isinstance(document, dict) else None

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from ...calibration import AnyCalibration, load_any
+from ...calibration.colour.model import AnyCalibration
 from ...calibration.convert.bracket import Bracket, bracket_luminance
-from ...calibration.record import calibration_sha256
+from ...calibration.record import calibration_sha256, load_any
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
@@ -26,9 +26,10 @@ from ...output import write_file
 from ...report.maps import luminance_picture
 from ...report.text import exposures
 from ...session import FrameRecord, Session
-from ..options import parse_seconds
-from ..output import FORCE_OPTION, output_file
-from ..terminal import JSON_OPTION, print_result, say
+from ..commands import As
+from ..options import Force, Json, output_file
+from ..terminal import print_result
+from ..values import parse_seconds
 
 #: Names of the reasons.
 _REASONS = {
@@ -49,33 +50,53 @@ class _Selected:
     inputs: tuple[InputFile, ...]
 
 
+def _each_in_s(texts: Sequence[str], name: str) -> tuple[float, ...]:
+    return tuple(parse_seconds(text, name) for text in texts)
+
+
 @dataclass(frozen=True)
 class ChosenFrames:
-    """Options for which frames are converted."""
+    """Options for which frames are converted.
 
-    frame: list[int] = typer.Option(
-        [], "--frame", help="Number of a frame of the session; may be repeated. Default: all light frames."
-    )
-    exposure: list[str] = typer.Option(
-        [], "--exposure", help="Only this exposure, for example 8ms; may be repeated. Default: all."
-    )
-    patch: str | None = typer.Option(None, help="Patch to convert, if the session shows one patch at a time.")
+    Parameters
+    ----------
+    frame
+        Number of a frame of the session; may be repeated. Default: all light frames.
+    exposure
+        Only this exposure, for example 8ms; may be repeated. Default: all.
+    patch
+        Patch to convert, if the session shows one patch at a time.
+    """
+
+    frame: tuple[int, ...] = ()
+    exposure: Annotated[tuple[float, ...], As(parse=_each_in_s, many=True)] = ()
+    patch: str | None = None
 
     def wanted(self, exposure_s: float) -> bool:
         """Whether frames of an exposure are converted; cameras apply an exposure in steps of their own."""
-        asked = [parse_seconds(text, "--exposure") for text in self.exposure]
-        return not asked or any(isclose(exposure_s, one, rel_tol=0.01) for one in asked)
+        return not self.exposure or any(isclose(exposure_s, one, rel_tol=0.01) for one in self.exposure)
+
+    @property
+    def given(self) -> str:
+        """The exposures, for messages."""
+        return " or ".join(f"{1e3 * one:g}ms" for one in self.exposure)
 
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """Options for the files that are written."""
+    """Options for the files that are written.
 
-    output: Path = typer.Option(
-        ..., "--output", "-o", help="File to write: .tif or .exr (float images), or .npz (everything, for labcdp)."
-    )
-    preview: Path | None = typer.Option(None, help="PNG file for a false-colour picture with a scale.")
-    force: bool = FORCE_OPTION
+    Parameters
+    ----------
+    output
+        File to write: .tif or .exr (float images), or .npz (everything, for labcdp).
+    preview
+        PNG file for a false-colour picture with a scale.
+    """
+
+    output: Annotated[Path, As(names=("--output", "-o"))]
+    preview: Path | None = None
+    force: Force = False
 
     def require_writable(self, context: typer.Context) -> None:
         """Check the files before any work; raises InputError."""
@@ -90,18 +111,23 @@ def luminance(
     context: typer.Context,
     chosen: ChosenFrames,
     written: WrittenFiles,
-    calibration: Path = typer.Argument(help="Calibration file written by labcdp calibrate."),
-    files: list[Path] = typer.Argument(
-        metavar="SESSION | FILE...",
-        help="Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, "
-        "or other pictures that state their exposure.",
-    ),
-    as_json: bool = JSON_OPTION,
+    calibration: Path,
+    files: tuple[Path, ...],
+    *,
+    as_json: Json = False,
 ) -> None:
     """Convert frames to luminance in cd/m² with its uncertainty.
 
     All frames must show the same still scene. Several exposures are merged into one map (HDR), with the weights of
     least noise and without saturated pixels. Pixels that differ between the exposures are flagged.
+
+    Parameters
+    ----------
+    calibration
+        Calibration file written by labcdp calibrate.
+    files : SESSION | FILE...
+        Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, or
+        other pictures that state their exposure.
     """
     written.require_writable(context)
     loaded = load_any(calibration)
@@ -120,17 +146,16 @@ def luminance(
         "gain_db": selected.frames[0].gain_db,
         "time": min(one.timestamp for one in selected.frames).isoformat(),
     }
-    paths = [written.output]
-    if written.preview is None:
-        save_luminance(result.map, written.output, about, force=written.force)
-    else:
-        picture = _preview(result, loaded.state.camera.simulated, loaded.range_cd_m2)
-        save_luminance(result.map, written.output, about, force=written.force)
+    paths, picture = [written.output], b""
+    if written.preview is not None:
+        title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
+        picture = luminance_picture(result.map, title, loaded.state.camera.simulated, loaded.range_cd_m2)
+    save_luminance(result.map, written.output, about, force=written.force)
+    if written.preview is not None:
         write_file(written.preview, picture, force=written.force)
         paths.append(written.preview)
-    print_result(_result(result, selected, loaded, metadata(result.map, about), calibration, written.output), as_json)
-    if not as_json:
-        say(f"Written: {', '.join(str(path) for path in paths)}")
+    found = _result(result, selected, loaded, metadata(result.map, about), calibration, written.output)
+    print_result(found, as_json, f"Written: {', '.join(map(str, paths))}")
 
 
 def _result(
@@ -173,7 +198,7 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
         there = _exposures([frame for _, frame, _ in read])
-        raise InputError(f"no file has the exposure {' or '.join(chosen.exposure)}: the files have {there}")
+        raise InputError(f"no file has the exposure {chosen.given}: the files have {there}")
     names = [name for name, _, _ in kept]
     findings = unique(finding for _, _, found in kept for finding in found)
     inputs = tuple(InputFile.of("picture", name) for name in names)
@@ -187,7 +212,9 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
         records = [record for record in session.frames() if record.number in chosen.frame]
         missing = sorted(set(chosen.frame) - {record.number for record in records})
         if missing:
-            raise InputError(f"the session has no frame {missing[0]}: its frames are {_numbers(session)}")
+            numbers = [record.number for record in session.frames()]
+            there = f"{min(numbers)} to {max(numbers)}" if numbers else "none"
+            raise InputError(f"the session has no frame {missing[0]}: its frames are {there}")
     if chosen.patch is not None:
         records = [record for record in records if record.patch == chosen.patch]
         if not records:
@@ -195,7 +222,7 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
     kept = [record for record in records if chosen.wanted(record.exposure_s)]
     if not kept:
         raise InputError(
-            f"the session has no such frame at {' or '.join(chosen.exposure)}: it has {_exposures(records)}"
+            f"the session has no such frame at {chosen.given}: it has {_exposures(records)}"
             if records
             else f"{path} has no light frames: resume the acquisition"
         )
@@ -229,11 +256,6 @@ def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:
     return ", ".join(f"{1e3 * t:g}ms" for t in sorted({one.exposure_s for one in frames}))
 
 
-def _numbers(session: Session) -> str:
-    numbers = [record.number for record in session.frames()]
-    return f"{min(numbers)} to {max(numbers)}" if numbers else "none"
-
-
 def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
     seen = result.map
     lit = seen.luminance_cd_m2[seen.valid]
@@ -253,8 +275,3 @@ def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
         ),
         Quantity("inconsistent pixels", result.inconsistent_share, "%", "different between the exposures"),
     ]
-
-
-def _preview(result: Bracket, simulated: bool, range_cd_m2: tuple[float, float]) -> bytes:
-    title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
-    return luminance_picture(result.map, title, simulated, range_cd_m2)

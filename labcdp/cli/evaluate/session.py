@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,33 +32,38 @@ from ...evaluate.bench.recorded import certificate_of
 from ...evaluate.bench.session import SessionEvaluation, evaluate_session
 from ...evaluate.bench.session_page import write_results
 from ...evaluate.bench.session_result import session_input, session_result
-from ...output import ResultsFolder
 from ...report.files import SCHEMA, envelope_json
 from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
-from ..options import CERTIFICATE_OPTION, CONTRAST_HELP, PAIR_METAVAR, parse_contrasts, parse_pair, parse_tolerance
-from ..output import Results, default_folder, show_page
-from ..terminal import fraction_of_percent, print_result, progress_bars, say
+from ..bench.options import require_apart, require_together
+from ..options import Certificate, Contrasts, Results, Tolerance, Without, default_folder
+from ..terminal import progress_bars, say
+from ..values import fraction_of_percent, parse_pair
 from .verify import EXIT_STATUS
-
-WITHOUT_OPTION = typer.Option([], "--without", help="Patch to leave out; may be repeated.")
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of the calibration."""
+    """Options of the calibration.
 
-    without: list[str] = WITHOUT_OPTION
-    hold_out: list[str] = typer.Option([], help="Patch used to test the fit, not to make it; may be repeated.")
-    flat_field: Path | None = typer.Option(
-        None, help="Session recorded with uniform light that fills the image; default: cos⁴ vignetting."
-    )
-    nonuniformity: str = typer.Option("1%", help="Standard uncertainty of the uniformity of that light.")
-    response: Literal["debevec"] | None = typer.Option(
-        None,
-        help="Estimate the camera's response (tone curve, gamma) from the session's exposures as a bracket, after "
-        "Debevec and Malik; the readings scale it. Default: linear, or nonlinear if the readings require it.",
-    )
-    certificate: Path | None = CERTIFICATE_OPTION
+    Parameters
+    ----------
+    hold_out
+        Patch used to test the fit, not to make it; may be repeated.
+    flat_field
+        Session recorded with uniform light that fills the image; default: cos⁴ vignetting.
+    nonuniformity
+        Standard uncertainty of the uniformity of that light.
+    response
+        Estimate the camera's response (tone curve, gamma) from the session's exposures as a bracket, after Debevec and
+        Malik; the readings scale it. Default: linear, or nonlinear if the readings require it.
+    """
+
+    without: Without = ()
+    hold_out: tuple[str, ...] = ()
+    flat_field: Path | None = None
+    nonuniformity: str = "1%"
+    response: Literal["debevec"] | None = None
+    certificate: Certificate = None
 
     def configuration(self) -> dict[str, Any]:
         """Return the options as values JSON can hold."""
@@ -75,16 +80,23 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class ContrastOptions:
-    """Options for the contrasts of the patches; those not given are as configured."""
+    """Options for the contrasts of the patches; those not given are as configured.
 
-    without: list[str] = WITHOUT_OPTION
-    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default="as configured")
-    epsilon: str | None = typer.Option(
-        None, help="Relative tolerance of the contrast, for example 50%; default: as configured."
-    )
-    pair: list[str] = typer.Option(
-        [], "--pair", metavar=PAIR_METAVAR, help="Names of two patches. May be repeated.", show_default="as configured"
-    )
+    Parameters
+    ----------
+    contrast
+        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        be repeated; default: as configured.
+    epsilon
+        Relative tolerance of the contrast, for example 50%; default: as configured.
+    pair : BRIGHT:DARK
+        Names of two patches. May be repeated; default: as configured.
+    """
+
+    without: Without = ()
+    contrast: Contrasts = None
+    epsilon: Tolerance | None = None
+    pair: tuple[str, ...] = ()
 
     def contrasts(self, configuration: SessionConfiguration) -> list[ContrastConfiguration]:
         """Return pairs and contrasts as given, or else as configured; raises InputError."""
@@ -95,34 +107,35 @@ class ContrastOptions:
             names = [patch.name for patch in configuration.target.patches]
             chosen = [dict(zip(("bright", "dark"), parse_pair(text, names), strict=True)) for text in self.pair]
         if self.epsilon is not None:
-            chosen = [one | {"epsilon": parse_tolerance(self.epsilon)} for one in chosen]
+            chosen = [one | {"epsilon": self.epsilon} for one in chosen]
         if self.contrast:
-            values = parse_contrasts(self.contrast)
             different = list({json.dumps(one | {"contrast": None}): one for one in chosen}.values())
-            chosen = [one | {"contrast": value} for one in different for value in values]
+            chosen = [one | {"contrast": value} for one in different for value in self.contrast]
         return [ContrastConfiguration(**one) for one in chosen]
 
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """Options for the calibration that a session is evaluated with."""
+    """Options for the calibration that a session is evaluated with.
 
-    calibration: Path | None = typer.Option(
-        None, help="Calibration file.", show_default="SESSION-calibrate/calibration.json"
-    )
-    recalibrate: bool = typer.Option(
-        False, "--recalibrate", help="Calibrate with the session itself instead of loading a calibration."
-    )
-    against: Path | None = typer.Option(
-        None, help="With --recalibrate: results.json to compare with; any difference is an error."
-    )
+    Parameters
+    ----------
+    calibration
+        Calibration file; default: SESSION-calibrate/calibration.json.
+    recalibrate
+        Calibrate with the session itself instead of loading a calibration.
+    against
+        With --recalibrate: results.json to compare with; any difference is an error.
+    """
+
+    calibration: Path | None = None
+    recalibrate: bool = False
+    against: Path | None = None
 
     def file(self, session: Path) -> Path | None:
         """Return the calibration file, None for a calibration with the session itself; raises InputError."""
-        if self.recalibrate and self.calibration is not None:
-            raise InputError("--recalibrate and --calibration exclude each other: leave one out")
-        if self.against is not None and not self.recalibrate:
-            raise InputError("--against requires --recalibrate: give both or neither")
+        require_apart(("--recalibrate", self.recalibrate, "--calibration", self.calibration is not None))
+        require_together(("--against", self.against is not None, "--recalibrate", self.recalibrate))
         path = self.calibration or default_folder(session, "calibrate") / "calibration.json"
         if not self.recalibrate and self.calibration is None and not path.exists():
             raise InputError(
@@ -133,18 +146,19 @@ class CalibrationOptions:
 
 
 def calibrate(
-    context: typer.Context,
-    fit: FitOptions,
-    results: Results,
-    session: Path = typer.Argument(help="Folder of the session."),
-    more: list[Path] = typer.Argument(
-        None, help="Further sessions of the same camera and lens, at other gains or temperatures."
-    ),
+    context: typer.Context, fit: FitOptions, results: Results, session: Path, more: tuple[Path, ...] = ()
 ) -> None:
     """Fit the camera's conversion from DN to cd/m², save it, and report its uncertainty.
 
     Hot pixels and the dark pattern are measured in the session's dark frames. The pattern is subtracted, also from
     frames converted later, if it is larger than its own noise.
+
+    Parameters
+    ----------
+    session
+        Folder of the session.
+    more
+        Further sessions of the same camera and lens, at other gains or temperatures.
     """
     opened = Session.open(session)
     of_meter = None if fit.certificate is None else MeterCertificate.load(fit.certificate)
@@ -156,7 +170,7 @@ def calibrate(
 
             uniform = fit.uniform_light(opened, report("flat field"))
             calibration, observed = calibrate_recorded(
-                [opened, *(Session.open(path) for path in more or ())],
+                [opened, *(Session.open(path) for path in more)],
                 uniform,
                 without=fit.without,
                 held_out=fit.hold_out,
@@ -166,18 +180,18 @@ def calibrate(
             )
         path = folder.folder / "calibration.json"
         save(calibration, folder.path(path.name))
-        inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more or ())]
+        inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more)]
         options = {"output": str(folder.folder), **fit.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, options)
         written = write_calibration_report(calibration, result, folder)
         certified = calibration_certificate(opened, observed, calibration)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
-    print_result(result, results.as_json)
-    if not results.as_json:
-        say(f"Saved: {', '.join(str(p) for p in (path, *written))}")
-        chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
-        say(f"Next: labcdp evaluate {quote(str(session))}{chosen}")
-    show_page(folder.folder / "calibration.html", results.open_page)
+    chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
+    following = (
+        f"Saved: {', '.join(str(p) for p in (path, *written))}",
+        f"Next: labcdp evaluate {quote(str(session))}{chosen}",
+    )
+    results.print(result, *following, page=folder.folder / "calibration.html")
 
 
 def evaluate(
@@ -185,35 +199,35 @@ def evaluate(
     by: CalibrationOptions,
     options: ContrastOptions,
     results: Results,
-    session: Path | None = typer.Argument(
-        None, help="Folder of the session; default with --recalibrate: the session that ships with labcdp."
-    ),
+    session: Path | None = None,
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
     The exit status is 3 if a patch fails its limits_cd_m2 of the plan, 4 if one is undecided.
 
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
+
+    Parameters
+    ----------
+    session
+        Folder of the session; default with --recalibrate: the session that ships with labcdp.
     """
     if session is None and not by.recalibrate:
         raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
     path, opened = by.file(source), Session.open(source)
-    recorded = None if by.against is None else _recorded_results(by.against)
+    recorded = None if by.against is None else read_json(by.against, "a results.json")
     contrasts = options.contrasts(opened.configuration)
     with results.folder(context, source) as folder:
         evaluation, result = _evaluated(source, path, options.without, contrasts)
-        if recorded is not None:
-            _require_same(result, recorded, str(by.against))
+        if by.against is not None:
+            _require_same(result, recorded, by.against)
         if path is None:
-            _save_calibration(evaluation, folder)
+            save(evaluation.calibration, folder.path("calibration.json"))
         written = write_results(evaluation, result, folder)
-    print_result(result, results.as_json)
-    if not results.as_json:
-        say(f"Written: {', '.join(str(p) for p in written)}")
+    results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
         say(f"Identical to {by.against}")
-    show_page(folder.folder / "report.html", results.open_page)
     verdicts = {row.region.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
@@ -222,7 +236,7 @@ def evaluate(
 
 
 def _evaluated(
-    source: Path, calibration: Path | None, without: list[str], contrasts: list[ContrastConfiguration]
+    source: Path, calibration: Path | None, without: Sequence[str], contrasts: list[ContrastConfiguration]
 ) -> tuple[SessionEvaluation, Result]:
     """Evaluate a session with a calibration file, or with the calibration made from the session."""
     if calibration is None:
@@ -236,13 +250,9 @@ def _evaluated(
     return evaluation, session_result(evaluation, [session_input(opened), InputFile.of("calibration", calibration)])
 
 
-def _save_calibration(evaluation: SessionEvaluation, results: ResultsFolder) -> None:
-    save(evaluation.calibration, results.path("calibration.json"))
-
-
 def _observe(
     path: Path,
-    without: list[str],
+    without: Sequence[str],
     corrections: PlaneCorrections | None = None,
     certificate: MeterCertificate | None = None,
 ) -> tuple[Session, ObservedSession]:
@@ -252,16 +262,9 @@ def _observe(
         return session, observe_session(session, without, report, corrections, certificate)
 
 
-def _recorded_results(against: Path) -> dict[str, Any]:
-    recorded = read_json(against, "a results.json")
-    if not isinstance(recorded, dict):
-        raise InputError(f"{against} holds no results: give a results.json")
-    return recorded
-
-
-def _require_same(result: Result, recorded: dict[str, Any], against: str) -> None:
+def _require_same(result: Result, recorded: Any, against: Path) -> None:
     """Check that numbers and findings agree; versions and paths may differ, and the demo has more tables."""
-    if recorded.get("schema") != SCHEMA:
+    if not isinstance(recorded, dict) or recorded.get("schema") != SCHEMA:
         raise InputError(f"{against} is no result of this version of labcdp: give a results.json")
     now = json.loads(envelope_json(result))
     tables, before = now["tables"], recorded.get("tables") or {}

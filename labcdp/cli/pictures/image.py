@@ -1,26 +1,41 @@
-"""Command image: CDP, contrast and signal-to-noise ratios of pictures."""
+"""Commands image and image-map: CDP, contrast and signal-to-noise ratios of regions, and CDP of all edges."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
 from ...core.errors import InputError
+from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from ...evaluate.picture.edges.page import write_contrast_map
+from ...evaluate.picture.edges.result import MapSource, map_result
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
-from ...files.read import picture_paths
+from ...files.read import picture_paths, read_picture
 from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
-from ..options import contrasts_or_measured, parse_pair, parse_tolerance
-from ..output import Results
+from ..commands import As
+from ..options import Percent, Results
 from ..terminal import print_result, progress_bars
+from ..values import parse_pair
 from .batch import Failure, each_once, end_batch, worked_through
-from .picture_options import PairOptions, PictureLightOptions
+from .options import PairOptions, PictureLightOptions
+
+
+def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
+    try:
+        x0, y0, x1, y1 = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"{name} is {text!r}: give two corner pixels x0,y0,x1,y1 as whole numbers, for example 100,50,299,149"
+        ) from None
+    return x0, y0, x1, y1
 
 
 def image(
@@ -28,22 +43,11 @@ def image(
     pairs: PairOptions,
     light: PictureLightOptions,
     results: Results,
-    files: list[Path] = typer.Argument(
-        metavar="FILE...",
-        help="Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.",
-    ),
-    rectangle: str | None = typer.Option(
-        None,
-        "--rectangle",
-        metavar="X0,Y0,X1,Y1",
-        help="Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.",
-    ),
-    pages: bool = typer.Option(
-        True, "--pages/--no-pages", help="Write a page with figures for each picture, or the tables alone."
-    ),
-    surface: bool = typer.Option(
-        False, "--surface", help="Also write a page with the luminance as an interactive surface, 6 MB per picture."
-    ),
+    files: tuple[Path, ...],
+    *,
+    rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
+    pages: bool = True,
+    surface: bool = False,
 ) -> None:
     """Compute contrast detection probability (CDP), contrast, SNR and CSNR of regions in pictures.
 
@@ -51,6 +55,17 @@ def image(
     specification, relative luminance is used; contrasts are unaffected. Writes a page, a spreadsheet and JSON.
 
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
+
+    Parameters
+    ----------
+    files : FILE...
+        Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.
+    rectangle : X0,Y0,X1,Y1
+        Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.
+    pages
+        Write a page with figures for each picture, or the tables alone.
+    surface
+        Also write a page with the luminance as an interactive surface, 6 MB per picture.
     """
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
@@ -101,7 +116,7 @@ def _evaluated(
     return [pictures[index] for index in sorted(pictures)]
 
 
-def _request(pairs: PairOptions, rectangle: str | None) -> ImageRequest:
+def _request(pairs: PairOptions, rectangle: tuple[int, int, int, int] | None) -> ImageRequest:
     neighbours = pairs.neighbours or rectangle is not None
     if pairs.roi is None and not neighbours:
         raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
@@ -109,20 +124,84 @@ def _request(pairs: PairOptions, rectangle: str | None) -> ImageRequest:
         raise InputError("--pair names regions: give their file with --roi")
     rois = () if pairs.roi is None else rois_of(load_regions(pairs.roi))
     return ImageRequest(
-        contrasts=contrasts_or_measured(pairs.contrast),
-        epsilon=parse_tolerance(pairs.epsilon),
+        contrasts=pairs.contrast,
+        epsilon=pairs.epsilon,
         rois=rois,
         pairs=tuple(parse_pair(text, [one.name for one in rois]) for text in pairs.pair) or None,
         neighbours=neighbours,
-        rectangle=None if rectangle is None else _rectangle(rectangle),
+        rectangle=rectangle,
     )
 
 
-def _rectangle(text: str) -> tuple[int, int, int, int]:
-    try:
-        x0, y0, x1, y1 = (int(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(
-            f"--rectangle is {text!r}: give two corner pixels x0,y0,x1,y1 as whole numbers, for example 100,50,299,149"
-        ) from None
-    return x0, y0, x1, y1
+@dataclass(frozen=True)
+class EdgeOptions:
+    """Options of the map: its regions, and which contrasts are to be detected at their edges.
+
+    Parameters
+    ----------
+    region_size
+        Side of the regions in pixels, at least 10: about half the size of the smallest relevant object.
+    epsilon
+        Relative tolerance of the contrast.
+    minimum_contrast
+        Smallest contrast of an edge; edges of less contrast are ignored.
+    contrast
+        Contrast that the objects of the scene have, to be detected at all edges; default: that of each edge.
+    detected
+        Smallest CDP of a detected edge, above 0 and up to 1.
+    """
+
+    region_size: int = 40
+    epsilon: Percent = 0.5
+    minimum_contrast: Percent = 0.1
+    contrast: Percent | None = None
+    detected: float = 0.9
+
+
+def image_map(
+    context: typer.Context,
+    light: PictureLightOptions,
+    edges: EdgeOptions,
+    results: Results,
+    file: Path,
+    *,
+    reference: Path | None = None,
+) -> None:
+    """Map the CDP of all edges in an image, to show where the camera loses objects.
+
+    The image is segmented into regions whose borders follow its edges. Each edge is coloured by the probability (CDP)
+    that a pixel on one side and a pixel on the other show the contrast of the edge; warm colours are edges that are
+    lost. That contrast is the one in the image itself, which misses what a veil or blur took; --reference or --contrast
+    give that of the scene. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a
+    picture, a spreadsheet with a row for each edge, NetCDF and JSON.
+
+    Example: labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
+
+    Parameters
+    ----------
+    file : FILE
+        Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map of labcdp.
+    reference
+        Image of the scene without veil or blur; its edges and their contrasts are to be detected.
+    """
+    settings = ContrastMapSettings(
+        edges.region_size, edges.epsilon, edges.minimum_contrast, edges.detected, edges.contrast
+    )
+    conversion = light.conversion()
+    inputs = light.inputs({"reference": reference})
+    with results.folder(context, file) as folder:
+        picture = read_picture(file, conversion.options)
+        scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
+        found = contrast_map(conversion.luminance(picture), settings, scene)
+        source = MapSource(
+            file=picture.path.name,
+            sha256=picture.sha256,
+            unit=conversion.unit_of(picture).replace("^2", "²"),
+            conversion=conversion.description,
+            simulated=picture.frame is not None and picture.frame.camera.simulated,
+            findings=conversion.findings(picture),
+            inputs=tuple(inputs),
+        )
+        result = map_result(found, source)
+        write_contrast_map(found, source, result, folder)
+    results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -17,7 +17,7 @@ from ...evaluate.picture.conversion import PictureConversion
 from ...files.read import read_picture
 from ...files.video.selection import Position
 from ...output.file_list import is_same_file
-from ...regions import Shape, load_regions, new_shapes
+from ...regions import load_regions, new_shapes
 from ...report.text import finding_text
 from ...web.lock import locked
 from ...web.maps.files import dataset_image
@@ -30,44 +30,51 @@ from ...web.regions.proposals import propose
 from ...web.regions.video_image import is_video, video_image
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..options import ADDRESS_OPTION, CONTRAST_HELP, MEASURED, PORT_OPTION, contrasts_or_measured
-from ..output import FORCE_OPTION, output_file
-from ..terminal import JSON_OPTION, print_result, say, say_where
-from .picture_options import PictureLightOptions
+from ..commands import As
+from ..options import Contrasts, Force, Json, PageOptions, output_file
+from ..terminal import print_result, say, say_where
+from .options import PictureLightOptions, Place
 
 
 @dataclass(frozen=True)
-class PageOptions:
-    """Options of the page."""
+class RegionPage(PageOptions):
+    """Options of the page.
 
-    page: bool = typer.Option(
-        True, "--page/--no-page", help="Show the page; without it, write the regions that --detect finds."
-    )
-    port: int = PORT_OPTION
-    address: str = ADDRESS_OPTION
-    contrast: list[str] = typer.Option([], "--contrast", help=CONTRAST_HELP, show_default=MEASURED)
+    Parameters
+    ----------
+    page
+        Show the page; without it, write the regions that --detect finds.
+    """
+
+    page: bool = True
+    contrast: Contrasts = None
 
 
 @dataclass(frozen=True)
 class RegionFiles:
-    """Options for the region files."""
+    """Options for the region files.
 
-    output: Path | None = typer.Option(
-        None,
-        "--output",
-        "-o",
-        help="Region file to write: .json, or for ImageJ .zip or .roi. Default: the JSON file of --roi, else next "
-        "to the image or video, for example picture.rois.json.",
-    )
-    roi: Path | None = typer.Option(
-        None, help="Region file to start from: .json of labcdp, .roi or .zip of ImageJ. Default: the file of --output."
-    )
-    force: bool = FORCE_OPTION
+    Parameters
+    ----------
+    output
+        Region file to write: .json, or for ImageJ .zip or .roi. Default: the JSON file of --roi, else next to the image
+        or video, for example picture.rois.json.
+    roi
+        Region file to start from: .json of labcdp, .roi or .zip of ImageJ. Default: the file of --output.
+    """
+
+    output: Annotated[Path | None, As(names=("--output", "-o"))] = None
+    roi: Path | None = None
+    force: Force = False
 
     def target(self, context: typer.Context, file: Path, page: bool) -> Path:
         """Return the file that is written, checked before any work; raises InputError."""
         roi = self.roi if page else None
-        target = _output(file, self.output, roi)
+        name = file.name if file.is_dir() else file.stem
+        edited = roi if roi is not None and roi.suffix == ".json" else None
+        target = self.output or edited or file.parent / f"{name or 'video'}.rois.json"
+        if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
+            raise InputError(f"{target.parent} may not be written to: give --output in another folder")
         # A region file of labcdp is edited in place; other programs' files are never.
         is_edited = target.suffix == ".json" and (self.roi is None or (roi is not None and is_same_file(roi, target)))
         if not (target.exists() and is_edited) or is_same_file(file, target):
@@ -75,86 +82,73 @@ class RegionFiles:
         return target
 
 
-def _output(file: Path, output: Path | None, roi: Path | None) -> Path:
-    name = file.name if file.is_dir() else file.stem
-    edited = roi if roi is not None and roi.suffix == ".json" else None
-    target = output or edited or file.parent / f"{name or 'video'}.rois.json"
-    if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
-        raise InputError(f"{target.parent} may not be written to: give --output in another folder")
-    return target
-
-
 def rois(
     context: typer.Context,
     regions: RegionFiles,
     light: PictureLightOptions,
-    shown: PageOptions,
-    file: Path = typer.Argument(
-        metavar="FILE",
-        help="Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump; or a video, a folder of numbered "
-        "images, a recorded session.",
-    ),
-    frame: str | None = typer.Option(
-        None, help="Frame of a video to draw on, for example 250, 10s or 1:30; default: the first."
-    ),
-    detect: Literal["checkerboard", "step-chart", "superpixels"] | None = typer.Option(
-        None, help="Find regions and propose them for confirmation on the page."
-    ),
-    as_json: bool = JSON_OPTION,
+    shown: RegionPage,
+    file: Path,
+    *,
+    frame: Place | None = None,
+    detect: Literal["checkerboard", "step-chart", "superpixels"] | None = None,
+    as_json: Json = False,
 ) -> None:
     """Draw regions in an image or video frame, on a page in the browser.
 
     The page shows DN and cd/m² under the pointer, the mean of each region, and the CDP of two regions. labcdp prints
     the address of the page, also for a browser on another computer. Ctrl-C ends the command. Regions that are not
     saved are kept next to the output, and the same command resumes with them.
+
+    Parameters
+    ----------
+    file : FILE
+        Image to draw on: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump; or a video, a folder of numbered images,
+        a recorded session.
+    frame
+        Frame of a video to draw on, for example 250, 10s or 1:30; default: the first.
+    detect
+        Find regions and propose them for confirmation on the page.
     """
-    contrasts = contrasts_or_measured(shown.contrast)
     if not shown.page and detect is None:
         raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
-    _require_of_kind(file, frame, light.pixel_format or light.size)
+    if is_video(file) and (light.pixel_format is not None or light.size is not None):
+        raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
+    if frame is not None and not is_video(file):
+        raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
     target = regions.target(context, file, shown.page)
     image = _image(file, frame, light.conversion())
     files = DrawingFiles(target, image.size)
-    found = () if detect is None else _found(image, detect)
+    found = () if detect is None else propose(image, detect)
     with locked(target) as tell_others:
         read = () if regions.roi in (None, target) else load_regions(regions.roi, files.size)
         start = Start.of(files, read, found)
         if not shown.page:
             _write(files, start, as_json)
             return
-        place = _Place(shown.address, shown.port, tell_others, context.info_name == "view")
-        _serve(image, files, start, contrasts, place, as_json)
+        server = Server(shown.address, shown.port)
+        workspace = Workspace(Measurements(image, shown.contrast), files, start, server.elsewhere)
+
+        def tab(document: Any) -> Any:
+            return map_page(workspace, document, map_first=context.info_name == "view")
+
+        def ready(where: Address) -> None:
+            tell_others(where.place)
+            _tell(image, files, start, where)
+
+        server.run(Site(f"{image.name} - labcdp regions", tab, workspace.begin, workspace.warn), ready)
+    states = {str(path): "written" for path in workspace.written}
+    if workspace.unsaved and files.unsaved.exists():
+        states[str(files.unsaved)] = "unsaved"
+    result = _result(files, workspace.drawing, [], states, server.address.url)
+    print_result(result, as_json, *workspace.last_words())
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Address of the page, what announces it to other processes, and whether the luminance is shown first."""
-
-    address: str
-    port: int
-    tell_others: Callable[[str], None]
-    map_first: bool
-
-
-def _require_of_kind(file: Path, frame: str | None, of_dumps: str | None) -> None:
-    """Refuse options of videos for pictures, and of raw dumps for videos."""
-    if is_video(file):
-        if of_dumps is not None:
-            raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
-    elif frame is not None:
-        raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
-
-
-def _image(file: Path, frame: str | None, conversion: PictureConversion) -> PageImage:
+def _image(file: Path, frame: Position | None, conversion: PictureConversion) -> PageImage:
     if file.suffix.lower() == ".nc":
         return dataset_image(file)
     if is_video(file):
-        return video_image(file, Position.parse(frame or "0", "--frame"), conversion)
+        return video_image(file, frame or Position(0), conversion)
     return PageImage.of(read_picture(file, conversion.options), conversion)
-
-
-def _found(image: PageImage, detect: Literal["checkerboard", "step-chart", "superpixels"]) -> tuple[Shape, ...]:
-    return propose(image, detect)
 
 
 def _write(files: DrawingFiles, start: Start, as_json: bool) -> None:
@@ -172,51 +166,12 @@ def _write(files: DrawingFiles, start: Start, as_json: bool) -> None:
     n_known = len(found) - len(new)
     findings = [info("regions-not-confirmed", regions=len(names))] if names else []
     findings += [info("regions-known", regions=n_known)] if n_known else []
-    if as_json:
-        state = "written" if changed else "unchanged"
-        print_result(_result(files, drawing, names, {str(files.output): state}, findings=findings), as_json)
-        return
-    known = f"; {n_known} more were found that are there already" if new and n_known else ""
+    state = "written" if changed else "unchanged"
+    following = f"Nothing written: {_count(n_known)} found, all already in {files.output}"
     if changed:
-        say(f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them new{known}")
-    else:
-        say(f"Nothing written: {_count(n_known)} found, all already in {files.output}")
-    say(f"Regions found by --detect are not confirmed: check them with labcdp rois FILE --roi {files.output}")
-
-
-def _serve(
-    image: PageImage,
-    files: DrawingFiles,
-    start: Start,
-    contrasts: tuple[float, ...] | None,
-    place: _Place,
-    as_json: bool,
-) -> None:
-    server = Server(place.address, place.port)
-    workspace = Workspace(Measurements(image, contrasts), files, start, server.elsewhere)
-    title = f"{image.name} - labcdp regions"
-
-    def tab(document: Any) -> Any:
-        return map_page(workspace, document, map_first=place.map_first)
-
-    site = Site(title, tab, workspace.begin, workspace.warn)
-    shown: list[Address] = []
-
-    def ready(where: Address) -> None:
-        shown.append(where)
-        place.tell_others(where.place)
-        _tell(image, files, start, where)
-
-    server.run(site, ready)
-    if not as_json:
-        for line in workspace.last_words():
-            say(line)
-        return
-    states = {str(path): "written" for path in workspace.written}
-    if workspace.unsaved and files.unsaved.exists():
-        states[str(files.unsaved)] = "unsaved"
-    url = shown[0].url if shown else None
-    print_result(_result(files, workspace.drawing, [], states, url), as_json)
+        following = f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them new"
+    result = _result(files, drawing, names, {str(files.output): state}, findings=findings)
+    print_result(result, as_json, following)
 
 
 def _result(
@@ -235,16 +190,13 @@ def _result(
     )
     rows = [{"region": one.name, "area_px": one.area, "new": one.name in new} for one in drawing.rois]
     paths = (Column("path", "file"), Column("state", "state", "", "Whether it was written."))
-    return Result(
-        "rois",
-        files.output.name,
-        (
-            Table.of_rows("regions", "Regions", regions, rows),
-            Table("files", "Files", paths, {"path": list(states), "state": list(states.values())}),
-        ),
-        findings=tuple(findings),
-        configuration={"output": str(files.output), "page": page},
+    of_files = {"path": list(states), "state": list(states.values())}
+    tables = (
+        Table.of_rows("regions", "Regions", regions, rows, detail=True),
+        Table("files", "Files", paths, of_files, detail=True),
     )
+    configuration = {"output": str(files.output), "page": page}
+    return Result("rois", files.output.name, tables, findings=tuple(findings), configuration=configuration)
 
 
 def _tell(image: PageImage, files: DrawingFiles, start: Start, where: Address) -> None:
@@ -268,16 +220,12 @@ def _count(n: int) -> str:
 def view(
     context: typer.Context,
     light: PictureLightOptions,
-    file: Path = typer.Argument(
-        metavar="FILE",
-        help="Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ) or saved from Python (NetCDF), a picture or "
-        "frame, a video or a recorded session.",
-    ),
-    frame: str | None = typer.Option(None, help="Frame of a video or session, for example 250; default: the first."),
-    roi: Path | None = typer.Option(None, help="Region file to start from."),
-    port: int = PORT_OPTION,
-    address: str = ADDRESS_OPTION,
-    as_json: bool = JSON_OPTION,
+    page: PageOptions,
+    file: Path,
+    *,
+    frame: Place | None = None,
+    roi: Path | None = None,
+    as_json: Json = False,
 ) -> None:
     """View luminance in false colours, on a page in the browser.
 
@@ -285,6 +233,16 @@ def view(
     within limits; it exports PNG, TIFF, OpenEXR and CSV. It is the page of labcdp rois with the luminance first.
 
     Example: labcdp view target.exr
+
+    Parameters
+    ----------
+    file : FILE
+        Luminance written by labcdp luminance (TIFF, OpenEXR, NPZ) or saved from Python (NetCDF), a picture or frame, a
+        video or a recorded session.
+    frame
+        Frame of a video or session, for example 250; default: the first.
+    roi
+        Region file to start from.
     """
-    page = PageOptions(page=True, port=port, address=address, contrast=[])
-    rois(context, RegionFiles(None, roi, False), light, page, file, frame, None, as_json)
+    shown = RegionPage(page.port, page.address)
+    rois(context, RegionFiles(roi=roi), light, shown, file, frame=frame, as_json=as_json)

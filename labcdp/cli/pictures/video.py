@@ -25,11 +25,10 @@ from ...output import ResultsFolder
 from ...regions import image_size_of
 from ...report.files import envelope
 from ...tracking import method_among
-from ..options import contrasts_or_measured, parse_tolerance
-from ..output import Results, show_page
-from ..terminal import print_result, progress_bars, say
+from ..options import Results
+from ..terminal import progress_bars, say
 from .batch import each_once
-from .picture_options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
+from .options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
 
 
 def video(
@@ -40,10 +39,7 @@ def video(
     made: MadeOptions,
     where: ClusterOptions,
     results: Results,
-    files: list[Path] = typer.Argument(
-        metavar="VIDEO...",
-        help="Video files, folders of numbered images, recorded sessions; or a folder of video files.",
-    ),
+    files: tuple[Path, ...],
 ) -> None:
     """Compute the contrast detection probability between two regions for each frame of a video.
 
@@ -53,6 +49,11 @@ def video(
     interrupted evaluation. Several videos are evaluated on all cores, several pairs of a video in one pass.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
+
+    Parameters
+    ----------
+    files : VIDEO...
+        Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
     regions, pairs = rois_and_pairs(chosen.roi, chosen.pair, chosen.neighbours)
     named = {one.name: one for one in regions}
@@ -62,9 +63,7 @@ def video(
         how = chosen.method
         if pair:
             how = method_among(how, list(named), (pair[0], pair[1]))
-        return replace(
-            common, rois=tuple(named[name] for name in pair), method=how, reference=chosen.parsed_reference()
-        )
+        return replace(common, rois=tuple(named[name] for name in pair), method=how, reference=chosen.reference)
 
     # Any two of many regions show whether all else is right.
     settings = settings_of(*(pairs[0] if pairs else ()))
@@ -83,15 +82,14 @@ def video(
         return
     folder = results.folder(context, files[0] if len(files) == 1 else "videos", resume=True)
     _several(paths, settings, of_pairs, folder, made, where, results)
-    show_page(folder.folder / "archive.html", results.open_page)
 
 
 def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions) -> VideoSettings:
     """Return what is asked of all pairs of regions."""
     return VideoSettings(
-        contrasts=contrasts_or_measured(chosen.contrast),
+        contrasts=chosen.contrast,
         image_size=None if chosen.roi is None else image_size_of(chosen.roi),
-        epsilon=parse_tolerance(chosen.epsilon),
+        epsilon=chosen.epsilon,
         reference_by=chosen.reference_by,
         selection=frames.selection(),
         damaged=frames.damaged,
@@ -195,9 +193,8 @@ def _several(
     finally:
         # The outcomes are printed even if the disk is full.
         if result is not None:
-            print_result(result, results.as_json)
-    if not results.as_json:
-        say(f"{result.table('videos').note} Results are in {folder.folder}, a folder for each")
+            where_they_are = f"{result.table('videos').note} Results are in {folder.folder}, a folder for each"
+            results.print(result, where_they_are, page=folder.folder / "archive.html")
     if archive.failures:
         say(f"labcdp: {len(archive.failures)} of {len(archive.outcomes)} videos failed")
         raise typer.Exit(1)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.cli.options import parse_contrasts, parse_pair
 from labcdp.cli.pictures.batch import Failure, worked_through
+from labcdp.cli.values import parse_contrasts, parse_pair
 from labcdp.core.errors import CalibrationError, InputError
 
 

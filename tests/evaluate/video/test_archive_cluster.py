@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from labcdp.cli.pictures.picture_options import MadeOptions
+from labcdp.cli.pictures.options import MadeOptions
 from labcdp.cli.pictures.video import evaluate_values
 from labcdp.core.cluster import TlsFiles, open_cluster
 from labcdp.core.errors import InputError

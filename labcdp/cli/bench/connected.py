@@ -22,11 +22,11 @@ from ...drivers.replay import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.control import free_loopback_address
 from ...drivers.simulated.devices import SimulatedBenchFile
-from ...session import EventRecord, MeterConfiguration, PlanConfiguration, Session, SessionConfiguration
+from ...session import EventRecord, MeterConfiguration, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 from ..terminal import say
-from .device_options import DeviceChoice
 from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+from .options import DeviceOptions, Replay
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
 SIMULATED_RESPONSE_S = 0.05
@@ -58,7 +58,12 @@ class Devices:
 
 @contextmanager
 def connected(
-    session: Session, choice: DeviceChoice, clock: Clock, console: Console, unattended_operator: Unattended | None
+    session: Session,
+    options: DeviceOptions,
+    replay: Replay,
+    clock: Clock,
+    console: Console,
+    unattended_operator: Unattended | None,
 ) -> Iterator[Devices]:
     """Open the devices of a session while the context lasts.
 
@@ -66,8 +71,10 @@ def connected(
     ----------
     session : Session
         Says which devices.
-    choice : DeviceChoice
-        What the options say.
+    options : DeviceOptions
+        Which they are.
+    replay : Replay
+        Recorded session instead of devices.
     clock : Clock
         Of simulated and recorded devices.
     console : Console
@@ -82,12 +89,12 @@ def connected(
     InputError
         If a file given as an option cannot be read or is not valid.
     """
-    if choice.replay is not None:
-        opened = _replayed(session, choice.replay, choice.speed, clock)
-    elif choice.simulated:
-        opened = _simulated(session, choice, clock, console)
+    if replay.replay is not None:
+        opened = _replayed(session, replay.replay, replay.speed, clock)
+    elif options.simulating:
+        opened = _simulated(session, options, clock, console)
     else:
-        opened = _real(session, choice, console)
+        opened = _real(session, options, console)
     with opened as devices:
         operator: Operator = unattended_operator or devices.operator
         # Readings from a file need no pointing.
@@ -97,12 +104,12 @@ def connected(
 
 
 @contextmanager
-def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[Devices]:
+def _real(session: Session, options: DeviceOptions, console: Console) -> Iterator[Devices]:
     configuration = session.configuration
     wanted = configuration.camera
-    selector = choice.camera or wanted.serial or wanted.address or wanted.model
+    selector = options.camera or wanted.serial or wanted.address or wanted.model
     with ExitStack() as stack:
-        camera = stack.enter_context(AravisCamera(selector, patience_s=choice.patience))
+        camera = stack.enter_context(AravisCamera(selector, patience_s=options.patience))
         described = configuration.meter
         meter: Meter
         if described.entry == "by hand":
@@ -111,9 +118,9 @@ def _real(session: Session, choice: DeviceChoice, console: Console) -> Iterator[
             assert described.file is not None
             meter = stack.enter_context(CsvMeter(described.file, described.identity, stated_accuracy(described)))
         else:
-            port = choice.meter or described.port
+            port = options.meter or described.port
             assert port is not None, "checked before the session is made"
-            meter = serial_meter(stack, described, port, choice)
+            meter = serial_meter(stack, described, port, options)
         yield Devices(camera, meter, ConsoleOperator(console), "Aravis")
 
 
@@ -128,11 +135,6 @@ def _replayed(session: Session, path: Path, speed: float | None, clock: Clock) -
         yield Devices(camera, meter, RecordingOperator(), "a recorded session")
 
 
-def _taken(plan: PlanConfiguration) -> dict[str, object]:
-    """Return the parts of a plan that determine its frames and readings and their order."""
-    return plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"})
-
-
 def _refuse_other_replay(session: Session, recorded: Session) -> None:
     """Refuse to replay a session with another target or plan."""
     if session.frames() or session.readings():
@@ -140,9 +142,10 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
             f"{session.path} already has frames or readings, but a replay starts from the beginning: give a new folder"
         )
     both = (session.configuration, recorded.configuration)
-    here, there = ({"target": c.target, "plan": _taken(c.plan)} for c in both)
-    for key in here:
-        if here[key] != there[key]:
+    # What determines the frames and readings and their order.
+    plans = [one.plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"}) for one in both]
+    for key, same in (("target", both[0].target == both[1].target), ("plan", plans[0] == plans[1])):
+        if not same:
             raise InputError(
                 f"[{key}] of the configuration differs from the recording {recorded.path}: use the session.toml of the "
                 "recording"
@@ -150,25 +153,17 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 
 
 @contextmanager
-def _simulated(session: Session, choice: DeviceChoice, clock: Clock, console: Console) -> Iterator[Devices]:
-    faults = "" if choice.faults is None else read_text(choice.faults, "a schedule of faults", 2**20)
-    described = simulated_bench_file(choice.simulated_bench)
-    devices = described.devices(choice.simulated_bench)
+def _simulated(session: Session, options: DeviceOptions, clock: Clock, console: Console) -> Iterator[Devices]:
+    faults = "" if options.faults is None else read_text(options.faults, "a schedule of faults", 2**20)
+    described = simulated_bench_file(options.simulated_bench)
+    devices = described.devices(options.simulated_bench)
     with (
         SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
-        ExitStack() as stack,
+        simulated_devices(session.configuration, bench, options) as opened,
     ):
-        if choice.virtual_clock:
-            camera = stack.enter_context(bench.in_process_camera(patience_s=choice.patience))
-            meter = serial_meter(stack, session.configuration.meter, bench.in_process_port(), choice)
-            opened = Devices(camera, meter, bench, "in this process")
-        else:
-            opened = stack.enter_context(
-                simulated_devices(session.configuration, bench, choice.patience, choice.transcript)
-            )
         note_bench(session, described)
-        bench.schedule(faults, str(choice.faults))
-        yield replace(opened, operator=ConsoleOperator(console, bench)) if choice.rehearse else opened
+        bench.schedule(faults, str(options.faults))
+        yield replace(opened, operator=ConsoleOperator(console, bench)) if options.rehearse else opened
 
 
 def simulated_bench_file(path: Path | None, seed: int | None = None) -> SimulatedBenchFile:
@@ -188,39 +183,38 @@ def note_bench(session: Session, described: SimulatedBenchFile) -> None:
 
 @contextmanager
 def simulated_devices(
-    configuration: SessionConfiguration, bench: SimulatedBench, patience_s: float = 0.0, transcript: Path | None = None
+    configuration: SessionConfiguration, bench: SimulatedBench, options: DeviceOptions | None = None
 ) -> Iterator[Devices]:
-    """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails."""
+    """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails or is faster."""
+    options = options or DeviceOptions(patience=0.0)
+    virtual, camera, transport = options.virtual_clock, None, "in this process"
     with ExitStack() as stack:
-        pty = stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
-        choice = DeviceChoice(patience=patience_s, transcript=transcript)
-        meter = serial_meter(stack, configuration.meter, pty.port, choice)
-        camera, transport = _simulated_camera(bench, stack, patience_s)
+        port = bench.in_process_port() if virtual else stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S)).port
+        meter = serial_meter(stack, configuration.meter, port, options)
+        if not virtual:
+            try:
+                camera, transport = _gige_camera(bench, stack, options.patience), "GigE Vision on loopback"
+            except CameraError as error:
+                say(f"The camera is simulated in this process, not over GigE Vision: {error}")
+        if camera is None:
+            camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
         yield Devices(camera, meter, bench, transport)
 
 
-def _simulated_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> tuple[Camera, str]:
-    try:
-        with ExitStack() as trial:
-            server = trial.enter_context(bench.gige_camera(free_loopback_address()))
-            camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
-            _try(camera)
-            stack.push(trial.pop_all())
-            return camera, "GigE Vision on loopback"
-    except CameraError as error:
-        say(f"The camera is simulated in this process, not over GigE Vision: {error}")
-        return stack.enter_context(bench.in_process_camera(patience_s=patience_s)), "in this process"
+def _gige_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> Camera:
+    """Open the simulated GigE Vision camera, which `stack` closes, and take a frame; two may not be incomplete."""
+    with ExitStack() as trial:
+        server = trial.enter_context(bench.gige_camera(free_loopback_address()))
+        camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
+        try:
+            camera.snap()
+        except IncompleteFrameError:
+            camera.snap()
+        stack.push(trial.pop_all())
+    return camera
 
 
-def _try(camera: Camera) -> None:
-    """Take a frame; fail only if two in a row are incomplete."""
-    try:
-        camera.snap()
-    except IncompleteFrameError:
-        camera.snap()
-
-
-def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, choice: DeviceChoice) -> Meter:
+def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, options: DeviceOptions) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
     corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
     modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
@@ -229,8 +223,8 @@ def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Po
         described.identity,
         modes=modes,
         attempts=_METER_ATTEMPTS,
-        patience_s=choice.patience,
-        transcript=choice.transcript,
+        patience_s=options.patience,
+        transcript=options.transcript,
     )
     stack.enter_context(meter).ask_if_simulated()
     return meter

@@ -1,0 +1,170 @@
+"""Options for the devices of an acquisition, who does the manual steps, and what is recorded again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ...acquire import Unattended
+from ...core.errors import InputError
+from ...session import MeterConfiguration
+from ..options import MeterPort, NonNegative, SimulatedBenchPath
+
+
+def require_together(*pairs: tuple[str, bool, str, bool]) -> None:
+    """Refuse options that require others: (option, whether given, required option, whether given)."""
+    for option, given, required, there in pairs:
+        if given and not there:
+            raise InputError(f"{option} requires {required}: give both or neither")
+
+
+def require_apart(*pairs: tuple[str, bool, str, bool]) -> None:
+    """Refuse options that exclude each other: (option, whether given, other option, whether given)."""
+    for option, given, other, there in pairs:
+        if given and there:
+            raise InputError(f"{option} cannot be combined with {other}: leave one out")
+
+
+@dataclass(frozen=True)
+class BenchDevices:
+    """Options of commands that use camera and meter.
+
+    Parameters
+    ----------
+    camera
+        Serial number, address or model; default: as configured, else the only one.
+    simulated
+        Use the simulated bench instead of devices.
+    """
+
+    camera: str | None = None
+    meter: MeterPort = None
+    simulated: bool = False
+    simulated_bench: SimulatedBenchPath = None
+
+    def __post_init__(self) -> None:
+        if self.simulating:
+            given = (("--camera", self.camera), ("--meter", self.meter))
+            require_apart(*((name, one is not None, self.simulating, True) for name, one in given))
+
+    @property
+    def simulating(self) -> str:
+        """Option that asks for the simulated bench; empty if none does."""
+        return "--simulated-bench" if self.simulated_bench is not None else "--simulated" if self.simulated else ""
+
+
+@dataclass(frozen=True)
+class DeviceOptions(BenchDevices):
+    """Options of commands that measure.
+
+    Parameters
+    ----------
+    virtual_clock
+        With --simulated: use a virtual clock, without waiting.
+    faults
+        With --simulated: file with a schedule of faults.
+    patience
+        Seconds to wait for a lost camera or meter.
+    transcript
+        New file for the bytes exchanged with the meter.
+    rehearse
+        Use the simulated bench, but ask for each manual step as with devices.
+    """
+
+    virtual_clock: bool = False
+    faults: Path | None = None
+    patience: NonNegative = 600.0
+    transcript: Path | None = None
+    rehearse: bool = False
+
+    def __post_init__(self) -> None:
+        simulated = bool(self.simulating)
+        require_together(
+            ("--virtual-clock", self.virtual_clock, "--simulated", simulated),
+            ("--faults", self.faults is not None, "--simulated", simulated),
+        )
+        super().__post_init__()
+
+    @property
+    def simulating(self) -> str:
+        """Option that asks for the simulated bench; empty if none does."""
+        return "--rehearse" if self.rehearse else super().simulating
+
+    @property
+    def given(self) -> bool:
+        """Whether devices are named."""
+        return bool(self.simulating) or any(one is not None for one in (self.camera, self.meter, self.transcript))
+
+    def check(self, meter: MeterConfiguration) -> None:
+        """Check the options against the configured meter, if they are for real devices; raises InputError."""
+        if self.simulating:
+            return
+        if meter.entry != "serial":
+            for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
+                if given is not None:
+                    raise InputError(f'{option} requires a meter on a serial port, but meter.entry is "{meter.entry}"')
+        elif self.meter is None and meter.port is None:
+            raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Options for a recorded session instead of devices.
+
+    Parameters
+    ----------
+    replay
+        Replay this recorded session instead of using devices.
+    speed
+        With --replay: 1 is the recorded speed, 10 ten times that; default: no waiting.
+    """
+
+    replay: Path | None = None
+    speed: float | None = None
+
+    def check(self, devices: DeviceOptions) -> None:
+        """Check that no devices are named besides; raises InputError."""
+        there = self.replay is not None
+        require_together(("--speed", self.speed is not None, "--replay", there))
+        named = {"--camera": devices.camera, "--meter": devices.meter, "--transcript": devices.transcript}
+        require_apart((devices.simulating, bool(devices.simulating), "--replay", there))
+        require_apart(*((option, given is not None, "--replay", there) for option, given in named.items()))
+
+
+@dataclass(frozen=True)
+class Again:
+    """Options for what of a session is recorded again.
+
+    Parameters
+    ----------
+    replace_damaged
+        Check every frame of the session, and record missing and damaged ones again.
+    retake
+        Part to record again: a patch, 'light frames' or 'dark frames'; may be repeated.
+    """
+
+    replace_damaged: bool = False
+    retake: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Person:
+    """Options for who does the manual steps.
+
+    Parameters
+    ----------
+    unattended
+        Run unattended; list remaining manual steps.
+    lens
+        With --unattended: state of the lens; default: uncovered.
+    """
+
+    unattended: bool = False
+    lens: Literal["uncovered", "covered"] | None = None
+
+    def operator(self, rehearse: bool) -> Unattended | None:
+        """Return the operator of an unattended run; raises InputError if options contradict each other."""
+        require_apart(("--rehearse", rehearse, "--unattended", self.unattended))
+        require_together(("--lens", self.lens is not None, "--unattended", self.unattended))
+        return Unattended(self.lens or "uncovered") if self.unattended else None

@@ -1,0 +1,291 @@
+"""Command info: kind and content of a file or folder, and the commands that use it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from shlex import quote
+
+from ..calibration import load_any
+from ..calibration.emva.index import load_index
+from ..calibration.record import load_verification
+from ..chain import Chain
+from ..core.disk.documents import read_json, read_toml
+from ..core.errors import InputError, LabcdpError
+from ..core.frame import Frame
+from ..core.result import Finding, Result
+from ..core.table import Column, Table
+from ..drivers.simulated.devices import SimulatedBenchFile
+from ..evaluate.picture.camera_specification import CameraSpecification
+from ..evaluate.sweep.maps.axes import check_map
+from ..files.raw import PlaneClipping, planes_of
+from ..files.read import read_picture
+from ..files.video.open import VIDEO_SUFFIXES, open_video
+from ..output import LIST_FILE
+from ..regions import load_regions, rois_of
+from ..report.files import read_dataset
+from ..report.text import finding_text
+from ..session import Session, SessionConfiguration
+from ..session.journal import JOURNAL
+from .options import Json
+from .spectra import spectral_properties
+from .terminal import print_result
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a file is.
+
+    Parameters
+    ----------
+    kind : str
+        Its kind.
+    commands : tuple of str
+        Commands that use it, with {file} for its path.
+    properties : dict of str
+        Its content, by name.
+    tables : tuple of Table
+        More of it.
+    """
+
+    kind: str
+    commands: tuple[str, ...]
+    properties: dict[str, str] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+
+
+def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
+    """Identify a file, and list its content and the commands that use it.
+
+    For a camera's spectral sensitivity (CSV with wavelength_nm and R, G, B, or one column), compute f1' and the
+    factors that correct luminances in other light.
+
+    Parameters
+    ----------
+    file
+        A session, calibration, folder of results, results.json, picture, video, region file, bench plan, chain, camera
+        specification, map, spectral sensitivity or EMVA 1288 data set.
+    source
+        For a spectral sensitivity: light of the calibration, a name or a CSV file with its spectral power.
+    """
+    if not file.exists():
+        raise InputError(f"{file} does not exist: give a file or folder")
+    found = describe(file, source)
+    properties = {"kind": found.kind, **found.properties}
+    columns = (Column("property", "property"), Column("value", "value"))
+    first = Table("properties", str(file), columns, {"property": [*properties], "value": [*properties.values()]})
+    following = (f"Next: labcdp {one.format(file=quote(str(file)))}" for one in found.commands)
+    print_result(Result("info", str(file), (first, *found.tables)), as_json, *following)
+
+
+def describe(path: Path, source: str) -> Description:
+    """Try all kinds of file; a damaged file with the name of a kind raises the error of that kind.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is damaged, or is nothing labcdp knows.
+    """
+    if path.is_dir():
+        return _folder(path)
+    if path.suffix.lower() == ".csv":
+        properties, table = spectral_properties(path, source)
+        return Description("spectral sensitivity", (), properties, (table,))
+    readers: Sequence[Callable[[Path], Description]] = {
+        ".json": (_document,),
+        ".toml": (_toml,),
+        ".roi": (_regions,),
+        ".zip": (_regions,),
+        ".nc": (_map_file,),
+        ".txt": (_data_set,),
+    }.get(path.suffix.lower(), (_picture, _video))
+    errors = []
+    for read in readers:
+        try:
+            return read(path)
+        except LabcdpError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _folder(path: Path) -> Description:
+    """Describe a session, a folder of results, or a folder of pictures or videos."""
+    if (path / JOURNAL).is_file():
+        return _session(path)
+    if (path / LIST_FILE).is_file():
+        files = ", ".join(sorted(one.name for one in path.iterdir() if one.name != LIST_FILE))
+        return Description("folder of results", ("info {file}/results.json",), {"files": files})
+    if any(one.suffix.lower() in VIDEO_SUFFIXES for one in path.iterdir()):
+        return Description("folder of videos", ("video {file} --roi rois.json",))
+    try:
+        return _video(path)
+    except LabcdpError:
+        raise InputError(f"{path} is no session, folder of results, image sequence or folder of videos") from None
+
+
+def _session(path: Path) -> Description:
+    with Session.open(path) as session:
+        configuration = session.configuration
+        properties = {
+            "name": configuration.name,
+            "operator": configuration.operator,
+            "patches": ", ".join(patch.name for patch in configuration.target.patches),
+            "light frames": str(len(session.frames("light"))),
+            "dark frames": str(len(session.frames("dark"))),
+            "meter readings": str(len(session.readings())),
+        }
+    commands = ("calibrate {file}", "evaluate {file} --recalibrate", "characterise {file}")
+    return Description("session", commands, properties)
+
+
+def _document(path: Path) -> Description:
+    content = read_json(path, "a document of labcdp")
+    if not isinstance(content, dict):
+        raise InputError(f"{path} is no document of labcdp")
+    match content.get("schema", content.get("format")):
+        case "labcdp-result":
+            return _result(content)
+        case "labcdp-calibration":
+            return _calibration(path)
+        case "labcdp-verification":
+            load_verification(path)
+            return Description("verification of a calibration", ("history {file}",))
+        case "labcdp regions":
+            return _regions(path)
+    raise InputError(f"{path} is no document of labcdp: its key schema or format names no known kind")
+
+
+def _result(content: dict[str, object]) -> Description:
+    tables, inputs = content.get("tables"), content.get("inputs")
+    read = [str(one.get("path")) for one in inputs if isinstance(one, dict)] if isinstance(inputs, list) else []
+    properties = {
+        "command": str(content.get("kind")),
+        "title": str(content.get("title")),
+        "tables": ", ".join(tables) if isinstance(tables, dict) else "",
+        "inputs": ", ".join(read),
+    }
+    comparable = content.get("kind") in ("evaluate", "image", "characterise", "sweep", "calibrate")
+    return Description("results", ("compare {file} OTHER",) if comparable else (), properties)
+
+
+def _calibration(path: Path) -> Description:
+    loaded = load_any(path)
+    low, high = loaded.range_cd_m2
+    commands = (
+        "evaluate SESSION --calibration {file}",
+        "luminance {file} FRAME --output map.exr",
+        "image PICTURE --calibration {file} --roi rois.json",
+        "compare {file} OTHER",
+    )
+    properties = {
+        "camera": str(loaded.state.camera),
+        "lens": loaded.lens.model,
+        "calibrated range": f"{low:.3g} to {high:.3g} cd/m²",
+        "measured": f"{loaded.provenance.measured:%Y-%m-%d %H:%M}",
+    }
+    return Description("calibration", commands, properties)
+
+
+def _toml(path: Path) -> Description:
+    """Describe a bench plan, a simulated bench, a chain or a camera specification."""
+    content = read_toml(path, "a bench plan, chain or camera specification")
+    if "plan" in content:
+        plan = SessionConfiguration.load(path)
+        properties = {"name": plan.name, "patches": ", ".join(patch.name for patch in plan.target.patches)}
+        of_plan = ("acquire {file} my-session", "acquire {file} my-session --simulated")
+        return Description("bench plan", of_plan, properties)
+    if "scene" in content:
+        properties = {"description": Chain.load(str(path)).description}
+        commands = ("simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT", "compare {file} manta-g505")
+        return Description("imaging chain", commands, properties)
+    if "emva1288" in content:
+        return Description("EMVA 1288 data sheet", ("init chain my.toml --sensor {file}",))
+    if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
+        camera = SimulatedBenchFile.load(path).devices(path)
+        properties = {"camera": f"{camera.vendor} {camera.model}"}
+        return Description("simulated bench", ("acquire PLAN rehearsal --simulated-bench {file}",), properties)
+    properties = {"name": CameraSpecification.load(path).name}
+    return Description("camera specification", ("image PICTURE --camera-spec {file} --roi rois.json",), properties)
+
+
+def _regions(path: Path) -> Description:
+    names = [roi.name for roi in rois_of(load_regions(path))]
+    commands = ("image PICTURE --roi {file}", "video VIDEO --roi {file}")
+    return Description("region file", commands, {"regions": f"{len(names)}: {', '.join(names)}"})
+
+
+def _map_file(path: Path) -> Description:
+    dataset = read_dataset(path, "map")
+    try:
+        check_map(dataset)
+    except InputError as error:
+        raise InputError(f"{path} is no map of labcdp: {error}") from error
+    properties = {
+        "axes": ", ".join(f"{name} ({size})" for name, size in dataset.sizes.items()),
+        "variables": ", ".join(str(name) for name in dataset.data_vars),
+    }
+    return Description("map of a sweep", ("compare {file} OTHER",), properties)
+
+
+def _data_set(path: Path) -> Description:
+    index = load_index(path)
+    images = f"{index.width} x {index.height} pixels, {index.bits} bits, {len(index.blocks)} series"
+    return Description("EMVA 1288 data set", ("characterise {file}",), {"release": index.release, "images": images})
+
+
+def _picture(path: Path) -> Description:
+    found = read_picture(path)
+    frame = found.frame
+    properties = {
+        "size": "{1} x {0} pixels".format(*found.shape),
+        "values": "floats" if frame is None else f"{frame.bit_depth} bits, {frame.pixel_format}",
+        "encoding": found.encoding,
+        "exposure": f"{frame.exposure_s:.4g} s" if frame is not None and found.exposure_known else "not stated",
+        "camera": str(frame.camera) if frame is not None and found.camera_stated else "not stated",
+        **_notes(found.findings),
+    }
+    tables = () if frame is None or found.coloured else (_clipping(frame),)
+    commands = ("rois {file}", "image {file} --roi rois.json", "image-map {file}")
+    return Description("picture", commands, properties, tables)
+
+
+def _clipping(frame: Frame) -> Table:
+    """Say for each colour of a Bayer filter, or all pixels, where the histogram ends."""
+    names = ["all"]
+    if frame.colour_filter is not None:
+        names = [f"{column}, {row}" for row in ("upper", "lower") for column in ("left", "right")]
+    found = [
+        PlaneClipping.of(dn, frame.nominal_black_dn, frame.saturation_dn)
+        for dn in planes_of(frame.dn, frame.colour_filter)
+    ]
+    columns = (
+        Column("pixels", "pixels", meaning="Which of each 2 x 2, or all."),
+        Column("largest_dn", "largest", "DN", "Largest DN."),
+        Column("at_largest", "pixels there", "", "Number of pixels that have the largest DN."),
+        Column(
+            "clipped_from_dn", "clipped from", "DN", "DN from which pixels pile up; empty if the histogram fades out."
+        ),
+        Column("clipped_share", "share clipped", "%", "Share of the pixels from there on.", digits=2),
+    )
+    rows = (
+        (name, one.largest_dn, one.at_largest, None if one.pile is None else one.pile[0], one.share)
+        for name, one in zip(names, found, strict=True)
+    )
+    data = {column.name: values for column, values in zip(columns, zip(*rows, strict=True), strict=True)}
+    return Table("clipping", "End of the histogram", columns, data)
+
+
+def _video(path: Path) -> Description:
+    found = open_video(path)
+    properties = {
+        "size": "{1} x {0} pixels".format(*found.shape),
+        "frames": "not stated" if found.frame_count is None else str(found.frame_count),
+        "frame rate": "not stated" if found.frame_rate is None else f"{found.frame_rate:.6g} Hz",
+        **_notes(found.findings),
+    }
+    return Description("video", ("rois {file} --frame 0", "video {file} --roi rois.json"), properties)
+
+
+def _notes(findings: Sequence[Finding]) -> dict[str, str]:
+    return {"notes": "; ".join(finding_text(finding) for finding in findings)} if findings else {}

@@ -1,0 +1,244 @@
+"""Options of pictures and videos: how values become luminance, what files may not state, and pairs of regions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from ...core.cluster import TlsFiles
+from ...core.errors import InputError
+from ...core.result import InputFile
+from ...core.roi import Roi
+from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...evaluate.video.archive_run import Workers
+from ...evaluate.video.settings import Reference
+from ...files.video.selection import Position, Selection
+from ...regions import load_regions, rois_of
+from ..commands import As
+from ..options import Contrasts, Seconds, Tolerance
+from ..values import fraction_of_percent, parse_pair
+
+
+def _size(text: str, name: str) -> tuple[int, int]:
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"{name} is {text!r}: give width and height in pixels, for example 2464x2056") from None
+    return width, height
+
+
+def _reference(text: str, name: str) -> Reference:
+    """Return a reference contrast, or where it is; raises InputError."""
+    if text == "first":
+        return "first"
+    if text.endswith("%"):
+        contrast = fraction_of_percent(text, name)
+        if not contrast > 0:
+            raise InputError(f"{name} is {text!r}: give a contrast above 0%")
+        return contrast
+    if not Path(text).is_file():
+        raise InputError(f"{name} is {text!r}: give a contrast such as 1000%, first, or results.nc of another video")
+    return Path(text)
+
+
+Place = Annotated[Position, As(parse=Position.parse, show=lambda position: f"{position.frames}")]
+
+
+@dataclass(frozen=True)
+class LightOptions:
+    """Options of pictures and videos: the conversion to luminance, and what files may not state.
+
+    Parameters
+    ----------
+    calibration
+        Calibration file, for values in cd/m². Without it and --camera-spec, relative luminance is used.
+    camera_spec
+        Camera specification (TOML, see labcdp init camera), for estimated values in cd/m².
+    encoding
+        Encoding of the pixel values; default: as the camera specification or the file states, else the usual one of the
+        file type.
+    exposure
+        Exposure time, for example 5ms; default: as stated by each file.
+    gain_db
+        Gain in dB; default: as stated by each file, else 0.
+    bit_depth
+        Bit depth of the values in 16-bit files, for example 12; default: estimated.
+    """
+
+    calibration: Path | None = None
+    camera_spec: Path | None = None
+    encoding: Literal["linear", "srgb"] | None = None
+    exposure: Seconds | None = None
+    gain_db: float | None = None
+    bit_depth: Annotated[int | None, As(least=1, most=16)] = None
+
+    def conversion(self) -> PictureConversion:
+        """Load calibration or camera specification; raises InputError."""
+        return picture_conversion(self.calibration, self.camera_spec, self.encoding).given(**self.stated())
+
+    def stated(self) -> dict[str, Any]:
+        """Return what is given about the files, None for what is not."""
+        return {"exposure_s": self.exposure, "gain_db": self.gain_db, "bit_depth": self.bit_depth}
+
+    def inputs(self, others: Mapping[str, Path | None]) -> list[InputFile]:
+        """Return records of the input files other than pictures, by role; raises InputError if one cannot be read."""
+        files = {**others, "calibration": self.calibration, "camera specification": self.camera_spec}
+        return [InputFile.of(role, path) for role, path in files.items() if path is not None]
+
+
+@dataclass(frozen=True)
+class PictureLightOptions(LightOptions):
+    """The same, and the layout of raw dumps.
+
+    Parameters
+    ----------
+    pixel_format
+        GenICam pixel format of raw dumps, for example Mono12Packed; needs --size.
+    size
+        Width and height of raw dumps, for example 2464x2056.
+    """
+
+    pixel_format: str | None = None
+    size: Annotated[tuple[int, int] | None, As(parse=_size)] = None
+
+    def stated(self) -> dict[str, Any]:
+        """Return what is given about the files, None for what is not."""
+        return {**super().stated(), "pixel_format": self.pixel_format, "size": self.size}
+
+
+@dataclass(frozen=True)
+class PairOptions:
+    """Options of pictures and videos: regions, their pairs, and the contrasts to detect.
+
+    Parameters
+    ----------
+    roi
+        Region file, of a video for its first frame: .json of labcdp rois, or .roi or .zip of ImageJ.
+    contrast
+        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        be repeated; default: the measured contrast of each pair, of a video in its first frame.
+    pair : BRIGHT:DARK
+        Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions of a
+        picture, the only pair of a video.
+    neighbours
+        Compute the nearest-neighbour CDP: each pixel and its neighbours, for patterns 1 pixel wide.
+    """
+
+    roi: Path | None = None
+    contrast: Contrasts = None
+    epsilon: Tolerance = 0.5
+    pair: tuple[str, ...] = ()
+    neighbours: bool = False
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """Options for which frames are evaluated.
+
+    Parameters
+    ----------
+    damaged
+        Also evaluate frames that are damaged or depend on damaged ones, with a note.
+    start
+        First frame, for example 250, 10s or 1:30; the regions refer to it.
+    stop
+        Frame to stop before; default: the end.
+    every
+        Interval between evaluated frames, for example 25 or 1s; tracking uses all frames.
+    """
+
+    damaged: bool = False
+    start: Place = Position(0)
+    stop: Place | None = None
+    every: Place = Position(1)
+
+    def selection(self) -> Selection:
+        """Return which frames are meant; raises InputError."""
+        return Selection(self.start, self.stop, self.every)
+
+
+@dataclass(frozen=True)
+class VideoPairOptions(PairOptions):
+    """Options of regions in videos: how they are followed, and what contrast frames are compared with.
+
+    Parameters
+    ----------
+    method
+        Tracking method: follow, homography (flat targets that tilt) or fixed; other ones for some regions:
+        follow,wall=fixed.
+    reference
+        Reference contrast of each frame: a value such as 1000%, first (contrast of the first frame), or results.nc of
+        another video, for example of a calibrated camera.
+    reference_by
+        Match frames of a reference video by number or time.
+    """
+
+    method: str = "follow"
+    reference: Annotated[float | Path | Literal["first"] | None, As(parse=_reference)] = None
+    reference_by: Literal["number", "time"] = "number"
+
+
+@dataclass(frozen=True)
+class MadeOptions:
+    """Options for what is made of each video besides its results.
+
+    Parameters
+    ----------
+    annotated
+        Also write a video with regions, tracking quality and CDP.
+    frames
+        Also write each evaluated frame as a PNG image.
+    """
+
+    annotated: bool = False
+    frames: bool = False
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Options for where several videos are evaluated.
+
+    Parameters
+    ----------
+    cluster : ADDRESS
+        Address of a Dask scheduler for several videos, for example tls://192.0.2.7:8786.
+    cluster_tls : CA CERTIFICATE KEY
+        PEM files for a scheduler at an address tls://: certificate of the authority, own certificate and key.
+    workers
+        Number of processes for several videos; default: one per core.
+    """
+
+    cluster: str | None = None
+    cluster_tls: tuple[Path, Path, Path] | None = None
+    workers: Annotated[int | None, As(least=1)] = None
+
+    def chosen(self) -> Workers:
+        """Return the processes or the cluster."""
+        tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
+        return Workers(self.cluster, self.workers, tls)
+
+
+def rois_and_pairs(
+    path: Path | None, pairs: Sequence[str], neighbours: bool
+) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
+    """Regions, and the pairs of them that are evaluated; none for nearest-neighbour CDP. Raises InputError."""
+    if neighbours:
+        if path is not None or pairs:
+            raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
+        return (), ()
+    if path is None:
+        raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
+    found = {one.name: one for one in rois_of(load_regions(path))}
+    if not pairs:
+        if len(found) != 2:
+            raise InputError(
+                f"{path} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
+                if len(found) > 2
+                else f"{path} holds one region: draw a second one, a CDP is of two"
+            )
+        first, second = found
+        return tuple(found.values()), ((first, second),)
+    chosen = tuple(dict.fromkeys(parse_pair(pair, list(found)) for pair in pairs))
+    return tuple(found.values()), chosen

@@ -1,0 +1,150 @@
+"""Commands demo and init: a session from the first frame to the report on the simulated bench, and templates."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import typer
+
+from ..acquire import acquire
+from ..calibration import save
+from ..chain import preset_text
+from ..core.errors import InputError
+from ..core.result import Result, info
+from ..core.table import Column, Table
+from ..drivers.simulated.bench import SimulatedBench
+from ..drivers.simulated.devices import SimulatedBenchFile
+from ..evaluate.bench.calibrate import calibrate_session
+from ..evaluate.bench.calibration_page import write_calibration_report
+from ..evaluate.bench.calibration_result import calibration_result
+from ..evaluate.bench.observe import observe_session
+from ..evaluate.bench.session import evaluate_session
+from ..evaluate.bench.session_page import draw_figures, write_results
+from ..evaluate.bench.session_result import session_input, session_result
+from ..evaluate.camera.sensor import chain_text
+from ..output import ResultsFolder, write_file
+from ..session import Session, SessionConfiguration, example_configuration
+from ..session.configuration import example_camera, example_simulated_bench
+from .bench.connected import simulated_bench_file, simulated_devices
+from .options import Force, Json, Results, Seed, output_file
+from .terminal import print_result, progress_bars
+
+
+def demo(context: typer.Context, results: Results, *, seed: Seed = 0) -> None:
+    """Record, calibrate and evaluate the target of the 2018 thesis on the simulated bench, into labcdp-demo.
+
+    Parameters
+    ----------
+    seed
+        Random seed of camera and meter noise.
+    """
+    started = time.monotonic()
+    configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
+    with results.folder(context, "labcdp") as folder:
+        result, written = demonstrate(configuration, simulated_bench_file(None, seed), folder)
+    following = f"Written in {time.monotonic() - started:.0f} s: {', '.join(str(path) for path in written)}"
+    results.print(result, following, page=folder.folder / "report.html")
+
+
+def demonstrate(
+    configuration: SessionConfiguration, described: SimulatedBenchFile, results: ResultsFolder
+) -> tuple[Result, list[Path]]:
+    """Record a session on a simulated bench and write all that is made of it; returns its result and the files."""
+    specimens = described.devices()
+    bench = SimulatedBench(configuration, specimens)
+    with Session.create(results.path("session"), configuration) as session, progress_bars() as bars:
+        session.add_event("simulated bench", described.model_dump(mode="json"))
+        with simulated_devices(configuration, bench) as devices:
+            acquire(session, devices.camera, devices.meter, devices.operator, bars.acquisition)
+        observed = observe_session(session, report=lambda done, total: bars.update("reading", done, total))
+        bars.update("evaluating", 0, 3)
+        calibration = calibrate_session(observed)
+        save(calibration, results.path("calibration.json"))
+        bars.update("evaluating", 1, 3)
+        evaluation = evaluate_session(session, observed, calibration)
+        bars.update("evaluating", 2, 3)
+        inputs = [replace(session_input(session), path=str(results.folder / "session"))]
+        result = session_result(evaluation, inputs, "demo", described.seed)
+        truth = _truth(result, bench, devices.transport)
+        largest_rel = max(map(abs, truth["error_rel"]))
+        compared = info("simulated-luminance", largest_rel=largest_rel, meter_scale_rel=specimens.meter.scale_rel)
+        result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, compared))
+        of_calibration, figures = calibration_result(calibration, configuration.name, inputs), draw_figures(evaluation)
+        written = [
+            *write_calibration_report(calibration, of_calibration, results, figures["calibration"]),
+            *write_results(evaluation, result, results, figures),
+        ]
+        bars.update("evaluating", 3, 3)
+    return result, [results.folder / "session", results.folder / "calibration.json", *written]
+
+
+def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
+    """Compare the calibrated luminance with the simulated one."""
+    luminance = result.table("luminance")
+    patches, calibrated = luminance["patch"], luminance["calibrated_cd_m2"]
+    simulated = [bench.luminance_cd_m2[patch] for patch in patches]
+    columns = (
+        Column("patch", "patch"),
+        Column("simulated_cd_m2", "simulated", "cd/m²", "Luminance of the simulated target."),
+        Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera."),
+        Column("error_rel", "error", "%", "Calibrated over simulated, minus 1.", decimals=2),
+        Column("transport", "camera", "", "How the frames of the simulated camera were transferred."),
+    )
+    errors_rel = [one / true - 1 for one, true in zip(calibrated, simulated, strict=True)]
+    values = (patches, simulated, calibrated, errors_rel, [transport] * len(patches))
+    data = {column.name: of_column for column, of_column in zip(columns, values, strict=True)}
+    return Table("simulation", "Calibrated and simulated luminance", columns, data, detail=True)
+
+
+#: Template: what makes its text, and the command that uses the file.
+_TEMPLATES = {
+    "bench": (example_configuration, "labcdp acquire {file} my-session --simulated"),
+    "chain": (lambda: preset_text("manta-g505"), "labcdp simulate {file}"),
+    "camera": (example_camera, "labcdp image PICTURE --camera-spec {file}"),
+    "simulated-bench": (example_simulated_bench, "labcdp acquire PLAN rehearsal --simulated-bench {file}"),
+}
+
+
+def init(
+    context: typer.Context,
+    template: Literal["bench", "chain", "camera", "simulated-bench"],
+    file: Path,
+    *,
+    preset: str | None = None,
+    sensor: Path | None = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a commented template of a bench plan, an imaging chain, a camera specification or a simulated bench.
+
+    Example: labcdp init bench bench.toml
+
+    Parameters
+    ----------
+    template
+        bench: plan of an acquisition; chain: imaging chain; camera: camera specification; simulated-bench: its devices.
+    file
+        New TOML file to write.
+    preset
+        For a chain: preset to start from, see labcdp presets; default: manta-g505.
+    sensor
+        For a chain: EMVA 1288 results for its sensor, of labcdp characterise (results.json or folder) or of a data
+        sheet (TOML with a table emva1288); the preset gives the rest.
+    """
+    path = output_file(context, file, force, option="FILE")
+    for option, given in (("--preset", preset), ("--sensor", sensor)):
+        if given is not None and template != "chain":
+            raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")
+    text, following = _TEMPLATES[template]
+    if sensor is not None:
+        written = chain_text(preset or "manta-g505", sensor)
+    else:
+        written = text() if preset is None else preset_text(preset)
+    write_file(path, written.encode(), force=force)
+    command = following.format(file=file)
+    columns = (Column("template", "template"), Column("next_command", "next command"))
+    table = Table("template", "Template", columns, {"template": [template], "next_command": [command]}, detail=True)
+    print_result(Result("init", str(file), (table,)), as_json, f"Written: {file}", f"Next: {command}")

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import openpyxl
 import pytest
@@ -16,21 +15,6 @@ from labcdp.report.files import envelope, schema
 
 CHROMIUM = shutil.which("chromium")
 FIGURES = ("target", "luminance", "contrasts-1", "calibration-fit", "calibration-residuals")
-
-
-class Elements(HTMLParser):
-    """Elements with their attributes, and all text."""
-
-    def __init__(self, html):
-        super().__init__()
-        self.elements, self.text = [], ""
-        self.feed(html)
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.text += data
 
 
 def test_json_follows_the_schema_and_holds_the_evaluation(evaluation, result, written):
@@ -49,22 +33,6 @@ def test_json_follows_the_schema_and_holds_the_evaluation(evaluation, result, wr
         assert (row["measured_cd_m2"], row["calculated_cd_m2"], row["calibrated_cd_m2"]) == seen
         assert row["expanded_calibrated_cd_m2"] == pytest.approx(u * row["calibrated_cd_m2"], rel=1e-12)
         assert row["deviation_rel"] == pytest.approx(seen[2] / seen[0] - 1, abs=1e-15)
-
-
-def test_the_sheet_has_the_same_numbers(result, written):
-    book = openpyxl.load_workbook(written / "results.xlsx")
-    assert book.sheetnames == [*(table.name for table in result.tables), "findings", "about"]
-    for table in result.tables:
-        cells = list(book[table.name].iter_rows(min_row=2, values_only=True))
-        for line, row in zip(cells, table.rows(), strict=True):
-            assert tuple(None if cell == "" else cell for cell in line) == tuple(map(_cell, row.values()))
-
-
-def _cell(value):
-    """Return what a sheet has: text as text, numbers within the 16 digits of the file."""
-    if isinstance(value, bool | str):
-        return {True: "yes", False: "no", "": None}.get(value, value)
-    return None if value is None else pytest.approx(value, rel=1e-14, abs=0)
 
 
 def test_the_limit_of_the_cdp_decides_what_is_detected(evaluation):
@@ -86,20 +54,29 @@ def test_says_whether_deviations_check_the_calibration(evaluation):
         assert code in {finding.code for finding in findings}
 
 
-def test_the_page_answers_first_needs_nothing_else_and_escapes_all_text(evaluation, written):
+def test_the_sheet_has_the_same_numbers_and_text_as_text(result, written):
+    book = openpyxl.load_workbook(written / "results.xlsx")
+    assert book.sheetnames == [*(table.name for table in result.tables), "findings", "about"]
+    words = {True: "yes", False: "no", "": None}
+    for table in result.tables:
+        for line, row in zip(book[table.name].iter_rows(min_row=2), table.rows(), strict=True):
+            for cell, value in zip(line, row.values(), strict=True):
+                number = not isinstance(value, bool | str) and value is not None
+                assert cell.value == (pytest.approx(value, rel=1e-14) if number else words.get(value, value))
+                assert cell.data_type != "f"
+
+
+def test_the_page_answers_first_needs_nothing_else_and_escapes_all_text(written):
     html = (written / "report.html").read_text(encoding="utf-8")
-    page = Elements(html)
-    places = [page.text.index(text) for text in ("Simulated data", "95\u00a0% interval", "CDP, 95", "Calibration")]
+    body = html[html.index("<body") :]
+    places = [body.index(text) for text in ("Simulated data", "95\u00a0% interval", "CDP, 95", "Calibration")]
     assert places == sorted(places)
-    assert page.text.count("target contrast") >= len(evaluation.contrasts)
-    for tag, attributes in page.elements:
-        assert tag not in ("script", "link", "iframe", "object", "base", "b", "i", "em")
-        assert not {"href", "srcset", "action", "style"} & set(attributes)
-        assert not any(name.startswith("on") for name in attributes)
-        assert (attributes.get("src") or "data:image/png;base64,").startswith("data:image/png;base64,")
+    tags = [tag for tag in re.findall(r"<[^>]*>", body) if not tag.startswith('<img src="data:image/png;base64,')]
+    assert not [tag for tag in tags if re.match("<(script|link|iframe|object|base|b|i|em|img)[ >]", tag)]
+    assert not [tag for tag in tags if re.search(r"\s(href|srcset|action|style|on\w+)=", tag)]
     assert html.count("</style>") == 1
-    assert "{{ 7 * 7 }}" in page.text
-    assert "Test <i>session</i>" in page.text
+    assert "{{ 7 * 7 }}" in html
+    assert "Test &lt;i&gt;session&lt;/i&gt;" in html
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")

@@ -20,8 +20,8 @@ from ..evaluate.sweep.maps.result import result as sweep_result
 from ..evaluate.sweep.plan import Sweep
 from ..evaluate.sweep.run import run_sweep
 from ..evaluate.sweep.simulation.evaluation import evaluate_run
-from ..evaluate.sweep.simulation.page import write_simulation
-from ..evaluate.sweep.simulation.predicted import predicted_result, write_prediction
+from ..evaluate.sweep.simulation.page import write_prediction, write_simulation
+from ..evaluate.sweep.simulation.result import predicted_result
 from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
@@ -84,10 +84,9 @@ def simulate(context: typer.Context, options: ChainOptions, results: Results, ch
             found = predicted_result(loaded, *asked, _inputs(chain, loaded))
             write_prediction(found, loaded, folder)
         else:
-            run = loaded.run(options.seed)
-            evaluation = evaluate_run(run, *asked)
+            evaluation = evaluate_run(loaded.run(options.seed), *asked)
             found = simulation_result(evaluation, _inputs(chain, loaded))
-            write_simulation(found, evaluation, run, folder)
+            write_simulation(found, evaluation, folder)
     results.show(found, folder)
 
 

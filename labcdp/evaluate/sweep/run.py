@@ -22,7 +22,8 @@ from ...core.errors import InputError
 from ...metrics import Estimate
 from ...output import Destination, open_results
 from .plan import Axis, Sweep, of_scene
-from .simulation.evaluation import PairRow, RegionRow, evaluate_pair
+from .simulation.evaluation import evaluate_pair
+from .simulation.rows import PairRow, RegionRow
 
 if TYPE_CHECKING:
     from xarray import Dataset

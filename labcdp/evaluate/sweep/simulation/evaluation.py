@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, isfinite, nan, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....chain import Chain, ChainRun, Checkerboard, Signal
+from ....chain import ChainRun, Checkerboard, Signal
 from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
 from ....metrics import (
-    CdpResult,
-    ContrastDistribution,
     Distribution,
     Estimate,
-    NeighbourCdp,
     cdp_neighbours_range,
     cdp_range,
     cnr,
@@ -30,139 +27,10 @@ from ....metrics import (
     snr_20log10_db,
     weber_contrast_of_means,
 )
+from .rows import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
-
-@dataclass(frozen=True)
-class RegionRow:
-    """One region behind one stage.
-
-    Parameters
-    ----------
-    region : str
-        Name of the region.
-    true_cd_m2 : float
-        Mean luminance of the scene there.
-    mean, standard_deviation : float
-        Of the native values, in the unit of the stage; the deviation without what follows the vignetting.
-    snr : Estimate
-        Their mean over standard deviation; inf without noise.
-    snr_10log10_db, snr_20log10_db : Estimate
-        The same in decibels: 10 log10 as in the 2018 thesis (eq. 2.1), 20 log10 as in EMVA 1288.
-    luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
-        Mean and standard deviation of the luminance the stage's values stand for.
-    luminance_snr : Estimate
-        Mean over standard deviation of that luminance; unlike `snr` it does not gain from a black
-        level, nor from glare that is subtracted.
-    saturated_share : float
-        Share of the region's pixels that are saturated.
-    """
-
-    region: str
-    true_cd_m2: float
-    mean: float
-    standard_deviation: float
-    snr: Estimate
-    snr_10log10_db: Estimate
-    snr_20log10_db: Estimate
-    luminance_cd_m2: float
-    luminance_standard_deviation_cd_m2: float
-    luminance_snr: Estimate
-    saturated_share: float
-
-
-@dataclass(frozen=True, eq=False)
-class PairRow:
-    """One pair of regions behind one stage; contrasts are fractions.
-
-    Parameters
-    ----------
-    dark, bright : str
-        Names of the regions.
-    true_contrast : float
-        Weber contrast of the scene.
-    measured_contrast : float
-        Weber contrast of the mean luminances behind the stage; nan or inf where there is none.
-    mean_contrast : float
-        Mean Weber contrast of all pairs of pixels whose dark one is above 0; nan if there is none.
-    cdp : CdpResult or None
-        Region to region; None if no pixel of the two is above 0 cd/m^2.
-    neighbours : NeighbourCdp or None
-        Nearest-neighbour over the whole frame, for a checkerboard with squares of one pixel.
-    csnr, cnr, d_prime : Estimate
-        Contrast signal-to-noise ratio, contrast-to-noise ratio and detectability of the two luminances.
-    contrasts : ContrastDistribution or None
-        Distribution of the contrasts of all pairs of pixels; None if no plot was requested.
-    """
-
-    dark: str
-    bright: str
-    true_contrast: float
-    measured_contrast: float
-    mean_contrast: float
-    cdp: CdpResult | None
-    neighbours: NeighbourCdp | None
-    csnr: Estimate
-    cnr: Estimate
-    d_prime: Estimate
-    contrasts: ContrastDistribution | None
-
-
-@dataclass(frozen=True, eq=False)
-class StageRow:
-    """One stage.
-
-    Parameters
-    ----------
-    name, quantity, unit : str
-        Name of the stage, what its values are and their unit.
-    native : Distribution
-        Values of the whole frame, of many values a histogram.
-    luminance : Distribution
-        The luminance they stand for, in the same form.
-    regions : tuple of RegionRow
-        Each region of the scene.
-    pairs : tuple of PairRow
-        Each pair of regions.
-    """
-
-    name: str
-    quantity: str
-    unit: str
-    native: Distribution
-    luminance: Distribution
-    regions: tuple[RegionRow, ...]
-    pairs: tuple[PairRow, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class SimulationEvaluation:
-    """A run of a chain, evaluated.
-
-    Parameters
-    ----------
-    chain : Chain
-        What was run.
-    seed : int
-        Seed of the noise.
-    contrast : float or None
-        Contrast to be detected, None for each pair's own.
-    epsilon : float
-        Its tolerance.
-    stages : tuple of StageRow
-        In order.
-    """
-
-    chain: Chain
-    seed: int
-    contrast: float | None
-    epsilon: float
-    stages: tuple[StageRow, ...]
-
-
-def final_stages(chain: Chain) -> tuple[str, ...]:
-    """Names of the last stage of each sensor; without a sensor, of the last stage."""
-    recorded = chain.recorded_names[-1:]
-    return tuple(chain.of_sensor(name, own) for own, _ in chain.sensors for name in recorded) or chain.stage_names[-1:]
+#: Values of a distribution that a plot shows; those of a result are reduced to it to save memory.
+_MOST_VALUES = 4096
 
 
 #: Parts of a region, from its edge to the centre of the lens, in each of which the values follow the vignetting along
@@ -231,10 +99,6 @@ def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDA
     return noise
 
 
-#: A plot shows no more; the distributions of a result are reduced to it to save memory.
-_MOST_VALUES = 4096
-
-
 def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 0.5) -> SimulationEvaluation:
     """Evaluate every stage of a run.
 
@@ -258,7 +122,7 @@ def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 
     """
     final = final_stages(run.chain)
     stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name in final) for name in run)
-    return SimulationEvaluation(run.chain, run.seed, contrast, epsilon, stages)
+    return SimulationEvaluation(run, contrast, epsilon, stages)
 
 
 def evaluate_stage(
@@ -268,8 +132,7 @@ def evaluate_stage(
 
     The other parameters and errors as for `evaluate_run`.
     """
-    signal = run[name]
-    scene = run.chain.scene
+    signal, scene = run[name], run.chain.scene
     masks = {region: mask for region, mask in scene.regions().items() if mask.any()}
     true_means = _true_means(run, masks)
     relative = relative_illuminance(signal) if signal.oversampling == 1 else None
@@ -286,23 +149,21 @@ def evaluate_stage(
     for dark, bright in scene.pairs():
         # 1.3 / 1 - 1 is not 0.3 in binary.
         own = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
-        wanted = own if contrast is None else contrast
-        row = _pair(dark, bright, own, (wanted, epsilon), seen, pixels)
+        row = _pair((name, dark, bright), own, (own if contrast is None else contrast, epsilon), seen, pixels)
         if plot_contrasts and row.cdp is not None:
             row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
         pairs.append(row)
-    rows = [
-        _region(
-            region,
-            true_means[region],
-            values[mask] if relative is None else without_fall_off(values[mask], relative[mask]),
-            seen[region],
-            _saturated_share(signal, mask),
-        )
-        for region, mask in masks.items()
-    ]
+    regions = []
+    for region, mask in masks.items():
+        own_values = values[mask] if relative is None else without_fall_off(values[mask], relative[mask])
+        native, light = Distribution.from_array(own_values), seen[region]
+        ratios = snr(native), snr_10log10_db(native), snr_20log10_db(native)
+        of_light = light.mean, _deviation(light), snr(light)
+        saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
+        what = name, signal.quantity, signal.unit, region, true_means[region]
+        regions.append(RegionRow(*what, native.mean, _deviation(native), *ratios, *of_light, saturated))
     return StageRow(
-        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(rows), tuple(pairs)
+        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(regions), tuple(pairs)
     )
 
 
@@ -336,54 +197,22 @@ def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[s
     }
 
 
-def _saturated_share(signal: Signal, mask: NDArray[np.bool_]) -> float:
-    return 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
-
-
-def _region(
-    region: str, true_cd_m2: float, values: NDArray[Any], seen: Distribution, saturated_share: float
-) -> RegionRow:
-    native = Distribution.from_array(values)
-    return RegionRow(
-        region,
-        true_cd_m2,
-        native.mean,
-        _deviation(native),
-        snr(native),
-        snr_10log10_db(native),
-        snr_20log10_db(native),
-        seen.mean,
-        _deviation(seen),
-        snr(seen),
-        saturated_share,
-    )
-
-
 def _pair(
-    dark: str,
-    bright: str,
+    names: tuple[str, str, str],
     true_contrast: float,
     asked: tuple[float, float],
     seen: Mapping[str, Distribution],
     pixels: NDArray[Any] | None,
 ) -> PairRow:
-    regions = seen[bright], seen[dark]
+    regions = seen[names[2]], seen[names[1]]
     if max(region.values[-1] for region in regions) <= 0 or not isfinite(asked[0]):
         nothing = Estimate(nan, nan)
-        return PairRow(dark, bright, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
-    return PairRow(
-        dark,
-        bright,
-        true_contrast,
-        weber_contrast_of_means(*regions),
-        _mean_contrast(*regions),
-        cdp_range(*regions, asked[:1], asked[1])[0],
-        None if pixels is None else cdp_neighbours_range(pixels, asked[:1], asked[1])[0],
-        csnr(*regions),
-        cnr(*regions),
-        d_prime(*regions),
-        None,
-    )
+        return PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
+    means = weber_contrast_of_means(*regions), _mean_contrast(*regions)
+    region_to_region = cdp_range(*regions, asked[:1], asked[1])[0]
+    neighbours = None if pixels is None else cdp_neighbours_range(pixels, asked[:1], asked[1])[0]
+    ratios = csnr(*regions), cnr(*regions), d_prime(*regions)
+    return PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios, None)
 
 
 def _mean_contrast(bright: Distribution, dark: Distribution) -> float:

@@ -24,7 +24,7 @@ from ....report.layout import ReportFigure
 from ....report.plots import ContrastPanel, stage_figure
 from ....report.text import printable, shortened
 from ..maps.axes import LARGEST_SNR
-from .evaluation import PairRow, SimulationEvaluation, StageRow, final_stages
+from .rows import PairRow, SimulationEvaluation, StageRow, final_stages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,7 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
 
 def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
     """Return the contrasts of each pair behind the last stage of each sensor."""
-    final = final_stages(evaluation.chain)
+    final = final_stages(evaluation.run.chain)
     return [
         ContrastPanel(f"{pair_name(row)}, behind {printable(stage.name)}", row.contrasts, row.cdp)
         for stage in evaluation.stages
@@ -124,7 +124,7 @@ def pair_name(row: PairRow) -> str:
 
 def _branches(evaluation: SimulationEvaluation) -> list[tuple[str, tuple[str, ...]]]:
     """Return the stages that follow each other, for each sensor, with a key for its files."""
-    chain = evaluation.chain
+    chain = evaluation.run.chain
     if len(chain.sensors) < 2:
         return [("", chain.stage_names)]
     front = ("scene", *(name for name, _ in chain.before))

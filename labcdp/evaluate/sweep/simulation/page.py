@@ -1,26 +1,31 @@
-"""The files of a simulated image: page, spreadsheet, numbers, chain file and pictures."""
+"""The files of a simulated or predicted image: page, spreadsheet, numbers, chain file and pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 
-from ....chain import ChainRun
+from ....chain import Chain
 from ....core.result import Result
 from ....core.table import Table
 from ....output import Destination, write_files
 from ....report.files import result_files
-from ....report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, Verbatim
+from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section, Verbatim
 from ....report.plots import contrast_figures
 from ....report.text import cell_text, percent
-from .evaluation import SimulationEvaluation, final_stages
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer
+from .rows import SimulationEvaluation, final_stages
+
+_RATIOS = (
+    "CSNR is the mean over the standard deviation of the contrast, CNR the difference of the mean luminances over the "
+    "noise of the dark region, d' over that of both regions. SNR is spatial, mean over standard deviation of the "
+    "pixels of one frame. That of the values gains from the black level, which carries no information; that of the "
+    "luminance does not."
+)
 
 
-def write_simulation(
-    result: Result, evaluation: SimulationEvaluation, run: ChainRun, folder: Destination
-) -> list[Path]:
+def write_simulation(result: Result, evaluation: SimulationEvaluation, folder: Destination) -> list[Path]:
     """Write a simulated image, with the pictures of its run, into a folder as `write_files` takes it.
 
     Everything is made before the first file is written; InputError is raised if one cannot be written.
@@ -30,86 +35,74 @@ def write_simulation(
     list of Path
         results.json, report.html, results.xlsx, chain.toml, figures/*.png and images/*.png.
     """
-    figures = {
-        "along": along_figures(evaluation),
-        "contrasts": contrast_figures(contrast_panels(evaluation), "chain"),
-        "stages": stage_figures(evaluation),
-    }
+    run, chain = evaluation.run, evaluation.run.chain
+    along, stages = along_figures(evaluation), stage_figures(evaluation)
+    contrasts = contrast_figures(contrast_panels(evaluation), "chain")
     pictures = {name: shown_picture(name, signal.values) for name, signal in run.items()}
-    page = _page(result, evaluation, figures, pictures)
-    files = {
-        **result_files(result, page, [figure for group in figures.values() for figure in group]),
-        "chain.toml": evaluation.chain.to_toml().encode(),
-        **{f"images/{file_name(name)}.png": picture(signal.values) for name, signal in run.items()},
-    }
-    return write_files(folder, "simulate", files)
+    details: list[Block] = [*along, *contrasts]
+    signal, final = result.table("signal"), final_stages(chain)
+    short = signal
+    if len(result.tables) > 1:
+        detection = result.table("detection")
+        details += [detection, _RATIOS, signal]
+        pair = () if len({*zip(detection["bright"], detection["dark"], strict=True)}) == 1 else ("bright", "dark")
+        short = detection.showing("stage", *pair, "measured_contrast", "cdp", "cdp_neighbours")
+    sections = [
+        *([Section("Signal and noise", details)] if details else []),
+        Section("Distributions behind each stage", stages, collapsed=True),
+        Section(
+            "Pictures behind each stage",
+            ("Each from its lowest value (black) to its highest (white).", *pictures.values()),
+            collapsed=True,
+        ),
+    ]
+    page = _page("simulated imaging chain", result, chain, final, (pictures[final[-1]], short), sections)
+    images = {f"images/{file_name(name)}.png": picture(signal.values) for name, signal in run.items()}
+    files = result_files(result, page, [*along, *contrasts, *stages])
+    return write_files(folder, "simulate", {**files, "chain.toml": chain.to_toml().encode(), **images})
+
+
+def write_prediction(result: Result, chain: Chain, folder: Destination) -> list[Path]:
+    """Write results.json, report.html, results.xlsx and chain.toml into a folder as `write_files` takes it."""
+    detection = result.table("detection")
+    page = _page("predicted imaging chain", result, chain, detection["stage"][-1:], (detection,), [])
+    return write_files(folder, "simulate", {**result_files(result, page), "chain.toml": chain.to_toml().encode()})
 
 
 def _page(
-    result: Result,
-    evaluation: SimulationEvaluation,
-    figures: Mapping[str, list[ReportFigure]],
-    pictures: Mapping[str, ReportFigure],
+    kind: str, result: Result, chain: Chain, final: Sequence[str], lead: Sequence[Block], sections: Sequence[Section]
 ) -> Page:
-    chain, signal = evaluation.chain, result.table("signal")
+    """Return the page: answer and cards behind the last stages, what leads, sections, and the chain."""
     detection = next((table for table in result.tables if table.name == "detection"), None)
-    final = final_stages(chain)
-    facts = Facts((("Chain", f"{chain.name}: {chain.description}"), ("Random seed", str(evaluation.seed))))
-    details: list[Block] = [*figures["along"], *figures["contrasts"]]
-    if detection is not None:
-        details += [
-            detection,
-            "CSNR is the mean over the standard deviation of the contrast, CNR the difference of the mean luminances "
-            "over the noise of the dark region, d' over that of both regions. SNR is spatial, mean over standard "
-            "deviation of the pixels of one frame. That of the values gains from the black level, which carries no "
-            "information; that of the luminance does not.",
-            signal,
-        ]
+    asked = result.configuration["contrast"]
+    seed = [] if result.seed is None else [("Random seed", str(result.seed))]
+    facts = Facts([("Chain", f"{chain.name}: {chain.description}"), *seed])
     return Page(
-        "simulated imaging chain",
+        kind,
         result.title,
-        summary=(answer(detection, final) if detection is not None else "") or chain.description,
+        summary=(answer(detection, final, asked) if detection is not None else "") or chain.description,
         banner=SIMULATED,
-        cards=[] if detection is None else _cards(detection, final),
-        lead=(pictures[final[-1]], signal if detection is None else _short(detection)),
+        cards=[] if detection is None else _cards(detection, final, asked),
+        lead=lead,
         findings=result.findings,
-        sections=[
-            *([Section("Signal and noise", details)] if details else []),
-            Section("Distributions behind each stage", figures["stages"], collapsed=True),
-            Section(
-                "Pictures behind each stage",
-                ("Each from its lowest value (black) to its highest (white).", *pictures.values()),
-                collapsed=True,
-            ),
-            Section("Chain and provenance", (facts, Verbatim(chain.to_toml())), collapsed=True),
-        ],
+        sections=[*sections, Section("Chain and provenance", (facts, Verbatim(chain.to_toml())), collapsed=True)],
     )
 
 
-def _short(detection: Table) -> Table:
-    pair = () if len({*zip(detection["bright"], detection["dark"], strict=True)}) == 1 else ("bright", "dark")
-    return detection.showing("stage", *pair, "measured_contrast", "cdp", "cdp_neighbours")
-
-
-def _cards(detection: Table, final: tuple[str, ...]) -> list[Card]:
+def _cards(detection: Table, final: Sequence[str], contrast: float | None) -> list[Card]:
     """Return a card for each pair behind the last stage of each sensor."""
     neighbours = "cdp_neighbours" in detection.data
-    cdp = detection.column("cdp_neighbours" if neighbours else "cdp")
-    cards = []
+    cdp, cards = detection.column("cdp_neighbours" if neighbours else "cdp"), []
     for row in detection.rows():
         if row["stage"] not in final:
             continue
         value, _, interval = cell_text(cdp, row).partition(" (")
-        asked = row["contrast"]
-        lines = [] if asked is None else [f"contrast to detect {percent(asked, 4)}"]
-        lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
-        cards.append(
-            Card(
-                f"{row['bright']} / {row['dark']}, behind {row['stage']}",
-                value,
-                f"{kind}; 95 % interval {interval[:-1]}" if interval else kind,
-                tuple(lines),
-            )
-        )
+        asked = row.get("contrast", contrast)
+        lines = [] if asked is None else [f"contrast to detect {percent(asked, 4)}"]
+        if "measured_contrast" in row:
+            lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
+        pair = f"{row['bright']} / {row['dark']}, behind" if "bright" in row else "Behind"
+        detail = f"{kind}; 95 % interval {interval[:-1]}" if interval else kind
+        cards.append(Card(f"{pair} {row['stage']}", value, detail, tuple(lines) or ("contrast of the scene",)))
     return cards

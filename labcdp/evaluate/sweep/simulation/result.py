@@ -1,18 +1,22 @@
-"""A simulated image as a result: tables of detection and of signal and noise, and findings."""
+"""A simulated or predicted image as a result: tables of detection and of signal and noise, findings, and the answer."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite, isinf
+from operator import attrgetter
 from typing import Any
 
+from ....chain import Chain
+from ....chain.predict.chain import predict_chain
 from ....core.result import Finding, InputFile, Result, info, warning
-from ....core.table import Column, Table, uncertain, uncertain_values
-from ....metrics import DetectionResult
+from ....core.table import Column, Table, uncertain
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR
-from .evaluation import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
+from .rows import SimulationEvaluation, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
 _SATURATED_SHARE = 0.001
@@ -20,88 +24,127 @@ _SATURATED_SHARE = 0.001
 #: Fall of the CDP at a stage from which on it is named.
 _LOSS = 0.001
 
+
+def _estimated(column: Column, *, expanded: bool = True) -> tuple[Column, ...]:
+    """Return the columns of an `Estimate`; a ratio that only rounding limits is infinite and has no uncertainty."""
+    estimate = attrgetter(column.name)
+
+    def value(row: Any) -> float:
+        return inf if estimate(row).value > LARGEST_SNR else float(estimate(row).value)
+
+    def u(row: Any) -> float | None:
+        return None if isinf(value(row)) else float(estimate(row).standard_error)
+
+    value_column, of_u, standard = uncertain(replace(column, value=value), u)
+    if expanded:
+        return value_column, of_u, standard
+    return replace(value_column, expanded=""), replace(standard, unit=column.unit)
+
+
+def _of(part: str, name: str, end: int | None = None) -> Callable[[Any], Any]:
+    """Take a value of the CDP of a pair, or one of two; None where there is none."""
+
+    def value(row: Any) -> Any:
+        found = getattr(row, part)
+        if found is None:
+            return None
+        return getattr(found, name) if end is None else getattr(found, name)[end]
+
+    return value
+
+
+def _detection(part: str, suffix: str, label: str) -> tuple[Column, ...]:
+    """Return the columns of a CDP of a pair, which may be missing."""
+    cdp, interval, shown = f"cdp{suffix}", "confidence_interval", not suffix
+    low, high = f"{cdp}_low", f"{cdp}_high"
+    lower, above = "Share of pairs with a lower contrast.", "Share of pairs with a higher contrast."
+    nothing = "Share of pairs in which no pixel is above 0."
+    return (
+        Column(cdp, label, meaning="Contrast detection probability.", low=low, high=high, value=_of(part, "cdp")),
+        _hidden(low, f"{label}, lower end", "Lower end of its 95 % interval.", value=_of(part, interval, 0)),
+        _hidden(high, f"{label}, upper end", "Upper end of its 95 % interval.", value=_of(part, interval, 1)),
+        _hidden(f"u_{cdp}", f"u of {label}", "Its standard uncertainty.", digits=2, value=_of(part, "standard_error")),
+        Column(f"below{suffix}", "below", meaning=lower, decimals=4, shown=shown, value=_of(part, "below")),
+        Column(f"above{suffix}", "above", meaning=above, decimals=4, shown=shown, value=_of(part, "above")),
+        _hidden(f"undefined{suffix}", "undefined", nothing, value=_of(part, "undefined")),
+    )
+
+
+def _hidden(name: str, label: str, meaning: str, unit: str = "", **more: Any) -> Column:
+    return Column(name, label, unit, meaning, shown=False, **more)
+
+
 _STAGE = Column("stage", "stage", meaning="Stage of the chain behind which the values are taken.")
-_PAIR = (
+_SCENE = "Weber contrast of the mean luminances of the scene."
+_MEASURED = "Weber contrast of the mean luminances behind the stage."
+_ASKED = "Weber contrast whose detection is evaluated."
+_LOWEST, _HIGHEST = (f"{end} contrast that counts as detected." for end in ("Lowest", "Highest"))
+_OF_PIXELS = "Mean Weber contrast of all pairs of pixels whose dark one is above 0."
+_CONTRAST = (
+    _STAGE,
     Column("bright", "bright", meaning="Bright region of the pair."),
     Column("dark", "dark", meaning="Dark region of the pair."),
-)
-_CONTRAST = (
-    Column("scene_contrast", "scene contrast", "%", "Weber contrast of the mean luminances of the scene."),
-    Column("contrast", "contrast to detect", "%", "Weber contrast whose detection is evaluated.", shown=False),
-    Column("lowest_contrast", "lowest detected", "%", "Lowest contrast that counts as detected.", shown=False),
-    Column("highest_contrast", "highest detected", "%", "Highest contrast that counts as detected.", shown=False),
-    Column("measured_contrast", "measured contrast", "%", "Weber contrast of the mean luminances behind the stage."),
-    Column(
-        "mean_contrast",
-        "mean contrast",
-        "%",
-        "Mean Weber contrast of all pairs of pixels whose dark one is above 0.",
-        shown=False,
-    ),
+    Column("scene_contrast", "scene contrast", "%", _SCENE, value="true_contrast"),
+    _hidden("contrast", "contrast to detect", _ASKED, "%", value=_of("cdp", "contrast")),
+    _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value=_of("cdp", "interval", 0)),
+    _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value=_of("cdp", "interval", 1)),
+    Column("measured_contrast", "measured contrast", "%", _MEASURED),
+    _hidden("mean_contrast", "mean contrast", _OF_PIXELS, "%"),
 )
 _RATIOS = (
-    *uncertain(Column("csnr", "CSNR", meaning="Mean over standard deviation of the contrast.")),
-    *uncertain(Column("cnr", "CNR", meaning="Difference of the mean luminances over the noise of the dark region.")),
-    *uncertain(Column("d_prime", "d'", meaning="Difference of the mean luminances over the noise of both regions.")),
+    *_estimated(Column("csnr", "CSNR", meaning="Mean over standard deviation of the contrast.")),
+    *_estimated(Column("cnr", "CNR", meaning="Difference of the mean luminances over the noise of the dark region.")),
+    *_estimated(Column("d_prime", "d'", meaning="Difference of the mean luminances over the noise of both regions.")),
+    _hidden("n_bright", "pixels of bright", "Pixels of the bright region.", value=_of("cdp", "bright_size")),
+    _hidden("n_dark", "pixels of dark", "Pixels of the dark region.", value=_of("cdp", "dark_size")),
+    _hidden(
+        "n_pairs_neighbours", "pairs of neighbours", "Pairs of neighbouring pixels.", value=_of("neighbours", "pairs")
+    ),
 )
-_SIZES = (
-    Column("n_bright", "pixels of bright", meaning="Pixels of the bright region.", shown=False),
-    Column("n_dark", "pixels of dark", meaning="Pixels of the dark region.", shown=False),
-    Column("n_pairs_neighbours", "pairs of neighbours", meaning="Pairs of neighbouring pixels.", shown=False),
+_OF_VALUES = "Mean over standard deviation of the values; ∞ without noise."
+_OF_LIGHT = "Mean over standard deviation of that luminance; black level and subtracted glare do not raise it."
+_SNR_10 = Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the spatial SNR, as in the 2018 thesis.", decimals=2)
+_SNR_20 = Column(
+    "snr_20log10_db", "20 lg SNR", "dB", "20 log10 of the spatial SNR; that of EMVA 1288 is temporal.", decimals=2
 )
 _SIGNAL = (
     _STAGE,
     Column("region", "region", meaning="Region of the scene."),
-    Column("unit", "unit", meaning="Unit of the values that the stage hands on."),
-    Column("quantity", "quantity", meaning="What these values are.", shown=False),
+    Column("unit", "unit", meaning="Unit of the values that the stage hands on.", value=lambda row: _printed(row.unit)),
+    _hidden("quantity", "quantity", "What these values are."),
     Column("mean", "mean", meaning="Mean of the values."),
     Column("standard_deviation", "std", meaning="Standard deviation of the values, without vignetting."),
-    *uncertain(Column("snr", "spatial SNR", meaning="Mean over standard deviation of the values; ∞ without noise.")),
-    Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the spatial SNR, as in the 2018 thesis.", decimals=2),
-    Column("u_snr_10log10_db", "u of 10 lg SNR", "dB", "Its standard uncertainty.", digits=2, shown=False),
-    Column(
-        "snr_20log10_db", "20 lg SNR", "dB", "20 log10 of the spatial SNR; that of EMVA 1288 is temporal.", decimals=2
-    ),
-    Column("u_snr_20log10_db", "u of 20 lg SNR", "dB", "Its standard uncertainty.", digits=2, shown=False),
-    Column("scene_cd_m2", "scene", "cd/m²", "Mean luminance of the scene in the region."),
+    *_estimated(Column("snr", "spatial SNR", meaning=_OF_VALUES)),
+    *_estimated(_SNR_10, expanded=False),
+    *_estimated(_SNR_20, expanded=False),
+    Column("scene_cd_m2", "scene", "cd/m²", "Mean luminance of the scene in the region.", value="true_cd_m2"),
     Column("luminance_cd_m2", "luminance", "cd/m²", "Mean luminance that the values stand for."),
-    Column("luminance_std_cd_m2", "std", "cd/m²", "Standard deviation of that luminance.", shown=False),
-    *uncertain(
-        Column(
-            "luminance_snr",
-            "spatial SNR of luminance",
-            meaning="Mean over standard deviation of that luminance; black level and subtracted glare do not raise it.",
-        )
+    _hidden(
+        "luminance_std_cd_m2",
+        "std",
+        "Standard deviation of that luminance.",
+        "cd/m²",
+        value="luminance_standard_deviation_cd_m2",
     ),
+    *_estimated(Column("luminance_snr", "spatial SNR of luminance", meaning=_OF_LIGHT)),
     Column("saturated_share", "saturated", "%", "Share of the region's pixels that are saturated.", decimals=2),
 )
-
-
-def answer(detection: Table, final: Sequence[str], contrast: float | None = None) -> str:
-    """Return what a chain detects behind its last stages, and behind which stage most is lost, in a sentence."""
-    rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
-    found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
-    if not found:
-        return ""
-    name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
-    lowest = min(found, key=lambda row: row[name])
-    _, _, sensor = lowest["stage"].partition(" (")
-    pair = [row for row in rows if all(row[key] == lowest[key] for key in ("bright", "dark"))]
-    known = [
-        row
-        for row in pair[: pair.index(lowest) + 1]
-        if row.get(name) is not None and row["stage"].partition(" (")[2] in ("", sensor)
-    ]
-    # What a merge of exposures brings back is not lost.
-    left = [max(row[name] for row in known[place:]) for place in range(len(known))]
-    losses = [(before - after, row["stage"]) for row, (before, after) in zip(known, pairwise(left), strict=False)]
-    loss, stage = max(losses, default=(0.0, ""))
-    of = "" if len(found) == 1 else f"Lowest of {len(found)}: "
-    costs = f"; the largest loss comes behind {stage}" if loss >= _LOSS else ""
-    asked = lowest.get("contrast", contrast)
-    what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
-    sentence = f"{of}{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
-    return f"{sentence[0].upper()}{sentence[1:]} with a probability of {lowest[name]:.3f}{costs}."
+_PREDICTED = (
+    Column("cdp", "CDP", meaning="Contrast detection probability.", decimals=4),
+    Column("below", "below", meaning="Share of pairs with a lower contrast.", decimals=4),
+    Column("above", "above", meaning="Share of pairs with a higher contrast.", decimals=4),
+    Column("mean_contrast", "mean contrast", "%", "Of the pairs with a dark value above 0.", decimals=2),
+    Column("csnr", "CSNR", meaning="Mean over standard deviation of the contrast."),
+    Column("snr_dark", "spatial SNR, dark region", meaning="Of the luminance; ∞ without noise."),
+    Column("snr_bright", "spatial SNR, bright region", meaning="Of the luminance; ∞ without noise."),
+    Column("saturated_share_dark", "saturated, dark region", "%", "Share of its pixels.", decimals=2),
+    Column("saturated_share", "saturated, bright region", "%", "Share of its pixels.", decimals=2),
+)
+_TITLE = "Contrast detection probability"
+_NOTE = (
+    "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance ε = "
+    "{:g} around the contrast to detect"
+)
 
 
 def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -> Result:
@@ -114,112 +157,110 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     inputs : sequence of InputFile
         The chain file and what it names.
     """
-    chain = evaluation.chain
-    tables = [detection_table(evaluation)] if any(stage.pairs for stage in evaluation.stages) else []
+    chain = evaluation.run.chain
+    pairs = [pair for stage in evaluation.stages for pair in stage.pairs]
+    regions = [region for stage in evaluation.stages for region in stage.regions]
+    neighbours: tuple[Column, ...] = ()
+    note = _NOTE.format(evaluation.epsilon)
+    if any(pair.neighbours for pair in pairs):
+        neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
+        note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
+    columns = (*_CONTRAST, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
+    detection = Table.of_items("detection", _TITLE, columns, pairs, f"{note}.")
+    signal = Table.of_items("signal", "Signal and noise", _SIGNAL, regions)
     return Result(
         "simulate",
         chain.name or "chain",
-        (*tables, _signal_table(evaluation)),
+        (detection, signal) if pairs else (signal,),
         tuple(_findings(evaluation)),
         tuple(inputs),
         {"chain": chain.document, "contrast": evaluation.contrast, "epsilon": evaluation.epsilon},
-        evaluation.seed,
+        evaluation.run.seed,
         simulated=True,
     )
 
 
-def detection_table(evaluation: SimulationEvaluation) -> Table:
-    """Make the table of contrast and CDP of each pair behind each stage."""
-    pairs = [(stage, pair) for stage in evaluation.stages for pair in stage.pairs]
-    neighbours = (
-        _detection("_neighbours", "CDP, nearest-neighbour") if any(pair.neighbours for _, pair in pairs) else ()
-    )
-    columns = (_STAGE, *_PAIR, *_CONTRAST, *_detection("", "CDP"), *neighbours, *_RATIOS, *_SIZES)
-    rows = []
-    for stage, pair in pairs:
-        found = {**_detected("", pair.cdp), **(_detected("_neighbours", pair.neighbours) if neighbours else {})}
-        rows.append({"stage": stage.name, **_contrasts(pair), **found, **_estimates(pair, "csnr", "cnr", "d_prime")})
-    note = (
-        "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance "
-        f"ε = {evaluation.epsilon:g} around the contrast to detect"
-    )
-    if neighbours:
-        note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
-    return Table.of_rows("detection", "Contrast detection probability", columns, rows, f"{note}.")
+def predicted_result(
+    chain: Chain, contrast: float | None = None, epsilon: float = 0.5, inputs: Sequence[InputFile] = ()
+) -> Result:
+    """Predict the CDP of the first pair of regions behind each stage from the sensor on.
 
+    Parameters
+    ----------
+    chain : Chain
+        The chain.
+    contrast : float or None
+        Weber contrast to be detected, a fraction above 0; None for that of the scene.
+    epsilon : float
+        Its tolerance.
+    inputs : sequence of InputFile
+        The chain file and what it names.
 
-def _detection(suffix: str, label: str) -> tuple[Column, ...]:
-    low, high = f"cdp{suffix}_low", f"cdp{suffix}_high"
-    return (
-        Column(f"cdp{suffix}", label, "", "Contrast detection probability.", low=low, high=high),
-        Column(low, f"{label}, lower end", meaning="Lower end of its 95 % interval.", shown=False),
-        Column(high, f"{label}, upper end", meaning="Upper end of its 95 % interval.", shown=False),
-        Column(f"u_cdp{suffix}", f"u of {label}", meaning="Its standard uncertainty.", digits=2, shown=False),
-        Column(f"below{suffix}", "below", "", "Share of pairs with a lower contrast.", decimals=4, shown=not suffix),
-        Column(f"above{suffix}", "above", "", "Share of pairs with a higher contrast.", decimals=4, shown=not suffix),
-        Column(f"undefined{suffix}", "undefined", "", "Share of pairs in which no pixel is above 0.", shown=False),
-    )
-
-
-def _detected(suffix: str, found: DetectionResult | None) -> dict[str, Any]:
-    if found is None:
-        return {}
-    low, high = found.confidence_interval
-    values = {"cdp": found.cdp, "u_cdp": found.standard_error, "below": found.below, "above": found.above}
-    ends = {f"cdp{suffix}_low": low, f"cdp{suffix}_high": high, f"undefined{suffix}": found.undefined}
-    return {**{f"{name}{suffix}": value for name, value in values.items()}, **ends}
-
-
-def _contrasts(pair: PairRow) -> dict[str, Any]:
-    asked: dict[str, Any] = {"n_pairs_neighbours": None if pair.neighbours is None else pair.neighbours.pairs}
-    if pair.cdp is not None:
-        low, high = pair.cdp.interval
-        asked |= {"contrast": pair.cdp.contrast, "lowest_contrast": low, "highest_contrast": high}
-        asked |= {"n_bright": pair.cdp.bright_size, "n_dark": pair.cdp.dark_size}
-    return {
-        "bright": pair.bright,
-        "dark": pair.dark,
-        "scene_contrast": pair.true_contrast,
-        "measured_contrast": pair.measured_contrast,
-        "mean_contrast": pair.mean_contrast,
-        **asked,
-    }
-
-
-def _estimates(row: PairRow | RegionRow, *names: str) -> dict[str, Any]:
-    """Return values with U and u; a ratio that only rounding limits is infinite."""
-    values: dict[str, Any] = {}
-    for name in names:
-        estimate = getattr(row, name)
-        value = inf if not name.endswith("_db") and estimate.value > LARGEST_SNR else estimate.value
-        values |= uncertain_values(name, value, None if isinf(value) else estimate.standard_error)
-    return values
-
-
-def _signal_table(evaluation: SimulationEvaluation) -> Table:
-    snr = ("snr", "snr_10log10_db", "snr_20log10_db", "luminance_snr")
+    Raises
+    ------
+    InputError
+        If the chain cannot be predicted, as `predict_chain`.
+    """
+    stages = chain.stage_names[len(chain.before) + 1 :] or chain.stage_names[-1:]
+    found = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
     rows = [
-        {
-            "stage": stage.name,
-            "region": row.region,
-            "unit": stage.unit.replace("^2", "²"),
-            "quantity": stage.quantity,
-            "mean": row.mean,
-            "standard_deviation": row.standard_deviation,
-            "scene_cd_m2": row.true_cd_m2,
-            "luminance_cd_m2": row.luminance_cd_m2,
-            "luminance_std_cd_m2": row.luminance_standard_deviation_cd_m2,
-            "saturated_share": row.saturated_share,
-            **_estimates(row, *snr),
-        }
-        for stage in evaluation.stages
-        for row in stage.regions
+        {"stage": stage, **{column.name: float(getattr(one, column.name)[0]) for column in _PREDICTED}}
+        for stage, one in found.items()
     ]
-    return Table.of_rows("signal", "Signal and noise", _SIGNAL, rows)
+    note = f"{_NOTE.format(epsilon)}; from the distributions of the values, without random numbers."
+    lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
+    return Result(
+        "simulate",
+        chain.name or "chain",
+        (Table.of_rows("detection", _TITLE, (_STAGE, *_PREDICTED), rows, note),),
+        (info("map-on-axis"),) if lens else (),
+        tuple(inputs),
+        {"chain": chain.document, "contrast": contrast, "epsilon": epsilon, "method": "exact"},
+        simulated=True,
+    )
+
+
+def answer(detection: Table, final: Sequence[str], contrast: float | None = None) -> str:
+    """Return what a chain detects behind its last stages, and which stage costs most of it, in a sentence or two."""
+    rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
+    found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
+    if not found:
+        return ""
+    name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
+    lowest = min(found, key=lambda row: row[name])
+    asked = lowest.get("contrast", contrast)
+    what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
+    sentence = f"{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
+    sentence = sentence[0].upper() + sentence[1:] if len(found) == 1 else f"Lowest of {len(found)}: {sentence}"
+    return f"{sentence} with a probability of {lowest[name]:.3f}.{_costs(rows, lowest, name)}"
+
+
+def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str) -> str:
+    """Say which stage up to the last costs most CDP, and how much."""
+    _, _, sensor = last["stage"].partition(" (")
+    pair = [row for row in rows if all(row[key] == last[key] for key in ("bright", "dark"))]
+    known = [
+        row
+        for row in pair[: pair.index(last) + 1]
+        if row.get(name) is not None and row["stage"].partition(" (")[2] in ("", sensor)
+    ]
+    # What a merge of exposures brings back is not lost.
+    left = [max(row[name] for row in known[place:]) for place in range(len(known))]
+    falls = zip(pairwise(left), [row["stage"] for row in known[1:]], strict=True)
+    (before, after), stage = max(falls, key=lambda fall: fall[0][0] - fall[0][1], default=((0.0, 0.0), ""))
+    if before - after < _LOSS:
+        return ""
+    # Of a bracket, the sensor with all its exposures.
+    stage = re.sub(r"^sensor \S+ ms", "sensor", stage)
+    return f" The stage that costs most is {stage}: it lowers the CDP by {before - after:.3f}, to {after:.3f}."
+
+
+def _printed(unit: str) -> str:
+    return unit.replace("^2", "²")
 
 
 def _findings(evaluation: SimulationEvaluation) -> Iterator[Finding]:
-    final = final_stages(evaluation.chain)
+    final = final_stages(evaluation.run.chain)
     for stage in evaluation.stages:
         full = [row for row in stage.regions if row.saturated_share > _SATURATED_SHARE]
         if full:
@@ -227,15 +268,11 @@ def _findings(evaluation: SimulationEvaluation) -> Iterator[Finding]:
             finding = warning if stage.name in final else info
             share = max(row.saturated_share for row in full)
             yield finding("stage-saturated", stage.name, regions=[row.region for row in full], saturated_share=share)
-    yield from _without_contrast(evaluation, [stage for stage in evaluation.stages if stage.name in final])
-
-
-def _without_contrast(evaluation: SimulationEvaluation, final: Sequence[StageRow]) -> Iterator[Finding]:
     if not any(stage.pairs for stage in evaluation.stages):
         yield info("scene-without-contrast")
-    for stage in final:
+    for stage in evaluation.stages:
         for pair in stage.pairs:
-            if pair.cdp is None:
+            if stage.name in final and pair.cdp is None:
                 endless = evaluation.contrast is None and not isfinite(pair.true_contrast)
                 code = "contrast-to-detect-infinite" if endless else "pair-without-light"
                 yield warning(code, f"{pair.bright} / {pair.dark}", stage=stage.name)

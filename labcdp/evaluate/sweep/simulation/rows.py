@@ -1,0 +1,144 @@
+"""What one simulated image shows: each region and each pair of regions behind each stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ....chain import Chain, ChainRun
+from ....metrics import CdpResult, ContrastDistribution, Distribution, Estimate, NeighbourCdp
+
+
+@dataclass(frozen=True)
+class RegionRow:
+    """One region behind one stage.
+
+    Parameters
+    ----------
+    stage, quantity, unit : str
+        Name of the stage, what its values are and their unit.
+    region : str
+        Name of the region.
+    true_cd_m2 : float
+        Mean luminance of the scene there.
+    mean, standard_deviation : float
+        Of the native values, in the unit of the stage; the deviation without what follows the vignetting.
+    snr : Estimate
+        Their mean over standard deviation; inf without noise.
+    snr_10log10_db, snr_20log10_db : Estimate
+        The same in decibels: 10 log10 as in the 2018 thesis (eq. 2.1), 20 log10 as in EMVA 1288.
+    luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
+        Mean and standard deviation of the luminance the stage's values stand for.
+    luminance_snr : Estimate
+        Mean over standard deviation of that luminance; unlike `snr` it does not gain from a black
+        level, nor from glare that is subtracted.
+    saturated_share : float
+        Share of the region's pixels that are saturated.
+    """
+
+    stage: str
+    quantity: str
+    unit: str
+    region: str
+    true_cd_m2: float
+    mean: float
+    standard_deviation: float
+    snr: Estimate
+    snr_10log10_db: Estimate
+    snr_20log10_db: Estimate
+    luminance_cd_m2: float
+    luminance_standard_deviation_cd_m2: float
+    luminance_snr: Estimate
+    saturated_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class PairRow:
+    """One pair of regions behind one stage; contrasts are fractions.
+
+    Parameters
+    ----------
+    stage, dark, bright : str
+        Names of the stage and of the regions.
+    true_contrast : float
+        Weber contrast of the scene.
+    measured_contrast : float
+        Weber contrast of the mean luminances behind the stage; nan or inf where there is none.
+    mean_contrast : float
+        Mean Weber contrast of all pairs of pixels whose dark one is above 0; nan if there is none.
+    cdp : CdpResult or None
+        Region to region; None if no pixel of the two is above 0 cd/m^2.
+    neighbours : NeighbourCdp or None
+        Nearest-neighbour over the whole frame, for a checkerboard with squares of one pixel.
+    csnr, cnr, d_prime : Estimate
+        Contrast signal-to-noise ratio, contrast-to-noise ratio and detectability of the two luminances.
+    contrasts : ContrastDistribution or None
+        Distribution of the contrasts of all pairs of pixels; None if no plot was requested.
+    """
+
+    stage: str
+    dark: str
+    bright: str
+    true_contrast: float
+    measured_contrast: float
+    mean_contrast: float
+    cdp: CdpResult | None
+    neighbours: NeighbourCdp | None
+    csnr: Estimate
+    cnr: Estimate
+    d_prime: Estimate
+    contrasts: ContrastDistribution | None
+
+
+@dataclass(frozen=True, eq=False)
+class StageRow:
+    """One stage.
+
+    Parameters
+    ----------
+    name, quantity, unit : str
+        Name of the stage, what its values are and their unit.
+    native : Distribution
+        Values of the whole frame, of many values a histogram.
+    luminance : Distribution
+        The luminance they stand for, in the same form.
+    regions : tuple of RegionRow
+        Each region of the scene.
+    pairs : tuple of PairRow
+        Each pair of regions.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    native: Distribution
+    luminance: Distribution
+    regions: tuple[RegionRow, ...]
+    pairs: tuple[PairRow, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationEvaluation:
+    """A run of a chain, evaluated.
+
+    Parameters
+    ----------
+    run : ChainRun
+        The run.
+    contrast : float or None
+        Contrast to be detected, None for each pair's own.
+    epsilon : float
+        Its tolerance.
+    stages : tuple of StageRow
+        In order.
+    """
+
+    run: ChainRun
+    contrast: float | None
+    epsilon: float
+    stages: tuple[StageRow, ...]
+
+
+def final_stages(chain: Chain) -> tuple[str, ...]:
+    """Names of the last stage of each sensor; without a sensor, of the last stage."""
+    recorded = chain.recorded_names[-1:]
+    return tuple(chain.of_sensor(name, own) for own, _ in chain.sensors for name in recorded) or chain.stage_names[-1:]

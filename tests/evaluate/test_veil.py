@@ -11,8 +11,8 @@ import pytest
 from labcdp.chain import Chain, Scene, StepChart, Windscreen
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.luminance import LuminanceMap
-from labcdp.evaluate.picture.edges.edges import EdgeKind
-from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
+from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 GLARES = (0.0, 0.3, 1.0, 4.0)

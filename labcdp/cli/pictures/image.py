@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from ...core.errors import InputError
-from ...evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from ...evaluate.picture.edges.edges import ContrastMapSettings
+from ...evaluate.picture.edges.map import contrast_map
 from ...evaluate.picture.edges.page import write_contrast_map
 from ...evaluate.picture.edges.result import MapSource, map_result
 from ...evaluate.picture.image import ImageRequest

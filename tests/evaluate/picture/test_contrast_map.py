@@ -7,8 +7,8 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from scipy.special import ndtr
 
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
-from labcdp.evaluate.picture.edges.edges import EdgeKind
-from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
+from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
 
 

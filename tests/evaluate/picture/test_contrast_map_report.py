@@ -14,9 +14,9 @@ from openpyxl import load_workbook
 
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.result import warning
-from labcdp.evaluate.picture.edges.edges import EdgeKind
+from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.figure import overlay
-from labcdp.evaluate.picture.edges.map import ContrastMapSettings, contrast_map
+from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import map_page, write_contrast_map
 from labcdp.evaluate.picture.edges.result import KINDS, MapSource, edge_table, map_result
 from labcdp.report.files import schema

@@ -6,19 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
-from math import nan, sqrt
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....metrics import Distribution, Epsilon
+from ....core.errors import InputError
+from ....metrics import CalibratedCdp, Distribution, Epsilon
 from ....metrics.contrast import TargetContrast
 from ....metrics.detection import result_of_tally
 from ....metrics.pairs import tally_pairs
-from ....metrics.uncertainty import confidence_interval
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
 from .regions import MapRegions
+
+#: Smallest superpixels whose inner pixels suffice to judge an edge.
+SMALLEST_SIZE_PX = 10
 
 #: Fewest measured pixels of a region that an edge is judged by.
 FEWEST_PIXELS = 20
@@ -40,6 +43,49 @@ _LEAST_FACTOR = 1e-3
 
 #: Relative errors of the calibration that differ by less than this between neighbours move no CDP by 0.0001.
 _LEAST_ERROR = 1e-5
+
+
+@dataclass(frozen=True)
+class ContrastMapSettings:
+    """How an image's edges are judged.
+
+    Parameters
+    ----------
+    size_px : int
+        Side of the regions in pixels of the image, 10 or more: about half the smallest object that matters.
+    epsilon : float or DetectionInterval
+        Tolerance of a contrast, as for `labcdp.metrics.cdp`.
+    minimum_contrast : float
+        Weber contrast from which an edge is one of an object, a fraction above 0.
+    detected : float
+        Smallest CDP of a detected edge, above 0 and up to 1.
+    contrast : float or None
+        Weber contrast that the objects of the scene have, a fraction above 0; None for that of each edge in the image.
+
+    Raises
+    ------
+    InputError
+        If one is out of range.
+    """
+
+    size_px: int = 40
+    epsilon: Epsilon = 0.5
+    minimum_contrast: float = 0.1
+    detected: float = 0.9
+    contrast: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.size_px < SMALLEST_SIZE_PX:
+            raise InputError(
+                f"the size of the regions is {self.size_px} pixels: give {SMALLEST_SIZE_PX} or more, so that noise can "
+                "be distinguished from contrast"
+            )
+        if not (isfinite(self.minimum_contrast) and self.minimum_contrast > 0):
+            raise InputError(f"the minimum contrast is {self.minimum_contrast}: give a fraction above 0 (1.0 is 100 %)")
+        if not 0 < self.detected <= 1:
+            raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
+        # Refuses a tolerance or contrast that is out of range.
+        TargetContrast(self.minimum_contrast if self.contrast is None else self.contrast, self.epsilon, "weber")
 
 
 class EdgeKind(IntEnum):
@@ -109,9 +155,7 @@ def map_edges(
     near: Neighbours,
     errors: Sequence[NDArray[np.float64]],
     noise: MapNoise,
-    epsilon: Epsilon,
-    minimum_contrast: float,
-    detected: float,
+    asked: ContrastMapSettings,
     scene: MapRegions | float | None = None,
 ) -> MapEdges:
     """Judge the edges between regions.
@@ -126,44 +170,44 @@ def map_edges(
         Independent errors that all regions share: relative error of each region for one standard uncertainty.
     noise : MapNoise
         What their noise is like.
-    epsilon : float or DetectionInterval
-        Tolerance of an edge's contrast.
-    minimum_contrast : float
-        Edges of less are `FAINT`.
-    detected : float
-        CDP from which an edge is `SEEN`.
+    asked : ContrastMapSettings
+        How they are judged.
     scene : MapRegions, float or None
         What is known of the scene: the same regions in an image without what took contrast, the contrast of all its
         objects, or nothing.
     """
-    bright, dark = _sides(near, scene if isinstance(scene, MapRegions) else regions)
+    first, second = near.pairs.T
+    known = scene if isinstance(scene, MapRegions) else regions
+    swapped = known.mean[second] > known.mean[first]
+    bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
-    asked, significant = contrast, contrast > least
+    wanted, significant = contrast, contrast > least
     if isinstance(scene, MapRegions):
-        asked, _, least_of_scene = _contrasts(scene, bright, dark, by_calibration, noise.inflation)
-        significant = asked > least_of_scene
+        wanted, _, least_of_scene = _contrasts(scene, bright, dark, by_calibration, noise.inflation)
+        significant = wanted > least_of_scene
     elif scene is not None:
-        asked = np.full(contrast.size, scene)
-    kind = _kinds(regions, bright, dark, asked, significant, minimum_contrast)
-    kind[near.border_px < _SHORTEST_BORDER * regions.size_px] = EdgeKind.SMALL
-    measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (asked > 0)
-    cdp = _cdps(regions, bright, dark, np.where(measured, asked, nan), epsilon, by_calibration, noise.inflation)
-    missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < detected)
-    by_noise = cdp_of_noise(regions, noise.deviation(regions), bright, dark, asked, epsilon)
+        wanted = np.full(contrast.size, scene)
+    kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
+    # Those that are lost are still among those that are seen; what comes later prevails.
+    for found, of_kind in (
+        (wanted < asked.minimum_contrast, EdgeKind.FAINT),
+        (~significant, EdgeKind.NOISE),
+        (~(regions.mean[dark] > 0), EdgeKind.BLACK),
+        (np.maximum(*regions.saturated_share[[bright, dark]]) > SATURATED_SHARE, EdgeKind.SATURATED),
+        (np.minimum(*regions.n_pixels[[bright, dark]]) < FEWEST_PIXELS, EdgeKind.SMALL),
+        (near.border_px < _SHORTEST_BORDER * regions.size_px, EdgeKind.SMALL),
+    ):
+        kind[found] = of_kind
+    measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (wanted > 0)
+    cdp = _cdps(regions, bright, dark, np.where(measured, wanted, nan), asked.epsilon, by_calibration, noise.inflation)
+    missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < asked.detected)
+    by_noise = cdp_of_noise(regions, noise.deviation(regions), bright, dark, wanted, asked.epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
-    found = (kind, contrast, uncertainty, asked, least)
-    return MapEdges(bright, dark, near.border_px, near.middle_px, *found, *cdp.T)
-
-
-def _sides(near: Neighbours, known: MapRegions) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the brighter and the darker region of each edge."""
-    first, second = near.pairs[:, 0], near.pairs[:, 1]
-    swapped = known.mean[second] > known.mean[first]
-    return np.where(swapped, second, first), np.where(swapped, first, second)
+    return MapEdges(bright, dark, near.border_px, near.middle_px, kind, contrast, uncertainty, wanted, least, *cdp.T)
 
 
 def _contrasts(
@@ -197,30 +241,6 @@ def _contrasts(
     return contrast, np.where(known, (1 + contrast) * rel, nan), np.where(known, least, nan)
 
 
-def _kinds(
-    regions: MapRegions,
-    bright: NDArray[np.int32],
-    dark: NDArray[np.int32],
-    contrast: NDArray[np.float64],
-    significant: NDArray[np.bool_],
-    minimum_contrast: float,
-) -> NDArray[np.int8]:
-    """Sort the edges, those that are lost still among those that are seen."""
-
-    def either(of_region: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        found: NDArray[np.bool_] = of_region[bright] | of_region[dark]
-        return found
-
-    kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
-    with np.errstate(invalid="ignore"):
-        kind[contrast < minimum_contrast] = EdgeKind.FAINT
-        kind[~significant] = EdgeKind.NOISE
-        kind[~(regions.mean[dark] > 0)] = EdgeKind.BLACK
-    kind[either(regions.saturated_share > SATURATED_SHARE)] = EdgeKind.SATURATED
-    kind[either(regions.n_pixels < FEWEST_PIXELS)] = EdgeKind.SMALL
-    return kind
-
-
 def _cdps(
     regions: MapRegions,
     bright: NDArray[np.int32],
@@ -230,36 +250,21 @@ def _cdps(
     by_calibration: NDArray[np.float64],
     inflation: float,
 ) -> NDArray[np.float64]:
-    """CDP, standard error and interval of each edge, shape (n, 4); nan where the contrast is."""
+    """CDP, standard uncertainty and interval of each edge, by pixels and calibration, shape (n, 4); nan for no CDP."""
     results = np.full((bright.size, 4), nan)
     chosen = np.flatnonzero(np.isfinite(contrast))
-    wanted = np.zeros(regions.mean.size, dtype=np.bool_)
-    wanted[bright[chosen]] = wanted[dark[chosen]] = True
-    pixels = regions.distributions(wanted)
+    pixels = regions.distributions(np.unique([bright[chosen], dark[chosen]]))
     for edge in chosen:
-        a, b = pixels[bright[edge]], pixels[dark[edge]]
-        assert a is not None
-        assert b is not None
-        results[edge] = _cdp(a, b, float(contrast[edge]), epsilon, inflation, float(by_calibration[edge]))
+        a, b = pixels[int(bright[edge])], pixels[int(dark[edge])]
+        asked = TargetContrast(float(contrast[edge]), epsilon, "weber")
+        result = result_of_tally(tally_pairs(a, b, asked.low, asked.high), a, b, "a", asked, inflation)
+        error, variance = float(by_calibration[edge]), 0.0
+        if error >= _LEAST_ERROR:
+            factors = (1 + error, max(1 - error, _LEAST_FACTOR))
+            variance = float(np.mean([(_changed(a, b, asked, factor) - result.cdp) ** 2 for factor in factors]))
+        one = CalibratedCdp.of(result, variance, min(a.size or 0, b.size or 0) / inflation)
+        results[edge] = (result.cdp, one.standard_uncertainty, *one.confidence_interval)
     return results
-
-
-def _cdp(
-    bright: Distribution, dark: Distribution, contrast: float, epsilon: Epsilon, inflation: float, by_calibration: float
-) -> tuple[float, float, float, float]:
-    """CDP of an edge with its standard uncertainty and 95 % interval, by pixels and calibration."""
-    asked = TargetContrast(contrast, epsilon, "weber")
-    result = result_of_tally(tally_pairs(bright, dark, asked.low, asked.high), bright, dark, "a", asked, inflation)
-    if by_calibration < _LEAST_ERROR:
-        return result.cdp, result.standard_error, *result.confidence_interval
-    factors = (1 + by_calibration, max(1 - by_calibration, _LEAST_FACTOR))
-    changes = [_changed(bright, dark, asked, factor) - result.cdp for factor in factors]
-    variance = result.standard_error**2 + float(np.mean(np.square(changes)))
-    return (
-        result.cdp,
-        sqrt(variance),
-        *confidence_interval(result.cdp, variance, min(bright.size or 0, dark.size or 0) / inflation),
-    )
 
 
 def _changed(bright: Distribution, dark: Distribution, asked: TargetContrast, factor: float) -> float:

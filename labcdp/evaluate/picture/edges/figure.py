@@ -15,22 +15,17 @@ from ....report.maps import ImageFigure
 from ....report.text import percent, shortened
 from .edges import EdgeKind
 from .map import ContrastMap
-from .result import MapSource
 
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
 
 #: CDP and its colour: lost is warm, detected is cold, distinguishable for colour-blind readers too.
 COLOURS = ((0.0, "#D55E00"), (0.5, "#F0A030"), (0.8, "#F7E96B"), (0.9, "#7FC8F0"), (1.0, "#0072B2"))
-FAINT_COLOUR, UNMEASURABLE_COLOUR, UNEVEN_COLOUR = "#FFFFFF", "#F781BF", "#44DD88"
 
 #: Longest side of the drawn overlay, and how many times larger than it is a small image is drawn at the most.
 _LONGEST_SIDE, _MOST_ZOOM = 1600, 4
 #: Room for the legend, in inches.
 _LEGEND_IN = 0.9
-
-#: Dashes of the legend: length, and gap.
-_LINE, _DOTS = (0.0, ()), (0.0, (1.0, 1.0))
 
 #: Darkest grey over the brightest is at least 10 to the power of minus this, in light.
 _DECADES = 4
@@ -39,20 +34,48 @@ _DECADES = 4
 _DOT, _PERIOD = 3, 6
 
 
-@dataclass(frozen=True, eq=False)
-class Overlay:
-    """The drawn image.
+@dataclass(frozen=True)
+class EdgeStyle:
+    """How some kinds of edges are drawn.
 
     Parameters
     ----------
-    rgb : ndarray of uint8, shape (height, width, 3)
-        Its colours.
-    extent_px : (float, float)
-        Width and height of what it shows, in pixels of the image.
+    kinds : tuple of EdgeKind
+        Which ones.
+    meaning : str
+        What they are, for legends; with the minimum contrast and the CDP of a detected edge to be filled in.
+    colour : str
+        Their colour; that of the legend alone, where `by_cdp`.
+    by_cdp : bool
+        Whether each is drawn in the colour of its CDP, as a wide line.
+    dotted : bool
+        Whether lines are dotted.
+    opacity : float
+        Of the lines.
     """
 
-    rgb: NDArray[np.uint8]
-    extent_px: tuple[float, float]
+    kinds: tuple[EdgeKind, ...]
+    meaning: str
+    colour: str
+    by_cdp: bool = False
+    dotted: bool = False
+    opacity: float = 1.0
+
+    def text(self, found: ContrastMap) -> str:
+        """Return the entry in a legend, with the number of edges."""
+        asked = found.settings
+        meaning = self.meaning.format(least=percent(asked.minimum_contrast), detected=f"{asked.detected:g}")
+        return f"{meaning}: {found.count(*self.kinds)}"
+
+
+#: What is painted later covers what is below; the lost edges must not be missed.
+STYLES = (
+    EdgeStyle((EdgeKind.FAINT,), "contrast below {least}", "#FFFFFF", opacity=0.4),
+    EdgeStyle((EdgeKind.UNEVEN,), "a region is not uniform", "#44DD88", dotted=True),
+    EdgeStyle((EdgeKind.BLACK, EdgeKind.SATURATED), "saturated or black", "#F781BF", dotted=True),
+    EdgeStyle((EdgeKind.SEEN,), "detected, CDP {detected} or more", COLOURS[-1][1], by_cdp=True),
+    EdgeStyle((EdgeKind.LOST,), "lost, CDP below {detected}", COLOURS[0][1], by_cdp=True),
+)
 
 
 def colour_map() -> LinearSegmentedColormap:
@@ -62,60 +85,42 @@ def colour_map() -> LinearSegmentedColormap:
     return LinearSegmentedColormap.from_list("cdp", list(COLOURS))
 
 
-def overlay(found: ContrastMap) -> Overlay:
-    """Draw the image in grey on a logarithmic scale with its edges; edges that are noise are not drawn."""
-    height, width = found.luminance.shape
-    side = ceil(max(height, width) / _LONGEST_SIDE)
-    zoom = min(max(_LONGEST_SIDE // max(height, width), 1), _MOST_ZOOM)
+def overlay(found: ContrastMap) -> NDArray[np.uint8]:
+    """Draw the image in grey on a logarithmic scale with its edges; edges that are noise are not drawn.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        Its colours; a small image is enlarged, and a large one reduced.
+    """
+    longest = max(found.luminance.shape)
+    side, zoom = ceil(longest / _LONGEST_SIDE), min(max(_LONGEST_SIDE // longest, 1), _MOST_ZOOM)
     rgb = _grey(found.luminance.luminance_cd_m2, side).repeat(zoom, axis=0).repeat(zoom, axis=1)
-    # What is painted later covers what is below; the lost edges must not be missed.
-    for style in (
-        _Style((EdgeKind.FAINT,), FAINT_COLOUR, opacity=0.4),
-        _Style((EdgeKind.UNEVEN,), UNEVEN_COLOUR, dotted=True),
-        _Style((EdgeKind.BLACK, EdgeKind.SATURATED), UNMEASURABLE_COLOUR, dotted=True),
-        _Style((EdgeKind.SEEN,), wide=True),
-        _Style((EdgeKind.LOST,), wide=True),
-    ):
+    for style in STYLES:
         _paint(rgb, found, zoom / side, style)
-    step = found.luminance.step
-    return Overlay(rgb, (float(width * step), float(height * step)))
+    return rgb
 
 
-def overlay_figure(found: ContrastMap, drawn: Overlay, source: MapSource) -> bytes:
+def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, simulated: bool) -> bytes:
     """Draw the overlay with scale and legend, as PNG."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.lines import Line2D
 
-    title = f"Contrast detection probability at the edges of {shortened(source.file, 40)}"
-    figure = ImageFigure.of(drawn.extent_px, title, source.simulated, below_in=_LEGEND_IN)
+    title = f"Contrast detection probability at the edges of {shortened(title, 40)}"
+    height, width = found.shape_px
+    figure = ImageFigure.of((width, height), title, simulated, below_in=_LEGEND_IN)
     # Fine lines need more pixels than a page has.
     figure.figure.set_dpi(1.5 * DPI)
-    figure.axes.imshow(drawn.rgb, extent=figure.extent, interpolation="antialiased")
+    figure.axes.imshow(drawn, extent=figure.extent, interpolation="antialiased")
     scale = ScalarMappable(Normalize(0, 1), colour_map())
     figure.add_scale(scale, f"CDP of edges with a contrast of at least {percent(found.settings.minimum_contrast)}")
     figure.bar.axhline(found.settings.detected, color="black", linewidth=1.5)
     figure.bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
-    _legend(figure.figure, found)
-    return png(figure.figure)
-
-
-def _legend(figure: Any, found: ContrastMap) -> None:
-    from matplotlib.lines import Line2D
-
-    asked = found.settings
-    least = percent(asked.minimum_contrast)
-    seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
-    unmeasurable = found.count(EdgeKind.SATURATED, EdgeKind.BLACK)
-    entries = [
-        (COLOURS[-1][1], _LINE, f"detected, CDP {asked.detected:g} or more: {seen} edges"),
-        (COLOURS[0][1], _LINE, f"lost, CDP below {asked.detected:g}: {lost}"),
-        (FAINT_COLOUR, _LINE, f"contrast below {least}: {found.count(EdgeKind.FAINT)}"),
-        (UNEVEN_COLOUR, _DOTS, f"lost because a region is not uniform: {found.count(EdgeKind.UNEVEN)}"),
-        (UNMEASURABLE_COLOUR, _DOTS, f"a side is saturated or black: {unmeasurable}"),
-        ("none", _LINE, f"not drawn, in the noise: {found.count(EdgeKind.NOISE)}"),
-    ]
-    legend = figure.legend(
-        handles=[Line2D([], [], color=colour, linestyle=style, linewidth=3) for colour, style, _ in entries],
+    entries = [(one.colour, (1.0, 1.0) if one.dotted else (), one.text(found)) for one in STYLES[::-1]]
+    entries.append(("none", (), f"not drawn, in the noise: {found.count(EdgeKind.NOISE)}"))
+    legend = figure.figure.legend(
+        handles=[Line2D([], [], color=colour, linestyle=(0.0, dashes), linewidth=3) for colour, dashes, _ in entries],
         labels=[text for _, _, text in entries],
         loc="lower center",
         ncols=2,
@@ -124,47 +129,37 @@ def _legend(figure: Any, found: ContrastMap) -> None:
         framealpha=1,
     )
     taken_literally(legend)
+    return png(figure.figure)
 
 
 def _grey(luminance: NDArray[np.floating[Any]], side: int) -> NDArray[np.uint8]:
     """Grey picture of the light, darker than it could be, so that the colours stand out."""
     values = np.nan_to_num(block_mean(np.asarray(luminance, dtype=np.float32), side), nan=0.0)
     lit = values[values > 0]
-    high = float(np.quantile(lit, 0.999)) if lit.size else 1.0
-    low = max(float(np.quantile(lit, 0.01)) if lit.size else 0.0, high / 10**_DECADES)
-    low = min(low, 0.5 * high)
+    dark, high = (float(one) for one in np.quantile(lit, (0.01, 0.999))) if lit.size else (0.0, 1.0)
+    low = min(max(dark, high / 10**_DECADES), 0.5 * high)
     tone = np.log(np.clip(values, low, high) / low) / np.log(high / low)
     grey = np.round(20 + 170 * tone).astype(np.uint8)
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-@dataclass(frozen=True)
-class _Style:
-    """How the borders of some kinds of edges are painted; without a colour in that of their CDP."""
-
-    kinds: tuple[EdgeKind, ...]
-    colour: str | None = None
-    wide: bool = False
-    dotted: bool = False
-    opacity: float = 1.0
-
-
-def _paint(rgb: NDArray[np.uint8], found: ContrastMap, scale: float, style: _Style) -> None:
+def _paint(rgb: NDArray[np.uint8], found: ContrastMap, scale: float, style: EdgeStyle) -> None:
     """Paint the borders of some kinds of edges; `scale` drawn pixels stand for a pixel of the map."""
     from matplotlib.colors import to_rgb
 
     near = found.near
     sides = np.flatnonzero(found.of_kind(*style.kinds)[near.sides_pair])
-    if style.colour is None:
+    if style.by_cdp:
         # The lowest CDP of a drawn pixel is painted last.
         sides = sides[np.argsort(-found.edges.cdp[near.sides_pair[sides]], kind="stable")]
         colours = np.round(255 * colour_map()(found.edges.cdp[near.sides_pair[sides]])[:, :3])
     else:
         colours = np.broadcast_to(np.round(255 * np.array(to_rgb(style.colour))), (sides.size, 3))
+    wide = range(-1 if style.by_cdp else 0, 1)
     for x, y in _along(near.sides_px[sides], scale):
         shown = (x + y) % _PERIOD < _DOT if style.dotted else np.full(x.size, True)
-        for dy in range(-style.wide, 1):
-            for dx in range(-style.wide, 1):
+        for dy in wide:
+            for dx in wide:
                 rows, columns = np.maximum(y[shown] + dy, 0), np.maximum(x[shown] + dx, 0)
                 below = rgb[rows, columns]
                 rgb[rows, columns] = np.round(style.opacity * colours[shown] + (1 - style.opacity) * below)

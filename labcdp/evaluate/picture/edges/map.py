@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,63 +11,15 @@ from numpy.typing import NDArray
 from ....core.errors import InputError
 from ....core.luminance import LuminanceMap
 from ....core.result import Finding, info, warning
-from ....metrics import Epsilon
-from ....metrics.contrast import TargetContrast
 from ....regions.superpixels import Neighbours, neighbours
-from .edges import FALSE_ALARM, EdgeKind, MapEdges, map_edges
+from .edges import FALSE_ALARM, SMALLEST_SIZE_PX, ContrastMapSettings, EdgeKind, MapEdges, map_edges
 from .noise import MapNoise, map_noise
 from .regions import MapRegions, map_regions, mean_of
-
-#: Smallest superpixels whose inner pixels suffice to judge an edge.
-SMALLEST_SIZE_PX = 10
 
 #: Noise of neighbouring pixels counts as independent up to this factor of the variance of a mean.
 _CORRELATED = 1.5
 #: Share of the edges where the minimum contrast is below the noise, from which on other settings are recommended.
 _MOSTLY_BLIND = 0.5
-
-
-@dataclass(frozen=True)
-class ContrastMapSettings:
-    """How an image's edges are judged.
-
-    Parameters
-    ----------
-    size_px : int
-        Side of the regions in pixels of the image, 10 or more: about half the smallest object that matters.
-    epsilon : float or DetectionInterval
-        Tolerance of a contrast, as for `labcdp.metrics.cdp`.
-    minimum_contrast : float
-        Weber contrast from which an edge is one of an object, a fraction above 0.
-    detected : float
-        Smallest CDP of a detected edge, above 0 and up to 1.
-    contrast : float or None
-        Weber contrast that the objects of the scene have, a fraction above 0; None for that of each edge in the image.
-
-    Raises
-    ------
-    InputError
-        If one is out of range.
-    """
-
-    size_px: int = 40
-    epsilon: Epsilon = 0.5
-    minimum_contrast: float = 0.1
-    detected: float = 0.9
-    contrast: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.size_px < SMALLEST_SIZE_PX:
-            raise InputError(
-                f"the size of the regions is {self.size_px} pixels: give {SMALLEST_SIZE_PX} or more, so that noise can "
-                "be distinguished from contrast"
-            )
-        if not (isfinite(self.minimum_contrast) and self.minimum_contrast > 0):
-            raise InputError(f"the minimum contrast is {self.minimum_contrast}: give a fraction above 0 (1.0 is 100 %)")
-        if not 0 < self.detected <= 1:
-            raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
-        # Refuses a tolerance or contrast that is out of range.
-        TargetContrast(self.minimum_contrast if self.contrast is None else self.contrast, self.epsilon, "weber")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +55,12 @@ class ContrastMap:
     findings: tuple[Finding, ...]
     has_reference: bool = False
 
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Height and width in pixels of the image."""
+        height, width = self.luminance.shape
+        return height * self.luminance.step, width * self.luminance.step
+
     def count(self, *kinds: EdgeKind) -> int:
         """Count the edges of some kinds."""
         return int(np.count_nonzero(self.of_kind(*kinds)))
@@ -114,22 +72,21 @@ class ContrastMap:
     @property
     def detected_share(self) -> float:
         """Share of the edges with at least the minimum contrast that are probably detected; nan without any."""
-        judged = self.of_kind(EdgeKind.SEEN, EdgeKind.LOST)
-        return float(np.mean(self.edges.kind[judged] == EdgeKind.SEEN)) if judged.any() else float("nan")
+        seen, lost = self.count(EdgeKind.SEEN), self.count(EdgeKind.LOST)
+        return seen / (seen + lost) if seen + lost else nan
 
     @property
     def detected_border_share(self) -> float:
         """The same by length of border."""
-        lengths = np.bincount(self.edges.kind, weights=self.edges.border_px, minlength=len(EdgeKind))
-        judged = float(lengths[EdgeKind.SEEN] + lengths[EdgeKind.LOST])
-        return float(lengths[EdgeKind.SEEN]) / judged if judged else float("nan")
+        seen, lost = (float(self.edges.border_px[self.of_kind(kind)].sum()) for kind in (EdgeKind.SEEN, EdgeKind.LOST))
+        return seen / (seen + lost) if seen + lost else nan
 
     @property
     def blind_share(self) -> float:
         """Share of the edges, of those with a contrast, where the minimum contrast would not be significant."""
         known = np.isfinite(self.edges.significant_contrast) & ~self.of_kind(EdgeKind.SATURATED, EdgeKind.SMALL)
         blind = self.edges.significant_contrast[known] > self.settings.minimum_contrast
-        return float(np.mean(blind)) if known.any() else float("nan")
+        return float(np.mean(blind)) if known.any() else nan
 
     @property
     def threshold_sigmas(self) -> float:
@@ -190,9 +147,8 @@ def contrast_map(
     )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
-    errors = _errors(luminance, regions)
     scene = others[0] if others else asked.contrast
-    edges = map_edges(regions, near, errors, noise, asked.epsilon, asked.minimum_contrast, asked.detected, scene)
+    edges = map_edges(regions, near, _errors(luminance, regions), noise, asked, scene)
     found = ContrastMap(luminance, asked, regions, near, edges, noise, (), reference is not None)
     return replace(found, findings=_findings(found))
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrast
 from ....regions.superpixels import neighbours
-from .regions import MapRegions, map_cut, mean_and_std
+from .regions import MapRegions, map_cut, statistics
 
 #: Most blocks of the image, each inside a region, for estimating the correlation of its noise.
 _BLOCKS = 150
@@ -83,9 +83,7 @@ def map_noise(image: NDArray[np.floating[Any]], regions: MapRegions) -> MapNoise
     noise = _simulated(correlation, side)
     simulated = (1 + min(float(np.quantile(relative, 0.75)), _MOST_NOISE) * noise).astype(np.float32)
     labels, measured = map_cut(simulated, regions.size_px)
-    order = np.argsort(labels[measured], kind="stable")
-    n_pixels = np.bincount(labels[measured], minlength=int(labels.max()) + 1)
-    mean, std = mean_and_std(simulated[measured][order].astype(np.float64), n_pixels)
+    _, n_pixels, mean, std = statistics(simulated, labels, measured)
     first, second = neighbours(labels).pairs.T
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = std**2 / n_pixels

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.result import Result
-from ....core.table import Table
+from ....core.table import Z_95
 from ....metrics import DetectionInterval, Epsilon
 from ....output import Destination, write_files
 from ....report.files import dataset_bytes, envelope_json
 from ....report.html import interactive, render_page
-from ....report.layout import SIMULATED, Card, Facts, Page, Section
+from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
 from .edges import FALSE_ALARM, EdgeKind
-from .figure import COLOURS, FAINT_COLOUR, UNEVEN_COLOUR, UNMEASURABLE_COLOUR, Overlay, overlay, overlay_figure
+from .figure import COLOURS, STYLES, EdgeStyle, overlay, overlay_figure
 from .map import ContrastMap
 from .result import MapSource, contrast_map_dataset, edge_table
 
@@ -62,7 +62,7 @@ def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, fo
     edges = replace(result, tables=(result.table("summary"), edge_table(found, source)))
     files = {
         "report.html": map_page(found, drawn, source, result).encode(),
-        "contrast-map.png": overlay_figure(found, drawn, source),
+        "contrast-map.png": overlay_figure(found, drawn, source.file, source.simulated),
         "results.xlsx": result_workbook(edges, datetime.now(UTC)),
         "results.nc": dataset_bytes(contrast_map_dataset(found, source, result), "contrast map"),
         "results.json": envelope_json(result).encode(),
@@ -70,14 +70,14 @@ def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, fo
     return write_files(folder, "image-map", files)
 
 
-def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Result) -> str:
+def map_page(found: ContrastMap, drawn: NDArray[np.uint8], source: MapSource, result: Result) -> str:
     """Return a contrast map as a page: the overlay, and under the pointer luminances, contrast and CDP of an edge.
 
     Parameters
     ----------
     found : ContrastMap
         The map.
-    drawn : Overlay
+    drawn : ndarray of uint8, shape (height, width, 3)
         Its overlay.
     source : MapSource
         What it was made from.
@@ -89,7 +89,9 @@ def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Resu
     str
         HTML 5, with the drawing program (plotly.js, 4.8 MB) inside; its security policy forbids to load anything.
     """
-    weakest: list[str | Table] = [result.table("weakest")] if len(result.table("weakest")) else []
+    own = found.settings.contrast is None and not found.has_reference
+    meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(found).rstrip(","))
+    weakest: list[Block] = [result.table("weakest")] if len(result.table("weakest")) else []
     return render_page(
         Page(
             "Contrast detection probability (CDP) at the edges of an image",
@@ -99,7 +101,7 @@ def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Resu
             lead=[interactive(_figure(found, drawn, source), scroll_zoom=True)],
             findings=result.findings,
             sections=[
-                Section("", [_meaning(found), _HELP, *weakest]),
+                Section("", [meaning, _HELP, *weakest]),
                 Section("All edges", [result.table("summary")]),
                 Section("Settings and provenance", [_facts(found, source)], collapsed=True),
             ],
@@ -107,14 +109,8 @@ def map_page(found: ContrastMap, drawn: Overlay, source: MapSource, result: Resu
     )
 
 
-def _meaning(found: ContrastMap) -> str:
-    own = found.settings.contrast is None and not found.has_reference
-    return _OWN_CONTRAST if own else _ASKED.format(asked=asked_text(found).rstrip(","))
-
-
 def _cards(found: ContrastMap) -> list[Card]:
-    asked = found.settings
-    least = percent(asked.minimum_contrast)
+    asked, least = found.settings, percent(found.settings.minimum_contrast)
     seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
     if seen + lost == 0:
         return [Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")]
@@ -129,28 +125,23 @@ def _cards(found: ContrastMap) -> list[Card]:
 
 
 def _facts(found: ContrastMap, source: MapSource) -> Facts:
-    asked, luminance = found.settings, found.luminance
-    height, width = luminance.shape
-    size = f"{asked.size_px} x {asked.size_px}"
+    asked, (height, width) = found.settings, found.shape_px
+    chance = f"{percent(FALSE_ALARM)} probability of one false edge in the whole image"
     return Facts(
         [
-            ("image", f"{source.file}, {width * luminance.step} x {height * luminance.step} pixels"),
+            ("image", f"{source.file}, {width} x {height} pixels"),
             ("luminance", source.conversion),
-            ("regions", f"{found.regions.mean.size} superpixels of about {size} pixels"),
-            ("contrast that counts as detected", f"{asked_text(found)} {_tolerance(asked.epsilon)}"),
+            ("regions", f"{found.regions.mean.size} superpixels of about {asked.size_px} x {asked.size_px} pixels"),
+            ("contrast that counts as detected", f"{_asked_text(found)} {_tolerance(asked.epsilon)}"),
             ("minimum contrast of an object", percent(asked.minimum_contrast)),
-            (
-                "significant contrast",
-                f"{found.threshold_sigmas:.2f} standard uncertainties: {percent(FALSE_ALARM)} probability of one false "
-                "edge in the whole image",
-            ),
+            ("significant contrast", f"{found.threshold_sigmas:.2f} standard uncertainties: {chance}"),
             ("SHA-256 of the image", source.sha256),
             *((one.role, f"{one.path} (SHA-256 {one.sha256})") for one in source.inputs),
         ]
     )
 
 
-def asked_text(found: ContrastMap) -> str:
+def _asked_text(found: ContrastMap) -> str:
     """Say which contrast edges are asked for."""
     if found.has_reference:
         return "that of the edge in the reference image"
@@ -167,123 +158,78 @@ def _tolerance(epsilon: Epsilon) -> str:
     return f"{below}, {above} of it"
 
 
-def _figure(found: ContrastMap, drawn: Overlay, source: MapSource) -> Figure:
+def _figure(found: ContrastMap, drawn: NDArray[np.uint8], source: MapSource) -> Figure:
+    import cv2
     from plotly.graph_objects import Figure
 
-    width, height = drawn.extent_px
-    least = percent(found.settings.minimum_contrast)
-    groups = [
-        ((EdgeKind.LOST,), "lost", COLOURS[0][1]),
-        ((EdgeKind.SEEN,), "detected", COLOURS[-1][1]),
-        ((EdgeKind.FAINT,), f"contrast below {least}", FAINT_COLOUR),
-        ((EdgeKind.UNEVEN,), "not uniform", UNEVEN_COLOUR),
-        ((EdgeKind.SATURATED, EdgeKind.BLACK), "saturated or black", UNMEASURABLE_COLOUR),
-    ]
+    height, width = found.shape_px
+    _, data = cv2.imencode(".png", drawn[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    picture = f"data:image/png;base64,{b64encode(data.tobytes()).decode()}"
     figure = Figure()
-    for kinds, name, colour in groups:
-        if found.count(*kinds):
-            figure.add_traces(_points(found, source, kinds, f"{name} ({found.count(*kinds)})", colour))
+    for style in STYLES[::-1]:
+        if found.count(*style.kinds):
+            figure.add_traces(_points(found, source, style))
     figure.add_layout_image(
-        source=_data_uri(drawn.rgb),
-        x=0,
-        y=0,
-        sizex=width,
-        sizey=height,
-        xref="x",
-        yref="y",
-        sizing="stretch",
-        layer="below",
+        source=picture, x=0, y=0, sizex=width, sizey=height, xref="x", yref="y", sizing="stretch", layer="below"
     )
     figure.update_xaxes(title="x in pixels", range=[0, width], showgrid=False, zeroline=False, constrain="domain")
     figure.update_yaxes(
         title="y in pixels", range=[height, 0], showgrid=False, zeroline=False, scaleanchor="x", constrain="domain"
     )
+    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "#c8c8c8", "itemsizing": "constant"}
     figure.update_layout(
         margin={"t": 50, "r": 20},
         height=min(round(_ABOVE + (_WIDTH - _BESIDE) * max(height / width, 0.3)), _HIGHEST),
         hovermode="closest",
         dragmode="pan",
-        legend={
-            "orientation": "h",
-            "x": 0,
-            "y": 1.0,
-            "yanchor": "bottom",
-            "bgcolor": "#c8c8c8",
-            "itemsizing": "constant",
-        },
+        legend=legend,
         coloraxis={"colorscale": [list(pair) for pair in COLOURS], "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
     )
     return figure
 
 
-def _points(
-    found: ContrastMap, source: MapSource, kinds: tuple[EdgeKind, ...], name: str, colour: str
-) -> list[Scatter]:
+def _points(found: ContrastMap, source: MapSource, style: EdgeStyle) -> list[Scatter]:
     """Make a point with a tooltip in the middle of each edge of some kinds, and their entry in the legend."""
     from plotly.graph_objects import Scatter
 
-    edges, step = found.edges, found.luminance.step
-    chosen = np.flatnonzero(found.of_kind(*kinds))
+    edges, mean, step = found.edges, found.regions.mean, found.luminance.step
+    chosen = np.flatnonzero(found.of_kind(*style.kinds))
     chosen = chosen[np.argsort(-edges.border_px[chosen], kind="stable")][:_MOST_POINTS]
-    with_cdp = kinds[0] in (EdgeKind.LOST, EdgeKind.SEEN)
+
+    def rounded(values: NDArray[Any], n_decimals: int) -> NDArray[np.float64]:
+        return np.asarray(np.round(values[chosen], n_decimals), dtype=np.float64)
+
     marker: dict[str, Any] = {"size": 5, "line": {"width": 0.5, "color": "#222222"}}
-    marker |= {"color": _rounded(edges.cdp[chosen], 3), "coloraxis": "coloraxis"} if with_cdp else {"color": colour}
-    # Faint edges can be many; a click on the legend shows them.
-    shown = "legendonly" if EdgeKind.FAINT in kinds else True
+    marker |= {"color": rounded(edges.cdp, 3), "coloraxis": "coloraxis"} if style.by_cdp else {"color": style.colour}
     unit = "(relative)" if source.unit == "relative" else source.unit
     rows = [
         f"bright side %{{customdata[0]:.4~g}} {unit}",
         f"dark side %{{customdata[1]:.4~g}} {unit}",
         "contrast %{customdata[2]:.1f} % ± %{customdata[3]:.1f} % (95 %)",
-        "CDP %{customdata[4]:.3f} (95 %: %{customdata[5]:.3f} to %{customdata[6]:.3f})"
-        if np.isfinite(edges.cdp[chosen]).any()
-        else "",
         "border %{customdata[7]} pixels at x %{x:.0f}, y %{y:.0f}",
     ]
-    points = Scatter(
-        x=_rounded(edges.middle_px[chosen, 0] * step, 1),
-        y=_rounded(edges.middle_px[chosen, 1] * step, 1),
-        mode="markers",
-        name=name,
-        legendgroup=name,
-        showlegend=False,
-        visible=shown,
-        marker=marker,
-        customdata=_hover(found, chosen),
-        hovertemplate="<br>".join(row for row in rows if row) + "<extra></extra>",
-    )
-    # A scale of colours has none of its own in the legend.
-    entry = Scatter(
-        x=[None],
-        y=[None],
-        mode="markers",
-        name=name,
-        legendgroup=name,
-        visible=shown,
-        marker={"size": 11, "color": colour},
-    )
-    return [points, entry]
-
-
-def _hover(found: ContrastMap, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-    edges, mean = found.edges, found.regions.mean
-    columns = [
+    if np.isfinite(edges.cdp[chosen]).any():
+        rows.insert(3, "CDP %{customdata[4]:.3f} (95 %: %{customdata[5]:.3f} to %{customdata[6]:.3f})")
+    shown = [
         mean[edges.bright[chosen]],
         mean[edges.dark[chosen]],
-        _rounded(100 * edges.contrast[chosen], 2),
-        _rounded(196 * edges.contrast_standard_uncertainty[chosen], 2),
-        *(_rounded(values[chosen], 4) for values in (edges.cdp, edges.cdp_low, edges.cdp_high)),
-        edges.border_px[chosen] * found.luminance.step,
+        rounded(100 * edges.contrast, 2),
+        rounded(100 * Z_95 * edges.contrast_standard_uncertainty, 2),
+        *(rounded(values, 4) for values in (edges.cdp, edges.cdp_low, edges.cdp_high)),
+        edges.border_px[chosen] * step,
     ]
-    return np.stack(columns, axis=1).astype(np.float64)
-
-
-def _rounded(values: NDArray[np.floating[Any]], n_decimals: int) -> NDArray[np.float64]:
-    return np.array(np.round(values.astype(np.float64), n_decimals), dtype=np.float64)
-
-
-def _data_uri(rgb: NDArray[np.uint8]) -> str:
-    import cv2
-
-    _, data = cv2.imencode(".png", rgb[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
-    return f"data:image/png;base64,{b64encode(data.tobytes()).decode()}"
+    # Faint edges can be many; a click on the legend shows them.
+    visible = "legendonly" if EdgeKind.FAINT in style.kinds else True
+    name = style.text(found)
+    alike = {"mode": "markers", "name": name, "legendgroup": name, "visible": visible}
+    points = Scatter(
+        x=rounded(edges.middle_px[:, 0] * step, 1),
+        y=rounded(edges.middle_px[:, 1] * step, 1),
+        showlegend=False,
+        marker=marker,
+        customdata=np.stack(shown, axis=1).astype(np.float64),
+        hovertemplate="<br>".join(rows) + "<extra></extra>",
+        **alike,
+    )
+    # A scale of colours has none of its own in the legend.
+    return [points, Scatter(x=[None], y=[None], marker={"size": 11, "color": style.colour}, **alike)]

@@ -61,10 +61,11 @@ class MapRegions:
     centre_px: NDArray[np.float64]
     values: NDArray[np.float64]
 
-    def distributions(self, wanted: NDArray[np.bool_]) -> list[Distribution | None]:
-        """Distribution of the measured pixels of each region that a mask of shape (n,) wants, None of the others."""
-        parts = np.split(self.values, np.cumsum(self.n_pixels)[:-1])
-        return [Distribution.from_array(part) if take else None for part, take in zip(parts, wanted, strict=True)]
+    def distributions(self, wanted: NDArray[np.int32]) -> dict[int, Distribution]:
+        """Distributions of the measured pixels of some regions."""
+        ends = np.cumsum(self.n_pixels)
+        starts = ends - self.n_pixels
+        return {one: Distribution.from_array(self.values[starts[one] : ends[one]]) for one in wanted.tolist()}
 
 
 def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) -> list[MapRegions]:
@@ -91,10 +92,10 @@ def _measured(
 ) -> MapRegions:
     image = luminance.luminance_cd_m2
     n = int(labels.max()) + 1
-    order, n_pixels = _by_region(labels, measured, n)
-    values = image.ravel()[order].astype(np.float64)
-    mean, std = mean_and_std(values, n_pixels)
     saturated = np.not_equal(luminance.invalid & Invalid.SATURATED, 0)
+    rows, columns = np.ogrid[: labels.shape[0], : labels.shape[1]]
+    centres = [mean_of(labels, np.broadcast_to(place + 0.5, labels.shape), n) for place in (columns, rows)]
+    values, n_pixels, mean, std = statistics(image, labels, measured)
     return MapRegions(
         size_px=size_px,
         labels=labels,
@@ -102,9 +103,9 @@ def _measured(
         mean=mean,
         std=std,
         noise=_noise(image, labels, measured, n),
-        saturated_share=share_of(labels, saturated, n),
-        invalid_share=share_of(labels, ~luminance.valid, n),
-        centre_px=_centres(labels, n),
+        saturated_share=mean_of(labels, saturated, n),
+        invalid_share=mean_of(labels, ~luminance.valid, n),
+        centre_px=np.stack(centres, axis=1),
         values=values,
     )
 
@@ -124,39 +125,26 @@ def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[NDArray[np.
     return labels, measured
 
 
-def mean_of(labels: NDArray[np.int32], pattern: NDArray[np.floating[Any]], n: int) -> NDArray[np.float64]:
+def mean_of(labels: NDArray[np.int32], pattern: NDArray[Any], n: int) -> NDArray[np.float64]:
     """Mean of a pattern over each of `n` regions; what is not finite counts as 0."""
-    finite: NDArray[np.floating[Any]] = np.where(np.isfinite(pattern), pattern, 0.0)
+    finite = np.where(np.isfinite(pattern), pattern, 0.0)
     sums = np.bincount(labels.ravel(), weights=finite.ravel(), minlength=n)
     means: NDArray[np.float64] = sums / np.bincount(labels.ravel(), minlength=n)
     return means
 
 
-def share_of(labels: NDArray[np.int32], mask: NDArray[np.bool_], n: int) -> NDArray[np.float64]:
-    """Share of the pixels of each of `n` regions that a mask marks."""
-    marked, of_all = (np.bincount(each.ravel(), minlength=n) for each in (labels[mask], labels))
-    shares: NDArray[np.float64] = marked / of_all
-    return shares
-
-
-def _by_region(
-    labels: NDArray[np.int32], measured: NDArray[np.bool_], n: int
-) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """List the indices of the measured pixels, region after region, and how many each has."""
-    places = np.flatnonzero(measured.ravel())
-    own = labels.ravel()[places]
-    return places[np.argsort(own, kind="stable")], np.bincount(own, minlength=n).astype(np.int64)
-
-
-def mean_and_std(
-    values: NDArray[np.float64], n_pixels: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard deviation (with n - 1) of values that are ordered by region, `n_pixels` of each."""
-    own = np.repeat(np.arange(n_pixels.size), n_pixels)
+def statistics(
+    image: NDArray[np.floating[Any]], labels: NDArray[np.int32], measured: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Measured pixels, region after region; and their number, mean and standard deviation (with n - 1) in each."""
+    own, n = labels[measured], int(labels.max()) + 1
+    order = np.argsort(own, kind="stable")
+    own, values = own[order], image[measured][order].astype(np.float64)
+    n_pixels = np.bincount(own, minlength=n).astype(np.int64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.bincount(own, weights=values, minlength=n_pixels.size) / n_pixels
-        squares = np.bincount(own, weights=(values - mean[own]) ** 2, minlength=n_pixels.size)
-        return mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
+        mean = np.bincount(own, weights=values, minlength=n) / n_pixels
+        squares = np.bincount(own, weights=(values - mean[own]) ** 2, minlength=n)
+        return values, n_pixels, mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
 
 
 def _noise(
@@ -174,10 +162,3 @@ def _noise(
         mean = np.bincount(own[kept], weights=sizes[kept], minlength=n) / np.bincount(own[kept], minlength=n)
     noise: NDArray[np.float64] = mean / (_MEAN_OF_TRIMMED * sqrt(2))
     return noise
-
-
-def _centres(labels: NDArray[np.int32], n: int) -> NDArray[np.float64]:
-    height, width = labels.shape
-    rows = np.broadcast_to(np.arange(height)[:, None] + 0.5, labels.shape)
-    columns = np.broadcast_to(np.arange(width) + 0.5, labels.shape)
-    return np.stack([mean_of(labels, columns, n), mean_of(labels, rows, n)], axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique
-from ....core.table import Column, Table, uncertain, uncertain_values
+from ....core.table import Z_95, Column, Table
 from ....metrics import DetectionInterval
 from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind
 from .map import ContrastMap
@@ -34,6 +34,13 @@ KINDS = {
 WEAKEST = 10
 #: Longest table of edges, that of a sheet.
 _MOST_ROWS = 2**20 - 1
+#: Variables of the edges in NetCDF, and the columns of the table that hold them.
+_VARIABLES = (
+    ("bright_region", "bright_region"), ("dark_region", "dark_region"), ("border_length", "border_px"),
+    ("border_x", "x_px"), ("border_y", "y_px"), ("contrast", "contrast"), ("u_contrast", "u_contrast"),
+    ("asked_contrast", "asked_contrast"), ("significant_contrast", "significant_contrast"), ("cdp", "cdp"),
+    ("u_cdp", "u_cdp"), ("cdp_low", "cdp_low"), ("cdp_high", "cdp_high"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,19 +76,29 @@ class MapSource:
 
 def map_result(found: ContrastMap, source: MapSource) -> Result:
     """Return the result of a contrast map, with the weakest edges; see `edge_table` for all of them."""
+    asked, epsilon = found.settings, found.settings.epsilon
     findings = [*source.findings, *found.findings]
     if found.blind_share > 0:
-        findings.append(info("contrast-in-noise", contrast=found.settings.minimum_contrast, share=found.blind_share))
+        findings.append(info("contrast-in-noise", contrast=asked.minimum_contrast, share=found.blind_share))
+    weakest = _edges(found, source, "weakest", "The weakest edges", found.weakest(WEAKEST))
+    # All of them are edges of objects.
+    hidden = ("border_px", "significant_contrast", "saturated")
+    columns = tuple(replace(one, shown=one.shown and one.name not in hidden) for one in weakest.columns)
     return Result(
         kind="image-map",
         title=source.file,
-        tables=(
-            quantity_table("summary", "Edges of the image", _quantities(found)),
-            _edges(found, source, "weakest", "The weakest edges", found.weakest(WEAKEST)),
-        ),
+        tables=(quantity_table("summary", "Edges of the image", _quantities(found)), replace(weakest, columns=columns)),
         findings=unique(findings),
         inputs=(InputFile("picture", source.file, source.sha256), *source.inputs),
-        configuration=_configuration(found, source),
+        configuration={
+            "conversion": source.conversion,
+            "region_size_px": asked.size_px,
+            "epsilon": [epsilon.below, epsilon.above] if isinstance(epsilon, DetectionInterval) else epsilon,
+            "minimum_contrast": asked.minimum_contrast,
+            "contrast": asked.contrast,
+            "detected_cdp": asked.detected,
+            "false_alarm": FALSE_ALARM,
+        },
         simulated=source.simulated,
     )
 
@@ -92,21 +109,7 @@ def edge_table(found: ContrastMap, source: MapSource) -> Table:
     shown = np.flatnonzero(~found.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
     rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in edges.kind[shown]])
     order = shown[np.lexsort((edges.cdp[shown], rank))][:_MOST_ROWS]
-    return _edges(found, source, "edges", "Edges", order)
-
-
-def _configuration(found: ContrastMap, source: MapSource) -> Mapping[str, Any]:
-    asked = found.settings
-    epsilon = asked.epsilon
-    return {
-        "conversion": source.conversion,
-        "region_size_px": asked.size_px,
-        "epsilon": [epsilon.below, epsilon.above] if isinstance(epsilon, DetectionInterval) else epsilon,
-        "minimum_contrast": asked.minimum_contrast,
-        "contrast": asked.contrast,
-        "detected_cdp": asked.detected,
-        "false_alarm": FALSE_ALARM,
-    }
+    return _edges(found, source, "edges", "Edges", order).as_detail()
 
 
 def _quantities(found: ContrastMap) -> list[Quantity]:
@@ -127,59 +130,40 @@ def _quantities(found: ContrastMap) -> list[Quantity]:
 def _edges(
     found: ContrastMap, source: MapSource, name: str, title: str, chosen: NDArray[np.intp] | Sequence[int]
 ) -> Table:
-    edges, regions, step = found.edges, found.regions, found.luminance.step
+    """Return the edges of some rows."""
+    edges, regions, step, unit = found.edges, found.regions, found.luminance.step, source.unit
     pick = np.asarray(chosen, dtype=np.intp)
     bright, dark = edges.bright[pick], edges.dark[pick]
-    contrasts = [
-        uncertain_values("contrast", value, u)
-        for value, u in zip(edges.contrast[pick], edges.contrast_standard_uncertainty[pick], strict=True)
-    ]
-    data = {
-        "kind": [KINDS[EdgeKind(kind)][0] for kind in edges.kind[pick]],
-        "x_px": edges.middle_px[pick, 0] * step,
-        "y_px": edges.middle_px[pick, 1] * step,
-        "border_px": edges.border_px[pick] * step,
-        "bright_mean": regions.mean[bright],
-        "dark_mean": regions.mean[dark],
-        "asked_contrast": edges.asked_contrast[pick],
-        **{key: [one[key] for one in contrasts] for key in ("contrast", "expanded_contrast", "u_contrast")},
-        "cdp": edges.cdp[pick],
-        "cdp_low": edges.cdp_low[pick],
-        "cdp_high": edges.cdp_high[pick],
-        "u_cdp": edges.cdp_standard_error[pick],
-        "significant_contrast": edges.significant_contrast[pick],
-        "saturated": np.maximum(regions.saturated_share[bright], regions.saturated_share[dark]),
-        "bright_region": bright,
-        "dark_region": dark,
-    }
     asked = found.has_reference or found.settings.contrast is not None
-    return Table(name, title, _edge_columns(source.unit, name == "weakest", asked), data, detail=name == "edges")
-
-
-def _edge_columns(unit: str, short: bool, asked: bool) -> tuple[Column, ...]:
-    columns = (
-        Column("kind", "edge", "", "Whether the edge is detected."),
-        Column("x_px", "x", "px", "Middle of the border.", decimals=1),
-        Column("y_px", "y", "px", "Middle of the border.", decimals=1),
-        Column("border_px", "border", "px", "Length of the border."),
-        Column("bright_mean", "bright side", unit, "Mean of the brighter region."),
-        Column("dark_mean", "dark side", unit, "Mean of the darker region."),
-        *uncertain(Column("contrast", "contrast", "%", "Weber contrast of the means.")),
-        Column("asked_contrast", "asked contrast", "%", "Contrast that is to be detected.", 3, shown=asked),
-        Column("cdp", "CDP", "", "Probability that a pair of pixels shows the contrast asked for.",
-               low="cdp_low", high="cdp_high"),
-        Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval.", shown=False),
-        Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", shown=False),
-        Column("u_cdp", "u of CDP", "", "Standard uncertainty.", 2, shown=False),
-        Column("significant_contrast", "significant from", "%", "Least contrast that would be significant.", 3,
-               shown=not short),
-        Column("saturated", "saturated", "%", "Largest share of saturated pixels of both regions.", 2,
-               shown=not short),
-        Column("bright_region", "bright region", "", "Number of the region.", shown=False),
-        Column("dark_region", "dark region", "", "Number of the region.", shown=False),
+    u_contrast = edges.contrast_standard_uncertainty[pick]
+    columns: tuple[tuple[Column, Any], ...] = (
+        (Column("kind", "edge", "", "Whether the edge is detected."),
+         [KINDS[EdgeKind(kind)][0] for kind in edges.kind[pick]]),
+        (Column("x_px", "x", "px", "Middle of the border.", decimals=1), edges.middle_px[pick, 0] * step),
+        (Column("y_px", "y", "px", "Middle of the border.", decimals=1), edges.middle_px[pick, 1] * step),
+        (Column("border_px", "border", "px", "Length of the border."), edges.border_px[pick] * step),
+        (Column("bright_mean", "bright side", unit, "Mean of the brighter region."), regions.mean[bright]),
+        (Column("dark_mean", "dark side", unit, "Mean of the darker region."), regions.mean[dark]),
+        (Column("contrast", "contrast", "%", "Weber contrast of the means.", expanded="expanded_contrast"),
+         edges.contrast[pick]),
+        (Column("expanded_contrast", "U (95 %) of contrast", "%", "Expanded uncertainty (95 %).", 2, shown=False),
+         Z_95 * u_contrast),
+        (Column("u_contrast", "u of contrast", "%", "Standard uncertainty.", 2, shown=False), u_contrast),
+        (Column("asked_contrast", "asked contrast", "%", "Contrast that is to be detected.", 3, shown=asked),
+         edges.asked_contrast[pick]),
+        (Column("cdp", "CDP", "", "Probability that a pair of pixels shows the contrast asked for.",
+                low="cdp_low", high="cdp_high"), edges.cdp[pick]),
+        (Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval.", shown=False), edges.cdp_low[pick]),
+        (Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", shown=False), edges.cdp_high[pick]),
+        (Column("u_cdp", "u of CDP", "", "Standard uncertainty.", 2, shown=False), edges.cdp_standard_error[pick]),
+        (Column("significant_contrast", "significant from", "%", "Least contrast that would be significant.", 3),
+         edges.significant_contrast[pick]),
+        (Column("saturated", "saturated", "%", "Largest share of saturated pixels of both regions.", 2),
+         np.maximum(regions.saturated_share[bright], regions.saturated_share[dark])),
+        (Column("bright_region", "bright region", "", "Number of the region.", shown=False), bright),
+        (Column("dark_region", "dark region", "", "Number of the region.", shown=False), dark),
     )  # fmt: skip
-    # All of the weakest edges are edges of objects.
-    return tuple(replace(one, shown=one.shown and not (short and one.name == "border_px")) for one in columns)
+    return Table(name, title, tuple(column for column, _ in columns), {one.name: values for one, values in columns})
 
 
 def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) -> Dataset:
@@ -187,37 +171,31 @@ def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) 
     import xarray as xr
 
     edges, regions, step = found.edges, found.regions, found.luminance.step
-    light = {"units": "1" if source.unit == "relative" else "cd m-2"}
-    one, pixels = {"units": "1"}, {"units": "pixel"}
+    light = "1" if source.unit == "relative" else "cd m-2"
+    of_region = {
+        "mean": (regions.mean, light),
+        "std": (regions.std, light),
+        "noise": (regions.noise, light),
+        "measured_pixels": (regions.n_pixels, "1"),
+        "saturated_share": (regions.saturated_share, "1"),
+        "invalid_share": (regions.invalid_share, "1"),
+        "centre_x": (regions.centre_px[:, 0] * step, "pixel"),
+        "centre_y": (regions.centre_px[:, 1] * step, "pixel"),
+    }
     flags = {
         "flag_values": np.array([int(kind) for kind in KINDS], dtype=np.int8),
         "flag_meanings": " ".join(name.replace(" ", "_") for name, _ in KINDS.values()),
     }
+    table = _edges(found, source, "edges", "Edges", np.arange(edges.kind.size))
+    # Numbers of regions have no unit.
+    units = {one.name: {"px": {"units": "pixel"}}.get(one.unit, {"units": "1"}) for one in table.columns}
+    units |= {"bright_region": {}, "dark_region": {}}
     return xr.Dataset(
         {
             "label": (("y", "x"), regions.labels),
-            "region_mean": ("region", regions.mean, light),
-            "region_std": ("region", regions.std, light),
-            "region_noise": ("region", regions.noise, light),
-            "region_measured_pixels": ("region", regions.n_pixels, one),
-            "region_saturated_share": ("region", regions.saturated_share, one),
-            "region_invalid_share": ("region", regions.invalid_share, one),
-            "region_centre_x": ("region", regions.centre_px[:, 0] * step, pixels),
-            "region_centre_y": ("region", regions.centre_px[:, 1] * step, pixels),
-            "bright_region": ("edge", edges.bright),
-            "dark_region": ("edge", edges.dark),
-            "border_length": ("edge", edges.border_px * step, pixels),
-            "border_x": ("edge", edges.middle_px[:, 0] * step, pixels),
-            "border_y": ("edge", edges.middle_px[:, 1] * step, pixels),
+            **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
             "kind": ("edge", edges.kind, flags),
-            "contrast": ("edge", edges.contrast, one),
-            "u_contrast": ("edge", edges.contrast_standard_uncertainty, one),
-            "asked_contrast": ("edge", edges.asked_contrast, one),
-            "significant_contrast": ("edge", edges.significant_contrast, one),
-            "cdp": ("edge", edges.cdp, one),
-            "u_cdp": ("edge", edges.cdp_standard_error, one),
-            "cdp_low": ("edge", edges.cdp_low, one),
-            "cdp_high": ("edge", edges.cdp_high, one),
+            **{name: ("edge", table[column], units[column]) for name, column in _VARIABLES},
         },
         attrs={
             "title": f"Contrast map of {source.file}",

@@ -57,22 +57,22 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
 
 def over_time(dataset: Dataset, result: Result) -> ReportFigure:
     """Draw the figure, with its caption."""
-    parts = [f"CDP with its 95 % interval; the dotted line is {DETECTED_CDP:g}."]
-    if len(drawn_contrasts(dataset)) + 1 < dataset.sizes["contrast"]:
-        parts.append(f"Of the {dataset.sizes['contrast']} contrasts some are drawn.")
-    if "measured_contrast" in dataset:
-        parts.append("Below: Weber contrast of the regions' means with its 95 % interval.")
-    if "quality" in dataset:
-        parts.append("At the bottom: tracking quality of each region, from 0 to 1.")
-    if any(row["n_evaluated"] < dataset.sizes["frame"] for row in result.table("contrasts").rows()):
-        parts.append("Shaded: frames without a result.")
-    if (number := frames_of_a_point(dataset)) > 1:
-        parts.append(
-            f"Each drawn point stands for {number} frames: the line is their mean, the band reaches from the lowest "
-            "to the highest end of their intervals."
-        )
+    number = frames_of_a_point(dataset)
+    n_evaluated = [row["n_evaluated"] for row in result.table("contrasts").rows()]
+    parts = {
+        f"CDP with its 95 % interval; the dotted line is {DETECTED_CDP:g}.": True,
+        f"Of the {dataset.sizes['contrast']} contrasts some are drawn.": (
+            len(drawn_contrasts(dataset)) + 1 < dataset.sizes["contrast"]
+        ),
+        "Below: Weber contrast of the regions' means with its 95 % interval.": "measured_contrast" in dataset,
+        "At the bottom: tracking quality of each region, from 0 to 1.": "quality" in dataset,
+        "Shaded: frames without a result.": min(n_evaluated) < dataset.sizes["frame"],
+        f"Each drawn point stands for {number} frames: the line is their mean, the band reaches from the lowest to the "
+        "highest end of their intervals.": number > 1,
+    }
+    caption = " ".join(text for text, said in parts.items() if said)
     alternative = "Curves of CDP, measured contrast and quality over time."
-    return ReportFigure("over-time.png", video_figure(dataset, result), " ".join(parts), alternative)
+    return ReportFigure("over-time.png", video_figure(dataset, result), caption, alternative)
 
 
 def _chosen(contrasts: Table) -> list[dict[str, Any]]:
@@ -212,46 +212,28 @@ def _frame_columns(dataset: Dataset, frames: range) -> LongTable:
 
 def _frame_rows(dataset: Dataset) -> LongTable:
     """All numbers, a row for each frame and contrast; the contrast changes fastest."""
-    own = {column.name: column for column in (_FRAME, TIME, *OF_FRAME, NOTE) if column.name in dataset.variables}
-    of_regions = _region_columns(dataset)
-    first, last = [own.pop(name) for name in ("frame", "time_s") if name in own], own.pop("note", None)
-    columns = (
-        *(*first, _CONTRAST, *OF_CONTRAST, *own.values()),
-        *(column for column, _, _ in of_regions),
-        *([] if last is None else [last]),
-    )
-
-    def rows() -> Iterator[dict[str, Any]]:
-        contrasts = dataset["contrast"].values.tolist()
-        for block in blocks_of(dataset):
-            frames = {name: block[name].values.tolist() for name in (*own, *(one.name for one in first))}
-            frames |= {column.name: block[name].isel(index).values.astype(float).tolist()
-                       for column, name, index in of_regions}  # fmt: skip
-            if last is not None:
-                frames[last.name] = block[last.name].values.tolist()
-            of_contrast = {column.name: block[column.name].values.tolist() for column in OF_CONTRAST}
-            for place in range(block.sizes["frame"]):
-                row = {name: values[place] for name, values in frames.items()}
-                for number, contrast in enumerate(contrasts):
-                    values = {name: of_frame[place][number] for name, of_frame in of_contrast.items()}
-                    yield {**row, "contrast": contrast, **values}
-
-    return LongTable("Frames", "All numbers, a row for each frame and contrast", columns, rows)
-
-
-def _region_columns(dataset: Dataset) -> list[tuple[Column, str, dict[str, int]]]:
-    """Columns of the regions, each with its variable and its place in that."""
-    found = []
+    own = (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)
+    found: list[tuple[Column, str, dict[str, int]]] = [(one, one.name, {}) for one in own]
     for region in range(dataset.sizes.get("region", 0)):
         name = str(dataset["region"].values[region])
-        for column in OF_REGION:
-            if column.name in dataset:
-                unit = unit_of(dataset) if column.unit == LIGHT else column.unit
-                own = replace(column, name=f"{column.name}[{name}]", label=f"{name}: {column.label}", unit=unit)
-                found.append((own, column.name, {"region": region}))
+        for one in OF_REGION:
+            unit = unit_of(dataset) if one.unit == LIGHT else one.unit
+            named = replace(one, name=f"{one.name}[{name}]", label=f"{name}: {one.label}", unit=unit)
+            found.append((named, one.name, {"region": region}))
         for corner in range(dataset.sizes.get("corner", 0)):
-            for column in OF_CORNER:
-                label = f"{name}: corner {corner + 1} {column.label}"
-                own = replace(column, name=f"{column.name}[{name}, {corner}]", label=label)
-                found.append((own, column.name, {"region": region, "corner": corner}))
-    return found
+            for one in OF_CORNER:
+                label = f"{name}: corner {corner + 1} {one.label}"
+                named = replace(one, name=f"{one.name}[{name}, {corner}]", label=label)
+                found.append((named, one.name, {"region": region, "corner": corner}))
+    found = [one for one in (*found, (NOTE, NOTE.name, {})) if one[1] in dataset.variables]
+
+    def rows() -> Iterator[dict[str, Any]]:
+        for block in blocks_of(dataset):
+            each = block["cdp"]
+            values = [block[name].isel(index).broadcast_like(each).transpose(*each.dims) for _, name, index in found]
+            lists = [(one.astype(float) if one.dtype == bool else one).values.ravel().tolist() for one in values]
+            for row in zip(*lists, strict=True):
+                yield {column.name: value for (column, _, _), value in zip(found, row, strict=True)}
+
+    columns = tuple(column for column, _, _ in found)
+    return LongTable("Frames", "All numbers, a row for each frame and contrast", columns, rows)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -119,12 +120,17 @@ def contrast_name(row: Mapping[str, Any]) -> str:
 
 
 def _contrasts(dataset: Dataset) -> Table:
-    frames = dataset["frame"].values
-    rows = [*_reference(dataset, frames)]
-    is_measured = configuration_of(dataset).get("contrasts", ()) is None
+    frames, rows = dataset["frame"].values, []
+    if "reference_cdp" in dataset:
+        contrasts = dataset["reference_contrast"].values
+        given = np.unique(contrasts[np.isfinite(contrasts)]).tolist()
+        if given:
+            asked = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
+            rows.append(asked | _over_all(dataset["reference_cdp"].values, frames))
+    kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "asked"
     for place, contrast in enumerate(dataset["contrast"].values.tolist()):
         cdp = dataset["cdp"].isel(contrast=place).values
-        rows.append({"kind": "measured" if is_measured else "asked", "contrast": contrast, **_contrast(cdp, frames)})
+        rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames))
     note = (
         "CDP is the share of all pairs of "
         + ("neighbouring pixels" if is_neighbours(dataset) else "a bright and a dark pixel")
@@ -134,17 +140,7 @@ def _contrasts(dataset: Dataset) -> Table:
     return Table.of_rows("contrasts", "CDP over all frames", CONTRASTS, rows, note)
 
 
-def _reference(dataset: Dataset, frames: NDArray[Any]) -> Iterator[dict[str, Any]]:
-    if "reference_cdp" not in dataset:
-        return
-    contrasts = dataset["reference_contrast"].values
-    given = np.unique(contrasts[np.isfinite(contrasts)])
-    if given.size:
-        contrast = float(given[0]) if given.size == 1 else None
-        yield {"kind": "reference", "contrast": contrast, **_contrast(dataset["reference_cdp"].values, frames)}
-
-
-def _contrast(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
+def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
     known = np.isfinite(cdp)
     n_detected = int((cdp[known] >= DETECTED_CDP).sum())
     row = {"detected_share": n_detected / cdp.size, "n_detected": n_detected, "n_evaluated": int(known.sum())}
@@ -165,13 +161,13 @@ def _summary(dataset: Dataset) -> Table:
         ("end", float(times[-1]), "s", "Time of the last frame."),
         ("detected from CDP", DETECTED_CDP, "", "From this CDP on a contrast counts as detected in a frame."),
     ]
-    named = [dict(zip(("quantity", "value", "unit", "meaning"), row, strict=True)) for row in rows]
-    return Table.of_rows("summary", "Frames", _SUMMARY, named, detail=True)
+    data = dict(zip(("quantity", "value", "unit", "meaning"), zip(*rows, strict=True), strict=True))
+    return Table("summary", "Frames", _SUMMARY, data, detail=True)
 
 
 def _regions(dataset: Dataset) -> Table:
     unit = unit_of(dataset)
-    columns = [Column(**{**vars(one), "unit": unit}) if one.name == "mean" else one for one in REGIONS]
+    columns = [replace(one, unit=unit) if one.name == "mean" else one for one in REGIONS]
     rows = [_region(dataset.isel(region=number)) for number in range(dataset.sizes.get("region", 0))]
     note = "" if unit else "Means are relative luminance."
     table = Table.of_rows("regions", "Regions", columns, rows, note)

@@ -14,7 +14,7 @@ from ..core.reading import Reading
 from ..core.result import Finding, info, warning
 from ..drivers.manual import CsvMeter, MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110
-from ..files import IMAGE_SUFFIXES, FileDefaults, FileFrame, read_image, read_raw
+from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
 from ..session import MeterConfiguration, Role, Session, SessionConfiguration
 from ..session.records import EXPOSURES
 
@@ -141,7 +141,7 @@ def _require_presentation(configuration: SessionConfiguration, files: Sequence[I
 def read_picture(file: ImportFile, configuration: SessionConfiguration) -> FileFrame:
     """Read a picture, with missing settings from the configuration; raises InputError as `labcdp.files`."""
     camera = configuration.camera
-    defaults = FileDefaults(
+    defaults = PictureOptions(
         exposure_s=file.exposure_s,
         gain_db=configuration.plan.gain_db,
         camera=CameraIdentity(camera.vendor or "unknown", camera.model or "unknown", camera.serial or "unknown"),

@@ -1,13 +1,12 @@
 """Images, camera RAW files and raw dumps as frames or as floats."""
 
-from .file_frame import IMAGE_SUFFIXES, FileDefaults, FileFrame, read_image
+from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
 from .picture import Picture
 from .raw import read_raw
-from .read import PictureOptions, frame_of_pixels, picture_paths, read_picture
+from .read import PictureOptions, picture_paths, read_picture
 
 __all__ = [
     "IMAGE_SUFFIXES",
-    "FileDefaults",
     "FileFrame",
     "Picture",
     "PictureOptions",

@@ -1,24 +1,168 @@
-"""Frames of DN whose file, or video, says little about them."""
+"""Frames of files and videos: what a file says about its pixels, and what is taken where it says little."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from datetime import datetime
+import hashlib
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.disk import read_bytes
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
-from ..core.pixel_format import pixel_format
+from ..core.pixel_format import PixelFormat, pixel_format
 from ..core.result import Finding, info, warning
+from .exif import ExifFacts
 from .picture import PictureOptions
+from .png_jpeg import PNG, read_png
+from .stored_image import MAX_PIXELS
+from .tiff import TIFF, read_tiff
 
+#: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
+_PIXEL_BYTES, _OTHER_BYTES = 32, 64_000_000
 #: Exposure of pictures without one; relative luminance does not depend on it.
 NO_EXPOSURE_S = 1.0
 #: Camera of pictures without one.
 UNKNOWN_CAMERA = CameraIdentity("unknown", "unknown", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class FileFrame:
+    """A frame from a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    frame : Frame
+        Its pixels, DN as stored.
+    f_number, focal_length_m : float or None
+        Setting of the lens, None where the file does not say.
+    sha256 : str
+        Hash of the file's bytes; two files are the same picture if it is equal.
+    exposure_stated, camera_stated : bool
+        Whether the file says exposure and camera.
+    clips_at_dn : float or None
+        DN below its saturation from which the pixels are clipped, by their histogram.
+    """
+
+    path: Path
+    frame: Frame
+    f_number: float | None
+    focal_length_m: float | None
+    sha256: str
+    exposure_stated: bool = True
+    camera_stated: bool = True
+    clips_at_dn: float | None = None
+
+    def numbered(self, frame_id: int) -> FileFrame:
+        """Return the same with another number of the frame."""
+        return replace(self, frame=replace(self.frame, frame_id=frame_id))
+
+
+def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
+    """Bytes of a file, and their SHA-256; raises InputError if it cannot be read, is empty, or too large."""
+    data = read_bytes(path, "an image file", _PIXEL_BYTES * max_pixels + _OTHER_BYTES)
+    if not data:
+        raise InputError(f"{path} is empty: copy it again from the camera")
+    return data, hashlib.sha256(data).hexdigest()
+
+
+def exposure_of(path: Path, stated_s: float | None, options: PictureOptions) -> float:
+    """Exposure time of a file: as stated in it, else as given.
+
+    Raises
+    ------
+    InputError
+        If neither says it.
+    """
+    exposure_s = stated_s or options.exposure_s
+    if exposure_s is None:
+        raise InputError(f"{path} does not state its exposure time: give it with --exposure, in seconds")
+    return exposure_s
+
+
+def camera_of(facts: ExifFacts, options: PictureOptions) -> CameraIdentity:
+    """Identity as a file states it; what it leaves empty is taken from what is known of the camera."""
+    known = options.camera or UNKNOWN_CAMERA
+    stated = replace(
+        known,
+        vendor=facts.vendor or known.vendor,
+        model=facts.model or known.model,
+        serial=facts.serial or known.serial,
+    )
+    # Only the known camera is simulated, not another that the file states.
+    return stated if stated == known else replace(stated, simulated=False)
+
+
+def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
+    """Options with what a file says of exposure, gain and camera in place of what is given."""
+    return replace(
+        options,
+        exposure_s=facts.exposure_s or options.exposure_s,
+        gain_db=options.gain_db if facts.gain_db is None else facts.gain_db,
+        camera=camera_of(facts, options),
+    )
+
+
+def changed_at(path: Path) -> datetime:
+    """Time of the last change of a file."""
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC)
+
+
+#: Endings of the names of the files this module reads.
+IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
+
+
+def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureOptions) -> FileFrame:
+    """Read a grey TIFF or PNG of 8 or 16 bits whose values are the DN of a sensor.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    layout : PixelFormat
+        Bit depth, which a file of 16 bits does not state, and colour filter. A pixel is saturated at the highest DN.
+    options : PictureOptions
+        Exposure, gain and camera where the file does not say.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is damaged, coloured or of another depth, has DN beyond `layout`, or does not say
+        its exposure.
+    """
+    path = Path(path)
+    data, sha256 = picture_bytes(path, MAX_PIXELS)
+    if data.startswith(PNG):
+        stored = read_png(data, path, MAX_PIXELS)
+    elif data.startswith(TIFF):
+        stored = read_tiff(data, path, MAX_PIXELS)
+    else:
+        raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
+    kind = "of floats" if stored.bits is None else f"of {stored.bits} bits"
+    if stored.coloured or stored.bits not in (8, 16) or stored.changes:
+        changes = [one.code.replace("-", " ") for one in stored.changes]
+        what = [*(["coloured"] if stored.coloured else []), kind, *changes]
+        raise InputError(f"{path} is {', '.join(what)}: give a grey image of 8 or 16 bits, one number a pixel")
+    dn, facts = stored.values, stored.facts
+    largest = 2**layout.bit_depth - 1
+    if dn.max() > largest:
+        raise InputError(
+            f"{path} has values up to {dn.max()}, the pixel format {layout.name} ends at {largest}: correct "
+            "plan.pixel_format, which says how many bits the values have"
+        )
+    exposure_of(path, facts.exposure_s, options)
+    known = replace(facts_over(options, facts), pixel_format=layout.name)
+    frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
+    return FileFrame(
+        path, frame, facts.f_number, facts.focal_length_m, sha256, facts.exposure_s is not None, bool(facts.model)
+    )
 
 
 def frame_of_pixels(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
@@ -15,14 +14,15 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.frame import COLOUR_FILTERS, Frame
 from .exif import ExifFacts, gain_db_of_iso, read_exif
-from .file_frame import FileDefaults, FileFrame, camera_of, exposure_of, picture_bytes
+from .frame import FileFrame, camera_of, changed_at, exposure_of, picture_bytes
+from .picture import PictureOptions
 from .stored_image import MAX_PIXELS, require_size
 
 #: Photometric interpretation of a picture behind a colour filter array (Adobe DNG 1.7, chapter 3).
 _BEHIND_CFA = 32803
 
 
-def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int = MAX_PIXELS) -> FileFrame:
+def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int = MAX_PIXELS) -> FileFrame:
     """Read a camera RAW file (CR2, CR3, NEF, ARW, DNG and whatever else LibRaw knows).
 
     The pixels are those of the visible area, not corrected in any way. `black_level_dn` is the mean of the planes'
@@ -32,8 +32,8 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int 
     ----------
     path : path
         The file.
-    defaults : FileDefaults
-        What counts where the file does not say.
+    options : PictureOptions
+        Exposure, gain and camera where the file does not say.
     max_pixels : int
         Pixels from which it is refused before it is decoded.
 
@@ -53,18 +53,18 @@ def read_raw(path: str | PathLike[str], defaults: FileDefaults, max_pixels: int 
     black_dn, colour_filter = raw.black_dn, raw.colour_filter
     frame = Frame(
         dn=raw.dn,
-        exposure_s=exposure_of(path, stated_s, defaults),
-        gain_db=defaults.gain_db if gain_db is None else gain_db,
+        exposure_s=exposure_of(path, stated_s, options),
+        gain_db=(options.gain_db or 0.0) if gain_db is None else gain_db,
         bit_depth=bit_depth,
         saturation_dn=raw.saturation_dn,
         black_level_dn=float(np.mean(black_dn)),
         pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
         colour_filter=colour_filter,
         temperature_c=None,
-        timestamp=facts.taken or _changed(path),
+        timestamp=facts.taken or changed_at(path),
         camera_timestamp_ns=0,
         frame_id=0,
-        camera=camera_of(facts.vendor, facts.model, facts.serial, defaults.camera),
+        camera=camera_of(facts, options),
         plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
     )
     focal_length_mm = _positive(raw.other.focal_length)
@@ -148,10 +148,6 @@ def _reason(error: Exception) -> str:
 def _positive(value: float) -> float | None:
     """Of LibRaw, which has 0 for what it does not know."""
     return float(value) if np.isfinite(value) and value > 0 else None
-
-
-def _changed(path: Path) -> datetime:
-    return datetime.fromtimestamp(path.stat().st_mtime, UTC)
 
 
 #: Pixels above this quantile may be defects, such as hot ones.

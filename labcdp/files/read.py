@@ -6,7 +6,6 @@ import logging
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.frame import CameraIdentity, Frame
+from ..core.frame import Frame
 from ..core.result import info, warning
 from .exr import EXR, exr_text, read_exr
-from .file_frame import FileDefaults, camera_of, picture_bytes
-from .frame import NO_EXPOSURE_S, UNKNOWN_CAMERA, Scale, frame_of_pixels, make_frame, scale_of
+from .frame import NO_EXPOSURE_S, Scale, changed_at, facts_over, frame_of_pixels, make_frame, picture_bytes, scale_of
 from .luminance_file import FORMAT as LUMINANCE
 from .luminance_file import read_luminance
 from .picture import Picture, PictureOptions, with_overrides
@@ -132,10 +130,8 @@ def _from_luminance(data: bytes, sha256: str, path: Path, max_pixels: int) -> Pi
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
-    defaults = FileDefaults(
-        options.exposure_s or NO_EXPOSURE_S, options.gain_db or 0.0, options.camera or UNKNOWN_CAMERA
-    )
-    taken = read_raw(path, defaults, options.max_pixels)
+    known = replace(options, exposure_s=options.exposure_s or NO_EXPOSURE_S)
+    taken = read_raw(path, known, options.max_pixels)
     frame, findings = taken.frame, []
     if taken.clips_at_dn is not None:
         findings.append(warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn))
@@ -159,13 +155,7 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
     if stored.bits is None:
         factor = np.float32(stored.cd_m2_per_value or 1.0)
         return with_overrides(replace(picture, light=stored.values * factor, encoding="linear"), options, None)
-    known = replace(
-        options,
-        exposure_s=facts.exposure_s or options.exposure_s,
-        gain_db=options.gain_db if facts.gain_db is None else facts.gain_db,
-        camera=_camera(stored, options),
-    )
-    taken = facts.taken or datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    known, taken = facts_over(options, facts), facts.taken or changed_at(path)
     scale = scale_of(stored.values, stored.bits, options, str(path))
     guessed = stored.bits == 16 and options.bit_depth is None and options.pixel_format is None
     picture = replace(picture, scale_guessed=guessed)
@@ -182,11 +172,6 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         coloured=True,
     )
     return with_overrides(picture, options, scale.bits)
-
-
-def _camera(stored: StoredImage, options: PictureOptions) -> CameraIdentity:
-    facts, known = stored.facts, options.camera or UNKNOWN_CAMERA
-    return camera_of(facts.vendor, facts.model, facts.serial, known)
 
 
 _log = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ import tifffile
 
 from labcdp.acquire.import_files import ImportFile
 from labcdp.core.frame import CameraIdentity
-from labcdp.files import FileDefaults
+from labcdp.files import PictureOptions
 
 #: Colours of DNG, tag CFAPattern: 0 red, 1 green, 2 blue.
 PATTERNS = {"RG": (0, 1, 1, 2), "GB": (1, 2, 0, 1), "GR": (1, 0, 2, 1), "BG": (2, 1, 1, 0)}
@@ -59,7 +59,7 @@ def new_dng():
 
 @pytest.fixture(scope="session")
 def defaults():
-    return FileDefaults(exposure_s=None, gain_db=0.0, camera=CameraIdentity("Vendor", "Model", "Serial"))
+    return PictureOptions(exposure_s=None, gain_db=0.0, camera=CameraIdentity("Vendor", "Model", "Serial"))
 
 
 @pytest.fixture(scope="session")

@@ -20,8 +20,9 @@ import tifffile
 from PIL import Image, ImageOps
 
 from labcdp.files import read_picture
-from labcdp.files.video.open import frames_of, open_video
+from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
+from labcdp.files.video.source import frames_of
 from labcdp.regions import load_regions
 
 FOLDER = Path(os.environ.get("LABCDP_MATERIAL", Path(__file__).parents[3] / "material"))

@@ -9,8 +9,9 @@ from PIL import Image
 
 from labcdp.core.result import info
 from labcdp.files import PictureOptions
-from labcdp.files.video.open import frames_of, open_video
+from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
+from labcdp.files.video.source import frames_of
 from labcdp.report.text import finding_text
 from labcdp.session import example_session
 

@@ -13,8 +13,9 @@ from labcdp.core.errors import InputError
 from labcdp.core.result import warning
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_image, read_picture
-from labcdp.files.video.open import frames_of, open_video
+from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Selection
+from labcdp.files.video.source import frames_of
 from labcdp.session import example_session
 from labcdp.session.frames import frame_to_tiff
 

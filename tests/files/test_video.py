@@ -13,8 +13,9 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
-from labcdp.files.video.open import frames_of, left_out, open_video, video_paths
+from labcdp.files.video.open import left_out, open_video, video_paths
 from labcdp.files.video.selection import Chooser, Position, Selection
+from labcdp.files.video.source import frames_of
 from labcdp.report.text import finding_text
 
 from .video_files import N, bars, moving, mux_jpegs, write

@@ -10,8 +10,9 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files import PictureOptions
-from labcdp.files.video.open import frames_of, open_video
+from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Selection
+from labcdp.files.video.source import frames_of
 
 from .video_files import bars, damaged, moving, write
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.roi import Roi
-from ...files.video.open import frames_of
-from ...files.video.source import VideoFrame, VideoSource
+from ...files.video.source import VideoFrame, VideoSource, frames_of
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from .rows import FollowedFrame, PartRun

@@ -21,7 +21,7 @@ from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
-from .source import Entry, VideoSource, require_frames
+from .source import VideoFrame, VideoSource, require_frames
 
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
 _LOOKED_AT, _MOST_BROKEN = 3, 300
@@ -43,14 +43,14 @@ class _Frames:
     options: PictureOptions
     modified: datetime
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[VideoFrame]:
         """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
         with _opened(self.path, self.options.max_pixels) as container:
             for shown in shown_frames(container, self.shape, self.frame_rate):
                 fault, note = shown.fault, None
                 if fault is not None and self.options.damaged and shown.frame is not None:
                     fault, note = None, fault
-                yield Entry(shown.number, shown.time_s, fault, partial(self.frame, shown), note)
+                yield VideoFrame(shown.number, shown.time_s, fault, partial(self.frame, shown), note)
 
     def frame(self, shown: Shown) -> Frame:
         if shown.frame is None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from ...core.errors import InputError, LabcdpError
-from ...core.frame import Frame
-from ...core.result import Finding, warning
+from ...core.errors import InputError
 from ..picture import PictureOptions
-from .selection import Chooser, Selection
-from .source import Entry, VideoFrame, VideoSource, size_differs
+from .source import VideoSource
 
 #: Endings of the names of video files in a folder; a file that is given itself may have any.
 VIDEO_SUFFIXES = (
@@ -86,47 +83,3 @@ def left_out(folder: Path) -> list[Path]:
 
     folders = sorted(one for one in folder.iterdir() if one.is_dir())
     return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]
-
-
-def frames_of(
-    source: VideoSource, selection: Selection, needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen
-) -> Generator[VideoFrame, None, None]:
-    """Frames of a video from the start of a selection to its end.
-
-    Parameters
-    ----------
-    source : VideoSource
-        The video.
-    selection : Selection
-        Which frames are chosen.
-    needed : function of (int, bool)
-        Whether the pixels of the frame of this number, chosen or not, are needed: others are not loaded, which saves
-        most of the time.
-
-    Yields
-    ------
-    VideoFrame
-        Those that are chosen or needed, and those that are lost among them.
-    """
-    chooser = Chooser(selection)
-    for entry in source.entries():
-        if selection.ended(entry.number, entry.time_s):
-            return
-        if not chooser.started(entry.number, entry.time_s):
-            continue
-        chosen = chooser.takes(entry.number, entry.time_s)
-        wanted = needed(entry.number, chosen)
-        if wanted or chosen:
-            frame, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
-            yield VideoFrame(entry.number, entry.time_s, chosen, frame, fault, None if frame is None else entry.note)
-
-
-def _loaded(entry: Entry, shape: tuple[int, int]) -> tuple[Frame | None, Finding | None]:
-    """Load a frame, or say why it cannot be used: one broken frame does not cost the others."""
-    try:
-        frame = entry.load()
-    except LabcdpError as error:
-        return None, warning("frame-broken", reason=str(error))
-    if frame.shape != shape:
-        return None, size_differs(frame.shape, shape)
-    return frame, None

@@ -18,13 +18,12 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.result import Finding, info, warning
 from ...session import FrameRecord, Session
-from ..file_frame import picture_bytes
-from ..frame import guessed_scale
+from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..read import picture_paths, read_page, read_picture
 from ..stored_image import decoded_table
 from ..tiff import count_pictures
-from .source import Entry, VideoSource, require_frames
+from .source import VideoFrame, VideoSource, require_frames
 
 #: Largest number in a name that can be one of a frame; others are times or dates.
 _MOST_NUMBER = 10_000_000
@@ -94,8 +93,10 @@ def _sequence(
     def load(at: int) -> Frame:
         return _alike(read(at, options), first, numbers[at])
 
-    def entries() -> Iterator[Entry]:
-        return (Entry(number, float(number - numbers[0]), None, partial(load, at)) for at, number in enumerate(numbers))
+    def entries() -> Iterator[VideoFrame]:
+        return (
+            VideoFrame(number, float(number - numbers[0]), None, partial(load, at)) for at, number in enumerate(numbers)
+        )
 
     return VideoSource(
         path=path,
@@ -194,8 +195,8 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     def load(record: FrameRecord) -> Frame:
         return overridden_frame(session.load(record), options)
 
-    def entries() -> Iterator[Entry]:
-        return (Entry(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
+    def entries() -> Iterator[VideoFrame]:
+        return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
 
     lasted = time_s(records[-1])
     return VideoSource(

@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import InputError, LabcdpError
 from ...core.frame import Frame
 from ...core.result import Finding, warning
 from ..stored_image import Encoding
-
-
-@dataclass(frozen=True, eq=False)
-class Entry:
-    """A frame of a video with deferred decoding of its pixels.
-
-    Parameters
-    ----------
-    number : int
-        Number of the frame in the video, from 0; lost ones count.
-    time_s : float
-        Time since the first frame.
-    fault : Finding or None
-        Why there are no pixels; None if there are.
-    load : function without arguments
-        Return the frame; to be called before the next entry is taken. Raises InputError if it is broken.
-    note : Finding or None
-        What is wrong with pixels that are used all the same.
-    """
-
-    number: int
-    time_s: float
-    fault: Finding | None
-    load: Callable[[], Frame]
-    note: Finding | None = None
+from .selection import Chooser, Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,22 +27,25 @@ class VideoFrame:
         Number of the frame in the video, from 0; lost ones count.
     time_s : float
         Time since the first frame, by the container's time stamps.
+    fault : Finding or None
+        Why there are no pixels; None if there are.
+    load : function without arguments
+        Decode the pixels; to be called before the next frame is taken. Raises InputError if they are broken.
+    note : Finding or None
+        What is wrong with pixels that are used all the same.
     chosen : bool
         Whether the selection takes it; others are there for a tracker that follows from frame to frame.
     frame : Frame or None
-        The pixels; None if they are lost or were not requested.
-    fault : Finding or None
-        Why they are lost, else None.
-    note : Finding or None
-        What is wrong with pixels that are used all the same.
+        The pixels; None if they are lost or were not loaded.
     """
 
     number: int
     time_s: float
-    chosen: bool
-    frame: Frame | None
     fault: Finding | None
+    load: Callable[[], Frame]
     note: Finding | None = None
+    chosen: bool = False
+    frame: Frame | None = None
 
     @cached_property
     def grey(self) -> NDArray[np.uint8]:
@@ -96,7 +75,7 @@ class VideoSource:
     findings : tuple of Finding
         What was done to the pixels, and what a user should know about them.
     entries : callable
-        Goes through all frames; each time from the first one on.
+        Goes through all frames, none of them loaded; each time from the first one on.
     hashed : callable
         Makes the hash of all that decides the pixels.
     """
@@ -108,7 +87,7 @@ class VideoSource:
     exposure_stated: bool
     encoding: Encoding
     findings: tuple[Finding, ...]
-    entries: Callable[[], Iterator[Entry]]
+    entries: Callable[[], Iterator[VideoFrame]]
     hashed: Callable[[], str]
 
     @cached_property
@@ -146,3 +125,48 @@ def size_differs(shape: tuple[int, int], expected: tuple[int, int]) -> Finding:
     """Return the fault of a frame whose height and width are not those of the video."""
     (height, width), (video_height, video_width) = shape, expected
     return warning("frame-size-differs", width=width, height=height, video_width=video_width, video_height=video_height)
+
+
+def frames_of(
+    source: VideoSource, selection: Selection, needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen
+) -> Generator[VideoFrame, None, None]:
+    """Frames of a video from the start of a selection to its end.
+
+    Parameters
+    ----------
+    source : VideoSource
+        The video.
+    selection : Selection
+        Which frames are chosen.
+    needed : function of (int, bool)
+        Whether the pixels of the frame of this number, chosen or not, are needed: others are not loaded, which saves
+        most of the time.
+
+    Yields
+    ------
+    VideoFrame
+        Those that are chosen or needed, and those that are lost among them.
+    """
+    chooser = Chooser(selection)
+    for entry in source.entries():
+        if selection.ended(entry.number, entry.time_s):
+            return
+        if not chooser.started(entry.number, entry.time_s):
+            continue
+        chosen = chooser.takes(entry.number, entry.time_s)
+        wanted = needed(entry.number, chosen)
+        if wanted or chosen:
+            frame, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
+            note = None if frame is None else entry.note
+            yield replace(entry, chosen=chosen, frame=frame, fault=fault, note=note)
+
+
+def _loaded(entry: VideoFrame, shape: tuple[int, int]) -> tuple[Frame | None, Finding | None]:
+    """Load a frame, or say why it cannot be used: one broken frame does not cost the others."""
+    try:
+        frame = entry.load()
+    except LabcdpError as error:
+        return None, warning("frame-broken", reason=str(error))
+    if frame.shape != shape:
+        return None, size_differs(frame.shape, shape)
+    return frame, None

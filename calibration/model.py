@@ -15,7 +15,7 @@ from .convert.conversion import to_luminance
 from .converter import Converter
 from .findings import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
-from .readings import MeasuredPatch
+from .readings import MeasuredPatch, PatchReading
 from .setup import Provenance
 
 
@@ -40,6 +40,26 @@ class PatchResidual(MeasuredPatch):
     standardised_residual: float
     centre_px: tuple[float, float]
     leave_one_out_rel: float | None
+
+    @classmethod
+    def compared(
+        cls,
+        reading: PatchReading,
+        seen: tuple[float, tuple[float, ...]],
+        stated_rel: float,
+        centre_px: tuple[float, float],
+        leave_one_out_rel: float | None,
+    ) -> PatchResidual:
+        """Row of a reading and of what the camera saw, luminance and exposures; `stated_rel` is over the reading."""
+        deviation = seen[0] / reading.luminance_cd_m2 - 1
+        return cls.of(
+            reading,
+            *seen,
+            residual_rel=deviation,
+            standardised_residual=deviation / stated_rel,
+            centre_px=centre_px,
+            leave_one_out_rel=leave_one_out_rel,
+        )
 
 
 def range_of(rows: Sequence[PatchResidual]) -> tuple[float, float]:

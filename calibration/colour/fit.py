@@ -201,14 +201,12 @@ def _assemble(
     dof = max(len(patches.names) - len(COLOURS), 1)
     covariance = to_colour @ (chosen.covariance * max(1.0, chosen.chi_squared / dof)) @ to_colour.T
     rows = tuple(
-        PatchResidual.of(
+        PatchResidual.compared(
             reading,
-            reading.luminance_cd_m2 * (1 + deviation),
-            tuple(sorted({t for one in seen for t in one.exposures_s})),
-            residual_rel=deviation,
-            standardised_residual=deviation / uncertainty,
-            centre_px=centre,
-            leave_one_out_rel=without,
+            (reading.luminance_cd_m2 * (1 + deviation), tuple(sorted({t for one in seen for t in one.exposures_s}))),
+            uncertainty,
+            centre,
+            without,
         )
         for reading, seen, centre, deviation, uncertainty, without in zip(
             patches.readings,

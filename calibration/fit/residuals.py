@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 
@@ -42,20 +42,11 @@ def fitted_rows(
     for number, name in enumerate(design.patches):
         own = np.flatnonzero(design.patch == number)
         weight, reading = patch_weights(solution, number), readings[name]
-        luminance = float(weight @ solution.luminance[own])
-        deviation = luminance - reading.luminance_cd_m2
-        stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight))
-        rows.append(
-            PatchResidual.of(
-                reading,
-                luminance,
-                tuple(float(t) for t in np.unique(design.exposures_s[design.exposure[own]])),
-                residual_rel=deviation / reading.luminance_cd_m2,
-                standardised_residual=deviation / stated,
-                centre_px=groups[name][0].centre_px,
-                leave_one_out_rel=float(left_out[number]) if supported else None,
-            )
-        )
+        stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
+        exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())
+        seen = float(weight @ solution.luminance[own]), exposures_s
+        without = float(left_out[number]) if supported else None
+        rows.append(PatchResidual.compared(reading, seen, stated, groups[name][0].centre_px, without))
     return tuple(rows)
 
 
@@ -89,20 +80,12 @@ def held_out_rows(
             findings.append(warning("held-out-reads-zero", name))
             continue
         findings += seen.findings
-        deviation = seen.luminance_cd_m2 - reading.luminance_cd_m2
+        ratio = seen.luminance_cd_m2 / reading.luminance_cd_m2
         # The meter's scale error is common to camera and reading.
-        stated = sqrt(reading.random_cd_m2**2 + (seen.random_rel**2 + seen.fit_rel**2) * seen.luminance_cd_m2**2)
-        rows.append(
-            PatchResidual.of(
-                reading,
-                seen.luminance_cd_m2,
-                seen.exposures_s,
-                residual_rel=deviation / reading.luminance_cd_m2,
-                standardised_residual=deviation / stated,
-                centre_px=centre_px,
-                leave_one_out_rel=deviation / reading.luminance_cd_m2,
-            )
-        )
+        of_meter = reading.random_cd_m2 / reading.luminance_cd_m2
+        stated = hypot(of_meter, ratio * seen.random_rel, ratio * seen.fit_rel)
+        of_camera = seen.luminance_cd_m2, seen.exposures_s
+        rows.append(PatchResidual.compared(reading, of_camera, stated, centre_px, ratio - 1))
     return tuple(rows), findings
 
 

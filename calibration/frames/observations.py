@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from math import inf
 
@@ -64,18 +64,8 @@ class CameraState:
                 f"the frame has a colour filter ({frame.colour_filter}), its pixels of one colour are measured apart: "
                 "split it into its planes"
             )
-        return cls(
-            frame.camera,
-            frame.pixel_format,
-            frame.bit_depth,
-            frame.shape,
-            frame.gain_db,
-            frame.saturation_dn,
-            frame.black_level_dn,
-            frame.plane,
-            frame.readout,
-            frame.black_level_register,
-        )
+        names = (field.name for field in fields(cls))
+        return cls(**{name: getattr(frame, "shape" if name == "image_shape" else name) for name in names})
 
     def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
         """Refuse another state.

@@ -1,6 +1,5 @@
 """labcdp acquire, as a person runs it."""
 
-import json
 import os
 import pty
 import re
@@ -237,14 +236,3 @@ def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_of
         ]
         assert len({session.load(frame).dn.tobytes() for frame in frames}) == 4
     assert "No frame is missing or damaged" in labcdp(*shlex.split(offered), *SIMULATED).stderr
-
-
-def test_modes_of_the_configuration_are_set_at_the_meter(labcdp, bench, tmp_path):
-    meter = 'model = "LS-110"\nserial = "1"\nresponse = "slow"\nrtscts = true\ncorrection = "colour"'
-    done = labcdp("acquire", bench(meter=meter), "own", "--simulated-bench", SMALL_BENCH, "--transcript", "wire.jsonl")
-    assert done.returncode == 0, done.stderr
-    header, *wire = [json.loads(line) for line in (tmp_path / "wire.jsonl").read_text().splitlines()]
-    assert header["rtscts"]
-    # VARI CCF, ABS, SLOW and CONT of the manual.
-    sent = [line["sent"] for line in wire if line.get("sent", "").startswith("MDS")]
-    assert sent == [f"MDS,{mode}\r\n" for mode in ("01", "04", "07", "09")]

@@ -21,35 +21,13 @@ from labcdp.cli.terminal import log_to_terminal
 from labcdp.core.photometry import spectral_weights
 from labcdp.drivers.simulated import SimulatedBenchFile
 from labcdp.output import ResultsFolder
-from labcdp.session import Session
 
 from .conftest import SMALL_BENCH, results_of
-
-COMMANDS = (
-    *(
-        "demo",
-        "init",
-        "info",
-        "doctor",
-        "devices",
-        "snap",
-        "meter",
-        "bench",
-        "acquire",
-        "import",
-        "simulate-bench",
-        "calibrate",
-    ),
-    *("evaluate", "luminance", "verify", "history", "characterise", "twin", "compare"),
-    *("rois", "image", "image-map", "view", "video"),
-    *("presets", "simulate", "sweep", "reproduce"),
-)
 
 
 def test_help_names_every_command_and_each_has_json(labcdp):
     text = labcdp("--help").stdout
     commands = all_commands()
-    assert set(commands) == set(COMMANDS)
     for name, command in commands.items():
         assert name in text
         assert "--json" in {option for parameter in command.params for option in parameter.opts}, name
@@ -65,37 +43,20 @@ def test_help_shows_all_that_is_declared(monkeypatch):
             assert "".join((text or "").split()) in shown, name
 
 
-@pytest.mark.long
-def test_the_demonstration_runs_from_start_to_report(labcdp, tmp_path):
-    result, folder = results_of(labcdp("demo", "--json")), tmp_path / "labcdp-demo"
-    assert result == json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    check_demonstration(folder)
-
-
-def test_the_demonstration_with_small_frames(small_configuration, tmp_path):
+def test_the_demonstration_finds_what_was_simulated(small_configuration, tmp_path):
     with ResultsFolder(tmp_path / "small", "demo") as results:
         demonstrate(small_configuration, SimulatedBenchFile.load(SMALL_BENCH), results)
-    check_demonstration(tmp_path / "small")
-
-
-def check_demonstration(folder):
-    """All files of a demonstration, whose report finds what was simulated."""
-    result = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    result = json.loads((tmp_path / "small/results.json").read_text(encoding="utf-8"))
     assert {finding["severity"] for finding in result["findings"]} == {"info"}
-    assert {path.name for path in folder.iterdir()} == {
+    assert {path.name for path in (tmp_path / "small").iterdir()} == {
         *("labcdp-files.json", "session", "calibration.json", "calibration.html", "calibration.xlsx"),
         *("report.html", "results.xlsx", "results.json", "figures"),
     }
     rows = result["tables"]["simulation"]["rows"]
     assert len(rows) == 16
-    assert {"upper left", "upper right", "lower left", "lower right"} <= {row["patch"] for row in rows}
     # The meter's scale error is 0.6 %; what the fit adds must be small beside it.
     assert all(abs(row["error_rel"] - 0.006) < 0.01 for row in rows)
     assert (result["simulated"], result["seed"]) == (True, 0)
-    with Session.open(folder / "session") as session:
-        session.verify()
-        assert len({r.exposure_s for r in session.frames("light")}) >= 3
-        assert session.frames("dark")
 
 
 def test_the_shipped_session_gives_the_same_again_with_whole_numbers_on_a_narrow_terminal(labcdp):
@@ -117,12 +78,6 @@ def test_the_shipped_session_gives_the_same_again_with_whole_numbers_on_a_narrow
     assert max(map(len, lines)) <= 60
     for number in re.findall(r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)|(?<= )\d+\.\d+(?= │)", wide):
         assert any(number in line for line in lines)
-
-
-def test_a_terminal_without_the_characters(labcdp, inputs):
-    done = labcdp("history", inputs / "c", environment={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0, done.stderr
-    assert "cd m?" in done.stdout or "cd/m?" in done.stdout
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])

@@ -32,20 +32,6 @@ def test_the_map_of_a_picture(labcdp, tmp_path):
     assert "Report: other/report.html" in done.stderr
 
 
-def test_a_raw_dump_of_a_bayer_camera(labcdp, tmp_path):
-    image = steps(500.0, 1000.0, 1300.0, 2400.0, noise=20.0)
-    # Red and blue pixels, which say nothing here.
-    image[::2, ::2] = image[1::2, 1::2] = 50.0
-    np.rint(image).astype("<u2").tofile(tmp_path / "a.raw")
-    layout = ("--size", "400x240", "--pixel-format", "BayerRG12", "--encoding", "linear")
-    done = labcdp("image-map", "a.raw", *layout, "--region-size", 30, "--minimum-contrast", "50%", "--json")
-    values = results_of(done)
-    contrasts = np.array([one["contrast"] for one in values["tables"]["weakest"]["rows"]])
-    # The steps from 500 to 1000 and from 1300 to 2400.
-    assert np.abs(contrasts[:, None] - [1.0, 2400 / 1300 - 1]).min(axis=1).max() < 0.05
-    assert (quantities(values)["edges: lost"], quantities(values)["edges: detected"] > 3) == (0, True)
-
-
 def test_a_map_asks_for_the_contrast_of_a_reference(labcdp, tmp_path):
     night = np.clip(np.rint(steps(50.0, 100.0, 130.0)), 0, 255).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "night.png"), night)

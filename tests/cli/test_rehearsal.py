@@ -2,10 +2,6 @@
 
 import json
 
-import pytest
-
-from labcdp.core.errors import ConfigurationError
-from labcdp.drivers.simulated import SimulatedBenchFile
 from labcdp.session import EventRecord, Session
 
 from .conftest import only_line, plan
@@ -70,15 +66,3 @@ def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
         assert after[:2] == before[:2]
         assert len(after) == len(before)
         assert min(after[2:]) > max(before)
-
-
-def test_what_is_no_simulated_bench_is_refused(labcdp, tmp_path):
-    (tmp_path / "own.toml").write_text(BENCH.replace("black_level_dn = 32.0", "black_level = 32.0"))
-    line = only_line(labcdp("simulate-bench", "--simulated-bench", "own.toml"))
-    assert "own.toml with manta-g505: sensor.black_level is not a known key: did you mean black_level_dn?" in line
-
-
-def test_a_sensor_that_the_bench_cannot_have_is_refused_with_its_file(tmp_path):
-    (tmp_path / "own.toml").write_text("[sensor]\nbits = 16\n")
-    with pytest.raises(ConfigurationError, match=r"own\.toml with manta-g505: the sensor has 16 bits .*: give 12 bits"):
-        SimulatedBenchFile.load(tmp_path / "own.toml").devices(tmp_path / "own.toml")

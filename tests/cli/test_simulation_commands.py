@@ -92,21 +92,3 @@ def test_killed_sweep_is_resumed_and_loses_nothing(start, labcdp, small, tmp_pat
     assert labcdp(*arguments, "--output", "whole").returncode == 0
     broken, unbroken = (xarray.load_dataset(tmp_path / name / "map.nc") for name in ("small-sweep", "whole"))
     np.testing.assert_array_equal(broken["cdp"], unbroken["cdp"])
-
-
-def test_reproduce_prints_the_table(labcdp, tmp_path):
-    tables = results_of(labcdp("reproduce", "thesis", "--seeds", "5", "--json"))["tables"]
-    row = tables["table_5_3"]["rows"][7]
-    assert (row["published_cdp"], row["all_pairs_mean"]) == (0.99834205, 1.0)
-    assert len(tables["intensity_sweep"]["rows"]) == 200
-    assert (tmp_path / "thesis-reproduce" / "report.html").exists()
-
-
-def test_simulate_exact_predicts_what_is_simulated(labcdp, small):
-    exact, simulated = (
-        results_of(labcdp("simulate", small, "--json", "-o", name, *more))
-        for name, more in (("exact", ("--exact",)), ("simulated", ()))
-    )
-    (predicted,), found = exact["tables"]["detection"]["rows"], simulated["tables"]["detection"]["rows"][-1]
-    assert (predicted["stage"], exact["configuration"]["method"]) == ("sensor", "exact")
-    assert abs(predicted["cdp"] - found["cdp"]) < 5 * found["u_cdp"] + 1e-9

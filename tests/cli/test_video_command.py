@@ -5,9 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labcdp.calibration import load
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.session import Session, example_session
 
 from .conftest import results_of, rows_of
 
@@ -87,21 +85,6 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     assert "drive holds the results of another evaluation: give another folder with --output" in done.stderr
     assert len(before) == 3
     assert {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")} == before
-
-
-def test_a_session_with_its_calibration(labcdp, inputs, tmp_path):
-    with Session.open(example_session()) as session:
-        patches = [patch.region() for patch in session.configuration.target.patches][:2]
-    shapes = [
-        RectangleShape(one.name, *one.bounds[:2], *np.subtract(one.bounds[2:], one.bounds[:2])) for one in patches
-    ]
-    save_regions(tmp_path / "patches.json", shapes)
-    calibration = inputs / "c/calibration.json"
-    options = ("--roi", "patches.json", "--method", "fixed", "-o", "out", "--calibration", calibration, "--json")
-    values = results_of(labcdp("video", example_session(), *options))
-    assert values["configuration"]["unit"] == "cd/m^2"
-    low, high = load(calibration).range_cd_m2
-    assert all(low / 2 < region["mean"] < 2 * high for region in values["tables"]["regions"]["rows"])
 
 
 def test_several_pairs_are_as_one_alone(labcdp, drive):

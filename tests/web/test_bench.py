@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 
 from labcdp.core.frame import CameraIdentity, Frame
-from labcdp.core.luminance import LuminanceMap
+from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, MeterConfiguration
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import better_exposure_s, fit_exposure, sharpness
-from labcdp.web.bench.live_camera import Live, LiveCamera
+from labcdp.web.bench.live import Live
+from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Question
 from labcdp.web.regions.display import DisplayScale
@@ -135,6 +137,8 @@ def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
         exposure_s = better_s
     mean = 64 + 2e5 * exposure_s
     assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / highest < 0.91
+    # None is better where the camera has no longer one.
+    assert better_exposure_s(np.full(100, 70), 60.0, 4095, (20e-6, 60.0)) is None
 
 
 def test_the_exposure_fits_the_regions_that_are_inside_the_image(bench: SimulatedBench) -> None:
@@ -150,11 +154,6 @@ def test_the_exposure_fits_the_regions_that_are_inside_the_image(bench: Simulate
         assert 0.69 < np.quantile(dn, 0.99) / 4095 < 0.91
     finally:
         camera.stop()
-
-
-def test_no_exposure_is_better_where_the_camera_has_none() -> None:
-    dark = np.full(100, 70, np.uint16)
-    assert better_exposure_s(dark, 60.0, 4095, (20e-6, 60.0)) is None
 
 
 @pytest.mark.parametrize(("pixel_format", "bits", "pattern"), [("Mono8", 8, None), ("BayerGB12", 12, "GB")])
@@ -181,7 +180,7 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
     (measured,) = LiveMeasurements(image, None).measured(drawing)
-    lit, dark = (measured.means[roi] for roi in drawing.rois)
+    lit, dark = (measured.regions[roi] for roi in drawing.rois)
     assert (lit.value, lit.saturated, dark.saturated) == (highest, 1.0, 0.0)
     assert dark.value == pytest.approx(dn[20:40, 40:60].mean())
     # Light is that of the green pixels: of a GB pattern those of even rows and columns, and of odd ones.
@@ -219,8 +218,6 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
 
 
 def test_a_saturated_region_says_nothing_about_the_meter() -> None:
-    from labcdp.core.luminance import Invalid
-
     flags = np.zeros((8, 8), np.uint8)
     flags[:4] = Invalid.SATURATED
     light = LuminanceMap(np.full((8, 8), 50.0), np.full((8, 8), 0.01), (), flags)
@@ -240,16 +237,11 @@ def test_a_saturated_region_says_nothing_about_the_meter() -> None:
 
 
 def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBench) -> None:
-    from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     with MinoltaLS110(bench.in_process_port()) as meter:
         desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False)
-        said = []
-        for text in desk.take(meter, "", 3):
-            said.append(text)
-        assert said == [""]
+        assert list(desk.take(meter, "", 3)) == [""]
         bench.run_command("meter unplug for 1 s")
         said = list(desk.take(meter, "", 2))
         assert "lost and waited for" in said[0]
@@ -258,8 +250,6 @@ def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBen
 
 
 def test_an_unplugged_meter_is_noticed_while_no_reading_is_taken(bench: SimulatedBench) -> None:
-    from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-
     with bench.pty_meter() as pty, MinoltaLS110(pty.port) as meter:
         desk = MeterDesk(meter, None, lambda: (None, ()), lambda: False)
         assert not desk.lost

@@ -114,17 +114,6 @@ class Tab:
         return [float(edge) for edge in self.page.evaluate(_SEEN)]
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
 def open_tab(browser: Any) -> Iterator[Callable[[Served], Tab]]:
     contexts = []
@@ -205,7 +194,7 @@ def shared(picture: Path, tmp_path_factory: pytest.TempPathFactory, serve: Calla
     return serve(picture, "--output", tmp_path_factory.mktemp("shared") / "regions.json")
 
 
-def test_dn_under_the_pointer_and_single_pixels_far_in(shared, open_tab):
+def test_dn_under_the_pointer_single_pixels_far_in_and_the_picture_moved(shared, open_tab):
     tab = open_tab(shared)
     readout = tab.page.locator(".readout")
     tab.page.mouse.move(*tab.at(50.5, 100.5))
@@ -220,24 +209,8 @@ def test_dn_under_the_pointer_and_single_pixels_far_in(shared, open_tab):
     assert detail["shape"] == [height, width]
     tones = DisplayScale.of(known_dn()).to_8_bit(known_dn()[y : y + height, x : x + width])
     assert detail["values"] == tones.ravel().tolist()
-
-
-def test_the_picture_is_moved_by_dragging_and_shown_whole_by_a_key(shared, open_tab):
-    tab = open_tab(shared)
-    for _ in range(12):
-        tab.page.mouse.move(*tab.at(50.5, 100.5))
-        tab.page.mouse.wheel(0, -200)
-    # Once all turns of the wheel have been obeyed.
-    seen: list[tuple[float, ...]] = []
-
-    def rests() -> bool:
-        tab.page.wait_for_timeout(100)
-        seen.append(tuple(tab.seen()))
-        return len(seen) > 3 and len(set(seen[-4:])) == 1
-
-    wait_until(rests, "the picture rests")
+    # Dragged by a quarter of what is seen, and shown whole again by a key.
     before = tab.seen()
-    # By a quarter of what is seen: how far the wheel has brought it near is the browser's affair.
     middle, part = ((before[0] + before[2]) / 2, (before[1] + before[3]) / 2), (before[2] - before[0]) / 4
     tab.drag(middle, (middle[0] + part, middle[1]), hold_ms=100)
     wait_until(lambda: tab.seen()[0] < before[0] - part / 2, "the picture has moved")

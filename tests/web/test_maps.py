@@ -10,9 +10,8 @@ import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.files.luminance_file import load_luminance
-from labcdp.web.maps.files import dataset_image, export_map
-from labcdp.web.maps.lines import isolines, profile
 from labcdp.web.regions.display import DisplayScale
+from labcdp.web.regions.map_data import dataset_image, export_map, isolines, profile
 from labcdp.web.regions.page_image import PageImage
 
 HEIGHT, WIDTH = 60, 90

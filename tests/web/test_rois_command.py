@@ -20,6 +20,7 @@ from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
 from labcdp.report.files import schema
+from labcdp.web.gate import Gate
 
 from .conftest import HEIGHT, WIDTH, Served
 
@@ -183,3 +184,13 @@ def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytes
         "regions-not-confirmed": 3, "regions-known": 45,
     }  # fmt: skip
     assert not any("(2)" in row["region"] for row in rows)
+
+
+def test_other_names_of_the_host_are_refused_unless_another_address_was_asked_for() -> None:
+    gate, host = Gate("secret-token-0123", loopback_only=True), "bench.lab:5006"
+    cookie = f"{gate.cookie}={gate.token}"
+    assert gate.refusal("[::1]:5006", None, cookie, "") == ""
+    for name in (host, "[bad"):
+        assert "loopback only" in gate.refusal(name, None, cookie, "")
+    assert Gate(gate.token, loopback_only=False).refusal(host, f"http://{host}", cookie, "") == ""
+    assert "lacks its token" in gate.refusal("127.0.0.1:5006", None, "", "token=%C3%A4%00")

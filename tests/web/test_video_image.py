@@ -9,12 +9,9 @@ import pytest
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.conversion import picture_conversion
-from labcdp.files.stored_image import decoded_table
 from labcdp.files.video.selection import Position
-from labcdp.regions import load_regions
 from labcdp.session import Session, example_session
-from labcdp.web.regions.page_image import PageImage
-from labcdp.web.regions.video_image import video_image
+from labcdp.web.regions.page_image import PageImage, video_image
 
 N, SHAPE = 5, (48, 64)
 
@@ -50,16 +47,6 @@ def test_the_frame_that_was_asked_for(video: Path, at: str, number: int) -> None
     assert "relative-luminance" in {one.code for one in image.findings}
 
 
-def test_a_frame_is_converted_as_in_an_evaluation(tmp_path: Path) -> None:
-    path = tmp_path / "drive.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, SHAPE[::-1])
-    writer.write(np.dstack([frame(1).astype(np.uint8)] * 3))
-    writer.release()
-    dn = opened(path, "0").values
-    light = decoded_table(8, "srgb").astype(np.float32)
-    assert np.array_equal(opened(path, "0").luminance.luminance_cd_m2, light[dn])
-
-
 def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:
     with Session.open(example_session()) as session:
         dn = session.load(session.frames("light")[1]).dn
@@ -86,10 +73,3 @@ def test_what_does_not_fit_is_refused(video, tmp_path, monkeypatch, name, option
     (tmp_path / "camera.toml").write_text(text)
     with pytest.raises(InputError, match=message):
         app(["rois", name, *options], standalone_mode=False)
-
-
-def test_regions_found_in_a_frame_lie_next_to_the_video(video, monkeypatch, capsys):
-    app(["rois", str(video), "--frame", "2", "--detect", "superpixels", "--no-page"], standalone_mode=False)
-    regions = load_regions(video.with_name("drive.rois.json"), SHAPE[::-1])
-    assert [len(one.rois()) for one in regions] == [1, 1]
-    assert "2 regions, 2 of them new" in capsys.readouterr().err

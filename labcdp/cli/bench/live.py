@@ -26,8 +26,7 @@ from ...web.bench.live_bench import LiveBench
 from ...web.bench.live_camera import LiveCamera
 from ...web.bench.page import BenchPage
 from ...web.bench.pair import Target
-from ...web.lock import locked
-from ...web.regions.files import DrawingFiles, Start
+from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As

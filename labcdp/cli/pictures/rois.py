@@ -19,15 +19,13 @@ from ...files.video.selection import Position
 from ...output.file_list import is_same_file
 from ...regions import load_regions, new_shapes
 from ...report.text import finding_text
-from ...web.lock import locked
-from ...web.maps.files import dataset_image
-from ...web.maps.tab import map_page
 from ...web.regions.drawing import Drawing
-from ...web.regions.files import DrawingFiles, Start
+from ...web.regions.files import DrawingFiles, Start, locked
+from ...web.regions.map_data import dataset_image
+from ...web.regions.map_tab import map_page
 from ...web.regions.measurements import Measurements
-from ...web.regions.page_image import PageImage
-from ...web.regions.proposals import propose
-from ...web.regions.video_image import is_video, video_image
+from ...web.regions.page_image import PageImage, is_video, video_image
+from ...web.regions.shapes import propose
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, replace
 from threading import Condition, Lock, Thread
 from time import monotonic
-from typing import cast
+from typing import Any, cast
 
 from ...core.errors import LabcdpError
 from ...core.frame import Frame
 from ...drivers.camera import Camera, CameraSettingError, IncompleteFrameError
-from ...drivers.camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue, Region
-from .watched import WatchedCamera
+from ...drivers.camera_settings import CameraSetup, FeatureValue, Region
+from .live import Live, WatchedCamera
 
 #: Pause before a lost, busy or absent camera is looked for again.
 _RETRY_S = 1.0
@@ -26,68 +26,8 @@ _READ_BACK_S = 1.0
 #: Settings of `Camera.configure`; the others are of a `CameraSetup`, or features.
 _CONFIGURED = ("exposure_s", "gain_db", "pixel_format")
 _SETUP = ("frame_rate_hz", "black_level", "region")
-#: Names and units of settings for a person; others have the name of their field.
-_NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
-
 #: Value of a setting or feature.
 Setting = FeatureValue | Region
-
-
-@dataclass(frozen=True)
-class Live:
-    """State of a live camera.
-
-    Parameters
-    ----------
-    frame : Frame or None
-        Newest frame.
-    settings : CameraSettings or None
-        Settings in effect, read back.
-    exposure_range_s : (float, float)
-        Shortest and longest exposure.
-    features : tuple of FeatureDescription
-        All features as last read; empty until they are asked for.
-    changed : str
-        Settings that the camera or another program changed.
-    n_frames, n_incomplete : int
-        Frames received, and frames that were refused as incomplete.
-    rate_hz : float
-        Frames received per second.
-    received_s : float
-        When the newest frame arrived, by the monotonic clock.
-    streaming : bool
-        Whether the camera is open.
-    lent : bool
-        Whether an acquisition has the camera.
-    error : str
-        Why there are no frames, or why a setting was rejected.
-    """
-
-    frame: Frame | None = None
-    settings: CameraSettings | None = None
-    exposure_range_s: tuple[float, float] = (0.0, 0.0)
-    features: tuple[FeatureDescription, ...] = ()
-    changed: str = ""
-    n_frames: int = 0
-    n_incomplete: int = 0
-    rate_hz: float = 0.0
-    received_s: float = 0.0
-    streaming: bool = False
-    lent: bool = False
-    error: str = ""
-
-    @property
-    def stale(self) -> bool:
-        """Whether the next frame should have arrived more than a second ago."""
-        if self.settings is None:
-            return False
-        period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
-        return monotonic() - self.received_s > 1 + max(self.settings.exposure_s, period_s)
-
-    @property
-    def overdue(self) -> bool:
-        """Whether the camera is late with a frame while it streams for the page."""
-        return self.streaming and not self.lent and self.stale
 
 
 class LiveCamera:
@@ -238,9 +178,9 @@ class LiveCamera:
         self._read_s, before, now = monotonic(), self._live.settings, camera.settings
         if before is None or before == now:
             return False
-        changes = (_difference(one.name, getattr(before, one.name), getattr(now, one.name)) for one in fields(now))
-        said = ", ".join(filter(None, changes))
-        self._publish(settings=now, changed=f"changed by the camera or another program: {said}")
+        names = [one.name for one in fields(now)]
+        both = ((name, getattr(before, name), getattr(now, name)) for name in names)
+        self._publish(settings=now, changed=tuple(one for one in both if one[1] != one[2]))
         return True
 
     def _configure(self, camera: Camera) -> None:
@@ -252,11 +192,11 @@ class LiveCamera:
             try:
                 if name in _CONFIGURED:
                     camera.configure(**{name: value})  # type: ignore[arg-type]
-                elif name in _SETUP:
-                    camera.prepare(CameraSetup(**{name: value}))  # type: ignore[arg-type]
                 else:
-                    camera.prepare(CameraSetup(features={name: cast(FeatureValue, value)}))
-                    self._features_asked = bool(self._live.features)
+                    is_feature = name not in _SETUP
+                    given: dict[str, Any] = {"features": {name: value}} if is_feature else {name: value}
+                    camera.prepare(CameraSetup(**given))
+                    self._features_asked |= is_feature and bool(self._live.features)
                 self._accepted[name] = value
             except CameraSettingError as rejected:
                 self._accepted.pop(name, None)
@@ -267,7 +207,7 @@ class LiveCamera:
             exposure_range_s=camera.exposure_range_s,
             streaming=True,
             error="; ".join(errors),
-            changed="",
+            changed=(),
             received_s=self._read_s,
         )
 
@@ -284,11 +224,3 @@ class LiveCamera:
         with self._changed:
             self._live = replace(self._live, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
-
-
-def _difference(name: str, before: object, now: object) -> str:
-    """Say how a setting has changed; empty if it has not."""
-    if before == now:
-        return ""
-    label, unit = _NAMES.get(name, (name.replace("_", " "), ""))
-    return label if is_dataclass(now) else f"{label} {before} → {now}{unit}"

@@ -10,18 +10,15 @@ import panel as pn
 from bokeh.models import CustomJS
 
 from ...drivers.camera_settings import CameraSettings
-from ..html import text
-from ..look import TINTED, beside, column, row
-from ..maps.tab import MapTab
+from ..html import TINTED, beside, column, row, text
 from ..regions.display import DisplayScale
+from ..regions.map_tab import MapTab
 from ..regions.page import Page
 from ..regions.wording import warning_list
-from .camera_tab import CameraTab
+from .cards import Plots, camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
+from .live import Live
 from .live_bench import LiveBench
-from .live_camera import Live
-from .plots import Plots
-from .record_tab import RecordTab
-from .wording import camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
+from .tabs import CameraTab, RecordTab
 
 
 class BenchPage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from ...metrics import cdp
 from ...metrics.pair import PairResult
 from ...metrics.region import RegionResult
 from ..regions.drawing import Drawing
-from ..regions.measurements import Evaluation, Measured, Measurements
+from ..regions.measurements import Measured, Measurements
 from ..regions.page_image import PageImage
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
@@ -135,10 +135,9 @@ class LiveMeasurements(Measurements):
 
     def measured(self, drawing: Drawing) -> Iterator[Measured]:
         """Yield all results at once: there may be no time for a second step."""
-        self._measure_means(drawing)
+        self._measure(drawing)
         self._measure_pair(drawing)
-        pair = None if self._pair is None else self._pair.result
-        of_pair = {} if pair is None else {one.roi: Evaluation(one) for one in (pair.a, pair.b)}
-        limited = [roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()]
-        judged = {roi: self._evaluated(roi) for roi in limited if roi not in of_pair}
-        yield Measured(self._means, {roi: Evaluation(None) for roi in drawing.rois} | judged | of_pair, self._pair)
+        limited = {roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()}
+        judged = {roi: self._evaluated(roi, numbers) for roi, numbers in self._known.items() if roi in limited}
+        others = {roi: replace(one, evaluated=True, result=self._of_pair(roi)) for roi, one in self._known.items()}
+        yield Measured(others | judged, self._pair)

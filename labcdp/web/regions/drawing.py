@@ -9,7 +9,7 @@ from itertools import chain, count
 from ...core.errors import InputError
 from ...core.roi import Roi
 from ...regions import Shape, rois_of
-from .shape_edit import ImageSize
+from .shapes import ImageSize
 
 #: Number of changes that can be undone.
 _MOST_STEPS = 500

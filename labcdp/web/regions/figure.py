@@ -73,29 +73,23 @@ class Picture:
             code="requestAnimationFrame(() => { link.drawn = cb_obj.get_column('number')[0] })",
         )
         self._detail.js_on_change("data", drawn)
+        # Only the page changes what it draws itself.
         self._sources = {
-            "shapes": _source("xs", "ys", "colour", "dash", "width", "casing", "fill"),
-            "draft": _source("x", "y"),
-            "handles": _source("x", "y"),
-            "labels": _source("x", "y", "text", "colour"),
+            "shapes": _source("xs", "ys", "colour", "dash", "width", "casing", "fill", syncable=False),
+            "draft": _source("x", "y", syncable=False),
+            "handles": _source("x", "y", syncable=False),
+            "labels": _source("x", "y", "text", "colour", syncable=False),
         }
-        self.isolines = _lines("xs", "ys")
-        self.isoline_labels, self.profile_line = _lines("x", "y", "text"), _lines("x", "y")
+        self.isolines, self.isoline_labels = _source("xs", "ys"), _source("x", "y", "text")
+        self.profile_line = _source("x", "y")
         self._palette: tuple[str, ...] = _GREY
         self._colours = LinearColorMapper(palette=list(_GREY), low=0, high=255)
         self.theme.on_change("active", lambda _attr, _old, _new: self._colour_ends())
-        # A mapper for each kind of scale: the ticks of a bar are chosen when it is made.
-        kinds = {"linear": LinearColorMapper, "logarithm": LogColorMapper}
-        mappers = {name: kind(palette=Viridis256, low=0.1, high=1.0) for name, kind in kinds.items()}
+        # A bar for each kind of scale: its ticks are chosen when it is made.
+        look = {"visible": False, "width": 14, "major_label_text_color": "#808080", "background_fill_color": None}
         self._bars = {
-            name: ColorBar(
-                color_mapper=mapper,
-                visible=False,
-                width=14,
-                major_label_text_color="#808080",
-                background_fill_color=None,
-            )
-            for name, mapper in mappers.items()
+            name: ColorBar(color_mapper=kind(palette=Viridis256, low=0.1, high=1.0), **look)
+            for name, kind in (("linear", LinearColorMapper), ("logarithm", LogColorMapper))
         }
         self.figure = self._new_figure()
         # Only properties of models in the document are synchronised.
@@ -195,12 +189,13 @@ class Picture:
 
     def _put(self, source: ColumnDataSource, part: Tile) -> None:
         n = self._step
+        x, y, width, height = (n * edge for edge in (part.x, part.y, part.width, part.height))
         source.data = {
             "image": [part.pixels],
-            "x": [n * part.x],
-            "y": [n * part.y],
-            "dw": [n * part.width],
-            "dh": [n * part.height],
+            "x": [x],
+            "y": [y],
+            "dw": [width],
+            "dh": [height],
             "number": [self._n_sent],
         }
 
@@ -229,50 +224,25 @@ class Picture:
             plot.image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=self._colours, source=source)
         for bar in self._bars.values():
             plot.add_layout(bar, "right")
-        sources = self._sources
+        sources, text_on = self._sources, {"text": "text", "text_font_size": "12px", "text_baseline": "bottom"}
         # A dark casing: outlines are seen on bright patches, too, also where the theme leaves one colour.
         cased = {"fill_color": None, "line_color": "#1a1a1a", "line_width": "casing"}
+        outlined = {"line_color": "colour", "line_width": "width", "line_dash": "dash"}
         plot.patches("xs", "ys", source=sources["shapes"], **cased)
-        plot.patches(
-            "xs",
-            "ys",
-            fill_color="colour",
-            fill_alpha="fill",
-            line_color="colour",
-            line_width="width",
-            line_dash="dash",
-            source=sources["shapes"],
-        )
-        plot.line("x", "y", line_color=PROPOSAL_COLOUR, line_width=2, source=sources["draft"])
-        plot.scatter(
-            "x", "y", marker="square", size=9, fill_color="white", line_color="#1a1a1a", source=sources["handles"]
-        )
-        plot.text(
-            "x",
-            "y",
-            text="text",
-            text_color="colour",
-            text_font_size="12px",
-            text_baseline="bottom",
-            background_fill_color="#1a1a1a",
-            background_fill_alpha=0.7,
-            padding=3,
-            y_offset=-4,
-            source=sources["labels"],
-        )
-        plot.multi_line("xs", "ys", line_color="white", source=self.isolines)
-        plot.text("x", "y", text="text", text_color="white", text_font_size="11px", source=self.isoline_labels)
-        plot.line("x", "y", line_color="white", line_dash="dashed", line_width=2, source=self.profile_line)
+        plot.patches("xs", "ys", source=sources["shapes"], fill_color="colour", fill_alpha="fill", **outlined)
+        plot.line("x", "y", source=sources["draft"], line_color=PROPOSAL_COLOUR, line_width=2)
+        square = {"marker": "square", "size": 9, "fill_color": "white", "line_color": "#1a1a1a"}
+        plot.scatter("x", "y", source=sources["handles"], **square)
+        behind = {"background_fill_color": "#1a1a1a", "background_fill_alpha": 0.7, "padding": 3, "y_offset": -4}
+        plot.text("x", "y", source=sources["labels"], text_color="colour", **text_on, **behind)
+        plot.multi_line("xs", "ys", source=self.isolines, line_color="white")
+        plot.text("x", "y", source=self.isoline_labels, text="text", text_color="white", text_font_size="11px")
+        plot.line("x", "y", source=self.profile_line, line_color="white", line_dash="dashed", line_width=2)
         return plot
 
 
-def _source(*columns: str) -> ColumnDataSource:
-    """Return a data source changed only by the page."""
-    return ColumnDataSource(data={name: [] for name in columns}, syncable=False)
-
-
-def _lines(*columns: str) -> ColumnDataSource:
-    return ColumnDataSource(data={name: [] for name in columns})
+def _source(*columns: str, syncable: bool = True) -> ColumnDataSource:
+    return ColumnDataSource(data={name: [] for name in columns}, syncable=syncable)
 
 
 def _image_source() -> ColumnDataSource:

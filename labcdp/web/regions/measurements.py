@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
@@ -22,8 +22,8 @@ MOST_MEASURED = 200
 
 
 @dataclass(frozen=True)
-class Means:
-    """Statistics of a region that are computed immediately.
+class RegionNumbers:
+    """Numbers of a region: what is computed at once, and its luminance with uncertainty, which takes longer.
 
     Parameters
     ----------
@@ -35,6 +35,12 @@ class Means:
         Luminance: mean, standard deviation (n - 1), and range of the pixels.
     saturated : float
         Share of saturated pixels.
+    evaluated : bool
+        Whether the rest is known.
+    result : RegionResult or None
+        Luminance with its uncertainty; None if it cannot be evaluated.
+    findings : tuple of Finding
+        Findings for the user.
     error : str
         Why there are none.
     """
@@ -47,24 +53,8 @@ class Means:
     lowest: float | None = None
     highest: float | None = None
     saturated: float = 0.0
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Luminance of a region, computed in the background.
-
-    Parameters
-    ----------
-    result : RegionResult or None
-        Luminance with its uncertainty; None if it cannot be evaluated.
-    findings : tuple of Finding
-        Findings for the user.
-    error : str
-        Why there is no result.
-    """
-
-    result: RegionResult | None
+    evaluated: bool = False
+    result: RegionResult | None = None
     findings: tuple[Finding, ...] = ()
     error: str = ""
 
@@ -95,16 +85,13 @@ class Measured:
 
     Parameters
     ----------
-    means : dict of Roi to Means
-        What is computed at once.
-    regions : dict of Roi to Evaluation
+    regions : dict of Roi to RegionNumbers
         Regions.
     pair : PairEvaluation or None
         Last evaluated pair.
     """
 
-    means: dict[Roi, Means] = field(default_factory=dict)
-    regions: dict[Roi, Evaluation] = field(default_factory=dict)
+    regions: dict[Roi, RegionNumbers] = field(default_factory=dict)
     pair: PairEvaluation | None = None
 
 
@@ -123,43 +110,45 @@ class Measurements:
 
     def __init__(self, image: PageImage, contrasts: Sequence[float] | None, epsilon: float = 0.5) -> None:
         self.image, self.contrasts, self.epsilon = image, contrasts, epsilon
-        self._means: dict[Roi, Means] = {}
-        self._evaluations: dict[Roi, Evaluation] = {}
+        self._known: dict[Roi, RegionNumbers] = {}
         self._pair: PairEvaluation | None = None
 
     def measured(self, drawing: Drawing) -> Iterator[Measured]:
         """Yield the results so far: the means, the pair, then the regions one by one; the last one is complete."""
-        self._measure_means(drawing)
-        yield self._known()
+        self._measure(drawing)
+        yield Measured(self._known, self._pair)
         self._measure_pair(drawing)
-        yield self._known()
-        for roi in _wanted(drawing):
-            if roi not in self._evaluations:
-                self._evaluations[roi] = self._evaluated(roi)
-                yield self._known()
+        yield Measured(self._known, self._pair)
+        for roi, numbers in self._known.items():
+            if not numbers.evaluated:
+                self._known = {**self._known, roi: self._evaluated(roi, numbers)}
+                yield Measured(self._known, self._pair)
 
-    def _known(self) -> Measured:
-        return Measured(self._means, dict(self._evaluations), self._pair)
-
-    def _measure_means(self, drawing: Drawing) -> None:
-        wanted = _wanted(drawing)
-        self._means = {roi: self._means.get(roi) or self._mean(roi) for roi in wanted}
-        self._evaluations = {roi: found for roi, found in self._evaluations.items() if roi in wanted}
+    def _measure(self, drawing: Drawing) -> None:
+        wanted = drawing.rois if len(drawing.rois) <= MOST_MEASURED else drawing.pair_rois
+        self._known = {roi: self._known.get(roi) or self._numbers(roi) for roi in wanted}
 
     def _measure_pair(self, drawing: Drawing) -> None:
         chosen = drawing.pair_rois
-        if len(chosen) == 2 and (self._pair is None or (self._pair.first, self._pair.second) != chosen):
-            self._pair = self._evaluated_pair(*chosen)
+        if len(chosen) < 2 or (self._pair is not None and (self._pair.first, self._pair.second) == chosen):
+            return
+        first, second = chosen
+        try:
+            a, b = map(self.image.pixels, chosen)
+            require_apart(a.placed, b.placed)
+            self._pair = PairEvaluation(first, second, evaluate_regions(a, b, self.contrasts, self.epsilon))
+        except LabcdpError as error:
+            self._pair = PairEvaluation(first, second, None, str(error))
 
-    def _mean(self, roi: Roi) -> Means:
+    def _numbers(self, roi: Roi) -> RegionNumbers:
         try:
             inside = roi.select(self.image.values)
             light = self.image.light_in(roi)
             highest = self.image.saturation_dn
             saturated = float((roi.select(self.image.saturated) if highest is None else inside >= highest).mean())
         except LabcdpError as error:
-            return Means(error=str(error))
-        return Means(
+            return RegionNumbers(error=str(error))
+        return RegionNumbers(
             n_pixels=inside.size,
             value=float(inside.mean(dtype=float)),
             value_std=_std(inside),
@@ -170,36 +159,22 @@ class Measurements:
             saturated=saturated,
         )
 
-    def _evaluated_pair(self, first: Roi, second: Roi) -> PairEvaluation:
+    def _evaluated(self, roi: Roi, numbers: RegionNumbers) -> RegionNumbers:
+        done = replace(numbers, evaluated=True)
         try:
-            a, b = self.image.pixels(first), self.image.pixels(second)
-            require_apart(a.placed, b.placed)
-            return PairEvaluation(first, second, evaluate_regions(a, b, self.contrasts, self.epsilon))
+            done = replace(done, findings=check_region(self.image.values, self.image.saturated, roi))
+            return replace(done, result=self._of_pair(roi) or result_of_region(self.image.pixels(roi)))
         except LabcdpError as error:
-            return PairEvaluation(first, second, None, str(error))
-
-    def _evaluated(self, roi: Roi) -> Evaluation:
-        findings: tuple[Finding, ...] = ()
-        try:
-            findings = check_region(self.image.values, self.image.saturated, roi)
-            return Evaluation(self._of_pair(roi) or result_of_region(self.image.pixels(roi)), findings)
-        except LabcdpError as error:
-            return Evaluation(None, findings, str(error))
+            return replace(done, error=str(error))
 
     def _of_pair(self, roi: Roi) -> RegionResult | None:
         """Return the result of a region from that of the pair."""
-        if self._pair is None or self._pair.result is None:
-            return None
-        result = self._pair.result
-        return next((one for one in (result.a, result.b) if one.roi == roi), None)
+        pair = None if self._pair is None else self._pair.result
+        return None if pair is None else next((one for one in (pair.a, pair.b) if one.roi == roi), None)
 
 
 def _std(values: NDArray[Any]) -> float | None:
     return float(values.std(dtype=float, ddof=1)) if values.size > 1 else None
-
-
-def _wanted(drawing: Drawing) -> tuple[Roi, ...]:
-    return drawing.rois if len(drawing.rois) <= MOST_MEASURED else drawing.pair_rois
 
 
 class RunElsewhere(Protocol):

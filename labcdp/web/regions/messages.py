@@ -13,7 +13,7 @@ from ...core.disk import parse_json
 from ...core.errors import InputError
 from ...regions import Shape
 from .drawing import Drawing
-from .shape_edit import (
+from .shapes import (
     Corner,
     ImageSize,
     box_shape,

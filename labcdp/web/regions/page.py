@@ -13,10 +13,10 @@ import panel as pn
 
 from ...core.errors import LabcdpError
 from .. import html
-from ..look import column, row, style
+from ..html import column, row, style
 from .figure import Picture
 from .messages import parse_message
-from .proposals import METHOD_NAMES, METHODS, default_size_px, propose
+from .shapes import METHOD_NAMES, METHODS, default_size_px, propose
 from .wording import pair_table, region_table, warning_list
 from .workspace import Workspace
 

@@ -1,4 +1,4 @@
-"""The image that regions are drawn on: DN, luminance and display."""
+"""The image that regions are drawn on, a picture or a frame of a video: DN, luminance and display."""
 
 from __future__ import annotations
 
@@ -6,22 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import floor, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import InputError, LabcdpError
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.result import Finding, unique
+from ...core.result import Finding, unique, warning
 from ...core.roi import Roi
 from ...metrics.region import RegionPixels
-from ...report.text import Z_95, significant, with_half_width
-from .shape_edit import ImageSize
+from ...report.text import Z_95, finding_text, significant, with_half_width
 
 if TYPE_CHECKING:
     from ...core.frame import Frame
     from ...evaluate.picture.conversion import PictureConversion
     from ...files.picture import Picture
+    from ...files.video.selection import Position
+    from ...files.video.source import VideoSource
+
 
 #: Text for an invalid pixel under the pointer.
 _REASONS = {
@@ -103,7 +107,7 @@ class PageImage:
         )
 
     @property
-    def size(self) -> ImageSize:
+    def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
         return self.values.shape[1], self.values.shape[0]
 
@@ -140,29 +144,34 @@ class PageImage:
 
     def light_at(
         self, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the luminance of pixels of the map, and its expanded uncertainty U (95 %): nan if it is not known."""
-        part, at = self._part_with(rows, columns)
-        value = np.asarray(part.luminance_cd_m2[at], dtype=np.float64)
-        relative = [np.broadcast_to(one, part.shape)[at] for one in (part.random_rel, part.common_rel, part.slow_rel)]
-        slow = np.broadcast_to(part.slow_cd_m2, part.shape)[at]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+        """Return the luminance of pixels of the map, its expanded uncertainty U (95 %), nan if unknown, and flags."""
+        top, left = int(rows.min()), int(columns.min())
+        window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
+        part, inside = self._part(window)
+        at = rows - top, columns - left
+
+        def of(values: Any) -> NDArray[np.float64]:
+            return np.asarray(np.broadcast_to(values, part.shape)[inside][at], dtype=np.float64)
+
+        value = of(part.luminance_cd_m2)
+        relative = [of(one) for one in (part.random_rel, part.common_rel, part.slow_rel)]
         with np.errstate(invalid="ignore"):
-            u = np.sqrt(np.square(value) * sum(np.square(one) for one in relative) + np.square(slow))
-        return value, np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
+            u = np.sqrt(np.square(value) * sum(map(np.square, relative)) + np.square(of(part.slow_cd_m2)))
+        expanded = np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
+        return value, expanded, part.invalid[inside][at]
 
     def pixels(self, roi: Roi) -> RegionPixels:
         """Return a region with its luminance; raises InputError as `evaluate_region`."""
         window, mask = self._place(roi)
-        if isinstance(self.light, LuminanceMap):
-            return RegionPixels.of_part(self.light, roi, window, mask, window)
-        return RegionPixels.of_part(self.light(window), roi, window, mask)
+        part, inside = self._part(window)
+        return RegionPixels.of_part(part, roi, window, mask, inside)
 
     def light_in(self, roi: Roi) -> NDArray[np.floating[Any]]:
         """Return the luminances of a region, shape (n,); raises InputError as `Roi.select`."""
         window, mask = self._place(roi)
-        if isinstance(self.light, LuminanceMap):
-            return self.light.luminance_cd_m2[window][mask]
-        return self.light(window).luminance_cd_m2[mask]
+        part, inside = self._part(window)
+        return part.luminance_cd_m2[inside][mask]
 
     def _place(self, roi: Roi) -> tuple[Window, NDArray[np.bool_]]:
         """Return the bounding box of a region in the map, and its mask there."""
@@ -170,13 +179,9 @@ class PageImage:
         shape = rows // self.step, columns // self.step
         return region.window(shape), region.mask(shape)
 
-    def _part_with(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[LuminanceMap, tuple[NDArray[Any], ...]]:
-        """Return a map that has these pixels of the whole one, and where."""
-        if isinstance(self.light, LuminanceMap):
-            return self.light, (rows, columns)
-        top, left = int(rows.min()), int(columns.min())
-        window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
-        return self.light(window), (rows - top, columns - left)
+    def _part(self, window: Window) -> tuple[LuminanceMap, Window]:
+        """Return a map that has a window of the whole one, and where."""
+        return (self.light, window) if isinstance(self.light, LuminanceMap) else (self.light(window), WHOLE)
 
     @cached_property
     def saturated(self) -> NDArray[np.bool_]:
@@ -217,12 +222,9 @@ class PageImage:
         elif self.unit != "cd/m^2":
             parts.append(f"value {float(value):.6g}")
         at = tuple(min(place, n - n % self.step - 1) // self.step for place, n in ((row, height), (column, width)))
-        place = [np.array([one]) for one in at]
-        value, expanded = (float(one[0]) for one in self.light_at(*place))
+        value, expanded, flags = (one[0] for one in self.light_at(*(np.array([place]) for place in at)))
         light = with_half_width(value, expanded) if isfinite(expanded) else significant(value)
         parts.append(f"{light} cd/m²" if self.unit == "cd/m^2" else f"light {light}")
-        part, within = self._part_with(*place)
-        flags = int(part.invalid[within][0])
         parts += [text for reason, text in _REASONS.items() if flags & reason]
         return " · ".join(parts)
 
@@ -232,3 +234,62 @@ class PageImage:
         first = self.colour_filter
         second = {"RG": "GB", "GB": "RG", "GR": "BG", "BG": "GR"}[first]
         return f" ({(first, second)[row % 2][column % 2]})"
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path is treated as a video: a folder of images, a session, or a file with a video suffix."""
+    from ...files.video.open import VIDEO_SUFFIXES
+
+    return path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES
+
+
+def video_image(path: Path, at: Position, conversion: PictureConversion) -> PageImage:
+    """Convert a frame of a video as in an evaluation.
+
+    Parameters
+    ----------
+    path : Path
+        Video file, folder of numbered images, or recorded session.
+    at : Position
+        Which frame; for a time, the first one at or after it.
+    conversion : PictureConversion
+        Conversion from DN to light, with camera settings missing in the video.
+
+    Raises
+    ------
+    InputError
+        If the video cannot be opened, the frame does not exist or is lost, or a required exposure is unknown.
+    CalibrationError
+        If the calibration is for another camera.
+    """
+    from ...evaluate.video.evaluate import conversion_findings, opened_video
+
+    source, conversion = opened_video(path, conversion)
+    number, frame = _frame(source, at)
+    return PageImage(
+        name=f"{path.name or path.resolve().name}, frame {number}",
+        values=frame.dn,
+        is_dn=True,
+        colour_filter=frame.colour_filter,
+        light=conversion.convert(frame),
+        unit=conversion.unit,
+        simulated=frame.camera.simulated,
+        findings=unique((*source.findings, *conversion_findings(conversion, source))),
+    )
+
+
+def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:
+    """Return the selected frame and its number."""
+    last = -1
+    for entry in source.entries():
+        last = entry.number
+        if not at.reached(entry.number, entry.time_s):
+            continue
+        fault = entry.fault
+        if fault is None:
+            try:
+                return entry.number, entry.load()
+            except LabcdpError as error:
+                fault = warning("frame-broken", reason=str(error))
+        raise InputError(f"frame {entry.number} of {source.path}: {finding_text(fault)}; choose another with --frame")
+    raise InputError(f"{source.path} has {last + 1} frames, 0 to {last}, and none at {at}: choose another with --frame")

@@ -20,9 +20,9 @@ from ...report.text import (
     significant,
     with_half_width,
 )
-from ..html import Cell, items, region_row, row, table, text
+from ..html import Cell, items, region_row, table, table_row, text
 from .drawing import Drawing
-from .measurements import MOST_MEASURED, Evaluation, Means, Measured
+from .measurements import MOST_MEASURED, Measured, RegionNumbers
 from .page_image import PageImage
 
 #: Colours of the two regions of the pair, of other regions and of proposals, distinguishable by colour-blind readers
@@ -31,7 +31,6 @@ PAIR_COLOURS = ("#56B4E9", "#E69F00")
 OTHER_COLOUR, PROPOSAL_COLOUR = "#2FC79B", "#F0E442"
 
 _LONGEST_NAME = 28
-_NOT_YET = Evaluation(None)
 
 
 def colour(drawing: Drawing, name: str) -> str:
@@ -53,7 +52,7 @@ def region_table(image: PageImage, drawing: Drawing, measured: Measured, selecte
                 f"<span class='swatch' style='background:{colour(drawing, roi.name)}'></span>"
                 f"<span title='{text(roi.name)}'>{text(shortened(roi.name, _LONGEST_NAME))}</span>"
             )
-            cells = _cells(measured.means.get(roi), measured.regions.get(roi))
+            cells = _cells(measured.regions.get(roi))
             rows.append(region_row(roi.name, head, cells, shape.name == selected))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
@@ -78,7 +77,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     for one in pair.results:
         result = replace(one.result, confidence_interval=one.confidence_interval)
         asked = significant(100 * result.contrast) if of_measured else f"{100 * result.contrast:.6g}"
-        rows.append(row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
+        rows.append(table_row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
     ratio, csnr = pair.contrast, pair.csnr
     facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error)}"]
     if isfinite(csnr.value):
@@ -96,10 +95,9 @@ def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
     findings: list[Finding] = []
     errors = []
     for roi in rois:
-        evaluation = measured.regions.get(roi, _NOT_YET)
-        findings += evaluation.findings
-        error = evaluation.error or measured.means.get(roi, Means()).error
-        if error:
+        numbers = measured.regions.get(roi, RegionNumbers())
+        findings += numbers.findings
+        if error := numbers.error:
             errors.append(error if roi.name in error else f"{roi.name}: {error}")
     pair = measured.pair
     if pair is not None and pair.result is not None and pair.first in rois and pair.second in rois:
@@ -110,17 +108,17 @@ def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
     return items(line[:1].upper() + line[1:] for line in lines)
 
 
-def _cells(means: Means | None, evaluation: Evaluation | None) -> tuple[str, ...]:
-    if means is None:
+def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
+    if found is None:
         return ("…",) * 4
-    value = "" if means.value is None else f"{means.value:.5g}"
-    std = "" if means.value_std is None else f"{means.value_std:.3g}"
-    light = "" if means.light is None else significant(means.light)
-    if evaluation is None and light:
+    value = "" if found.value is None else f"{found.value:.5g}"
+    std = "" if found.value_std is None else f"{found.value_std:.3g}"
+    light = "" if found.light is None else significant(found.light)
+    if found.result is not None:
+        light = _with_interval(found.result.mean, found.result.standard_uncertainty)
+    elif light and not found.evaluated:
         light += " …"
-    elif evaluation is not None and evaluation.result is not None:
-        light = _with_interval(evaluation.result.mean, evaluation.result.standard_uncertainty)
-    return str(means.n_pixels or ""), value, std, light
+    return str(found.n_pixels or ""), value, std, light
 
 
 def _with_interval(value: float, standard_uncertainty: float) -> str:
@@ -145,12 +143,10 @@ def statistics_table(image: PageImage, shapes: Sequence[Shape], measured: Measur
     rows = []
     for shape in shapes:
         for roi in shape.rois():
-            head, found = text(shortened(roi.name, 20)), measured.means.get(roi)
+            head, found = text(shortened(roi.name, 20)), measured.regions.get(roi)
             cells: list[Cell] = [(found.error if found else "") or "…", *[""] * 5]
             if found is not None and found.light is not None:
-                evaluation = measured.regions.get(roi)
-                result = None if evaluation is None else evaluation.result
-                expanded = nan if result is None else Z_95 * result.standard_uncertainty
+                expanded = nan if found.result is None else Z_95 * found.result.standard_uncertainty
                 limits, light = shape.limits_cd_m2, found.light
                 judged = limits is not None and image.unit == "cd/m^2"
                 verdict = limit_verdict(light, expanded, limits) if limits is not None and judged else ""

@@ -1,14 +1,27 @@
-"""HTML of the live page's numbers."""
+"""Numbers of the live page: cards, table of readings, plots of CDP over time and contrast, histogram."""
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
+from itertools import starmap
+from math import inf
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, Range1d, Span
+from bokeh.plotting import figure
+
 from ...report.text import exposure, significant
-from ..html import row, table, text
+from ..html import table, table_row, text
 from ..regions.wording import percent_with_interval
 from .desk import MeterReading
+from .live import Live
 from .live_bench import LiveBench
-from .live_camera import Live
-from .pair import is_saturated
+from .pair import TRACE_S, is_saturated
+
+#: Names and units of settings for a person; others have the name of their field.
+_NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
 
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
@@ -33,9 +46,16 @@ def camera_card(bench: LiveBench) -> str:
     lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
     lines += [f"incomplete frames: {live.n_incomplete}"] if live.n_incomplete else []
     rejected = f"rejected: {live.error}" if live.error else ""
-    lines = [*(line for line in (rejected, live.changed) if line), *lines][:3]
+    changed = f"changed by the camera or another program: {', '.join(starmap(_change, live.changed))}"
+    lines = [*(line for line in (rejected, changed if live.changed else "") if line), *lines][:3]
     rate = f"{live.rate_hz:.1f} fps" if live.rate_hz else "…"
     return _card("Camera", rate, "bad" if live.error else "good", *lines)
+
+
+def _change(name: str, before: object, now: object) -> str:
+    """Say how a setting has changed."""
+    label, unit = _NAMES.get(name, (name.replace("_", " "), ""))
+    return label if is_dataclass(now) else f"{label} {before} → {now}{unit}"
 
 
 def pair_card(bench: LiveBench) -> str:
@@ -95,7 +115,7 @@ def reading_table(bench: LiveBench) -> str:
         deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
         series = f"{one.n_readings}, ± {100 * one.scatter_rel:.2g} %" if one.n_readings > 1 else "1"
         cells = significant(one.luminance_cd_m2), series, camera, (deviation, "fail" if one.disagrees else "")
-        rows.append(row(text(one.region) or "-", cells))
+        rows.append(table_row(text(one.region) or "-", cells))
     heads = ("region", "meter (cd/m²)", "readings, scatter", "camera (cd/m²)", "deviation (%)")
     return table(heads, rows, "readings")
 
@@ -134,3 +154,97 @@ def _why(bench: LiveBench) -> str:
 def _card(title: str, value: str, state: str, *lines: str, raw: bool = False) -> str:
     body = "".join(f"<p title='{text(line)}'>{text(line)}</p>" for line in lines)
     return f"<div class='card {state}'><h3>{text(title)}</h3><b>{value if raw else text(value)}</b>{body}</div>"
+
+
+_BLUE, _RED = "#0072b2", "#d55e00"
+#: Bins of the histogram, and pixels of which it is made.
+_N_BINS, _SAMPLE = 128, 200_000
+#: Seconds between two plots, and points of the trace in one: more slow the images down.
+_PLOT_S, _MOST_POINTS = 0.5, 400
+
+
+class Plots:
+    """The plots of one tab.
+
+    Parameters
+    ----------
+    bench : LiveBench
+        What they show.
+    """
+
+    def __init__(self, bench: LiveBench) -> None:
+        self._trace = ColumnDataSource(data={"t": [], "cdp": [], "low": [], "high": []})
+        self._curve = ColumnDataSource(data={"contrast": [], "cdp": []})
+        self._histogram = ColumnDataSource(data={"dn": [], "n": []})
+        self._measured = Span(location=None, dimension="height", line_color=_RED, line_width=2)
+        self._contrasts = Range1d(1, 10_000)
+        self._dn = Range1d(0, bench.images.highest_dn)
+        self._levels = tuple(Span(dimension="height", line_dash="dashed", line_color=one) for one in (_BLUE, _RED))
+        self._plotted_s = 0.0
+        limit = bench.target.limit
+        self.figures = (self._trace_figure(limit), self._curve_figure(limit), self._histogram_figure())
+
+    def update(self, bench: LiveBench) -> bool:
+        """Refresh the plots, not more often than twice a second; returns whether it did."""
+        now_s = monotonic()
+        if now_s - self._plotted_s < _PLOT_S:
+            return False
+        self._plotted_s = now_s
+        points = bench.trace.points
+        points = points[:: 1 + len(points) // _MOST_POINTS]
+        self._trace.data = {
+            "t": [one.time_s - now_s for one in points],
+            **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
+        }
+        contrasts, values = bench.curve
+        self._curve.data = {"contrast": 100 * contrasts, "cdp": values}
+        if contrasts.size:
+            self._contrasts.update(start=100 * contrasts[0], end=100 * contrasts[-1])
+        measured = 0.0 if bench.pair is None else 100 * bench.pair.contrast.value
+        self._measured.location = measured if 0 < measured < inf else None
+        # The line of the saturation, which is at the end, is seen as a whole.
+        self._dn.end = 1.01 * bench.images.highest_dn
+        self._levels[0].location = bench.images.black_dn
+        self._levels[1].location = bench.workspace.image.saturation_dn
+        self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
+        return True
+
+    def _trace_figure(self, limit: float) -> Any:
+        plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "time in s"
+        plot.varea("t", "low", "high", source=self._trace, fill_alpha=0.3, fill_color=_BLUE)
+        plot.line("t", "cdp", source=self._trace, line_color=_BLUE, line_width=2)
+        plot.add_layout(Span(location=limit, dimension="width", line_dash="dotted"))
+        return plot
+
+    def _curve_figure(self, limit: float) -> Any:
+        plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (line: measured)"
+        plot.line("contrast", "cdp", source=self._curve, line_color=_BLUE, line_width=2)
+        for mark in (self._measured, Span(location=limit, dimension="width", line_dash="dotted")):
+            plot.add_layout(mark)
+        return plot
+
+    def _histogram_figure(self) -> Any:
+        plot = _figure(110, x_range=self._dn, y_axis_type="log")
+        plot.y_range.start = 0.5
+        plot.yaxis.ticker.desired_num_ticks = 3
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "DN (lines: black level, saturation)", "pixels"
+        for mark in self._levels:
+            plot.add_layout(mark)
+        plot.step("dn", "n", source=self._histogram, mode="after", line_color="#555555")
+        return plot
+
+
+def _figure(height: int, **options: Any) -> Any:
+    plot = figure(sizing_mode="stretch_width", height=height, toolbar_location=None, tools="", **options)
+    # So close together that they would look like a bar.
+    plot.yaxis.minor_tick_line_color = None
+    return plot
+
+
+def _histogram(values: Any, highest: float) -> dict[str, Any]:
+    step = max(1, round((values.size / _SAMPLE) ** 0.5))
+    counts, edges = np.histogram(values[::step, ::step], bins=_N_BINS, range=(0, highest + 1))
+    # Empty bins are below the axis, which is logarithmic.
+    return {"dn": edges[:-1], "n": np.maximum(counts, 0.1)}

@@ -16,13 +16,12 @@ from bokeh.models import ColumnDataSource, CustomJS, Range1d
 from bokeh.plotting import figure
 
 from ...core.errors import InputError, LabcdpError
-from ..look import beside, column, row
-from ..regions.display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
-from ..regions.page import Page
-from ..regions.wording import statistics_table
-from ..regions.workspace import Workspace
-from .files import EXPORTS, export_map
-from .lines import isolines, profile
+from ..html import beside, column, row
+from .display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
+from .map_data import EXPORTS, export_map, isolines, profile
+from .page import Page
+from .wording import statistics_table
+from .workspace import Workspace
 
 #: Seconds between two profiles, sets of isolines and statistics of a live image.
 _EVERY_S = 0.5

@@ -1,1 +1,0 @@
-"""Luminance maps on a page: false colours, profile, isolines, limits and export."""

@@ -7,7 +7,6 @@ import ctypes
 import os
 import re
 import socket
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -40,14 +39,9 @@ def read_int(path: Path) -> int | None:
     return int(text) if text is not None and re.fullmatch(r"\s*-?\d{1,18}\s*", text) else None
 
 
-def receive_limit_bytes(root: Path = Path("/")) -> int | None:
-    """Largest receive buffer that a program may request (net.core.rmem_max)."""
-    return read_int(root / "proc/sys/net/core/rmem_max")
-
-
-def receive_default_bytes(root: Path = Path("/")) -> int | None:
-    """Default receive buffer (net.core.rmem_default)."""
-    return read_int(root / "proc/sys/net/core/rmem_default")
+def network_limit(name: str, root: Path = Path("/")) -> int | None:
+    """Return a limit of the kernel's network in bytes, for example ``rmem_max``, the largest receive buffer."""
+    return read_int(root / "proc/sys/net/core" / name)
 
 
 def kept_receive_limit_bytes(root: Path = Path("/")) -> int | None:
@@ -83,11 +77,6 @@ def overload() -> float:
     return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
-def interpreter() -> str:
-    """Return the real file of the running Python; capabilities cannot be given to a link."""
-    return os.path.realpath(sys.executable)
-
-
 def clock_is_synchronised() -> bool | None:
     """Whether a time service synchronises the computer's clock, according to the kernel (adjtimex)."""
     try:
@@ -110,14 +99,12 @@ def firewall(root: Path = Path("/")) -> str | None:
 
 def open_firewall(name: str | None, address: str) -> str:
     """Return the command that admits a camera's packets."""
-    match name:
-        case "ufw":
-            return f"sudo ufw allow proto udp from {address}"
-        case "firewalld":
-            return f"sudo firewall-cmd --zone=trusted --add-source={address}"
-        case "iptables":
-            return f"sudo iptables -I INPUT -p udp -s {address} -j ACCEPT"
-    return f"if there is a firewall, let UDP packets from {address} through"
+    commands = {
+        "ufw": f"sudo ufw allow proto udp from {address}",
+        "firewalld": f"sudo firewall-cmd --zone=trusted --add-source={address}",
+        "iptables": f"sudo iptables -I INPUT -p udp -s {address} -j ACCEPT",
+    }
+    return commands.get(name or "", f"if there is a firewall, let UDP packets from {address} through")
 
 
 #: Linux (asm-generic/socket.h): sets the receive buffer beyond net.core.rmem_max; needs CAP_NET_ADMIN.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Interface
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 
 from .camera import StreamStatistics
-from .computer import firewall, keep_receive_limit, open_firewall, raise_receive_limit, read_int, receive_limit_bytes
+from .computer import firewall, keep_receive_limit, network_limit, open_firewall, raise_receive_limit, read_int
 from .device import Finding, size
 
 #: MTU of an interface with jumbo frames.
@@ -151,56 +151,51 @@ def interface_findings(known: Sequence[Interface]) -> list[Finding]:
     found = [finding for one in real for finding in _judged(one)]
     for one, other in combinations(real, 2):
         if one.name != other.name and one.address.network.overlaps(other.address.network):
-            found.append(
-                Finding(
-                    f"interface {other.name}",
-                    "notice",
-                    f"{one.name} ({one.address}) and {other.name} ({other.address}) are in one network: a camera "
-                    "behind one of them may be looked for behind the other",
-                    f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}",
-                )
+            cause = (
+                f"{one.name} ({one.address}) and {other.name} ({other.address}) are in one network: a camera behind "
+                "one of them may be looked for behind the other"
             )
+            remedy = f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}"
+            found.append(Finding(f"interface {other.name}", "notice", cause, remedy))
     return found
 
 
 def _judged(one: Interface) -> list[Finding]:
+    slow = one.speed_mbit_s is not None and one.speed_mbit_s < GIGABIT_MBIT_S
+    problems: list[tuple[bool, str, str]] = [
+        (not one.is_up, "is switched off", f"sudo ip link set {one.name} up"),
+        (not one.has_link, "has no link", "check the cable, and that the camera has power"),
+        (
+            slow,
+            f"runs at {one.speed_mbit_s} Mbit/s: a GigE Vision camera needs {GIGABIT_MBIT_S}",
+            "use a cable of category 5e or better, and a gigabit port at both ends",
+        ),
+        (
+            one.mtu_bytes < JUMBO_BYTES,
+            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} cost less computing time and lose "
+            "less",
+            f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch between "
+            "takes them",
+        ),
+    ]
     topic = f"interface {one.name}"
-    if not one.is_up:
-        return [Finding(topic, "notice", f"{one.address} is switched off", f"sudo ip link set {one.name} up")]
-    if not one.has_link:
-        return [
-            Finding(topic, "notice", f"{one.address} has no link", "check the cable, and that the camera has power")
-        ]
-    found = []
-    if one.speed_mbit_s is not None and one.speed_mbit_s < GIGABIT_MBIT_S:
-        found.append(
-            Finding(
-                topic,
-                "notice",
-                f"{one.address} runs at {one.speed_mbit_s} Mbit/s: a GigE Vision camera needs {GIGABIT_MBIT_S}",
-                "use a cable of category 5e or better, and a gigabit port at both ends",
-            )
-        )
-    if one.mtu_bytes < JUMBO_BYTES:
-        found.append(
-            Finding(
-                topic,
-                "notice",
-                f"{one.address} takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} cost less "
-                "computing time and lose less",
-                f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch "
-                "between takes them",
-            )
-        )
+    found = [Finding(topic, "notice", f"{one.address} {cause}", remedy) for there, cause, remedy in problems if there]
     if found:
-        return found
+        # Without power or link there is nothing else to say.
+        return found if one.is_up and one.has_link else found[:1]
     speed = "" if one.speed_mbit_s is None else f", {one.speed_mbit_s} Mbit/s"
     return [Finding(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
 
 
-@dataclass(frozen=True)
-class StreamFacts:
-    """State of a stream with missing or incomplete frames.
+def stream_causes(
+    address: str,
+    payload_bytes: int,
+    packet_bytes: int | None = None,
+    granted_bytes: int | None = None,
+    counted: StreamStatistics = StreamStatistics(),  # noqa: B008 - immutable
+    root: Path = Path("/"),
+) -> list[Finding]:
+    """List possible causes of missing or incomplete frames, the most likely first; only reads the host's settings.
 
     Parameters
     ----------
@@ -208,72 +203,42 @@ class StreamFacts:
         Network address of the camera; empty if it is not on a network.
     payload_bytes : int
         Bytes of a frame.
-    packet_size_bytes : int or None
+    packet_bytes : int or None
         Size of a stream packet as the camera has it (GevSCPSPacketSize), headers included.
-    socket_buffer_bytes : int or None
+    granted_bytes : int or None
         Receive buffer the kernel granted; None if unknown.
     counted : StreamStatistics
         The stream's counters.
-    """
-
-    address: str
-    payload_bytes: int
-    packet_size_bytes: int | None = None
-    socket_buffer_bytes: int | None = None
-    counted: StreamStatistics = field(default_factory=StreamStatistics)
-
-
-def stream_causes(facts: StreamFacts) -> list[Finding]:
-    """List possible causes of missing frames, the most likely first; only reads the host's settings.
-
-    Parameters
-    ----------
-    facts : StreamFacts
-        State of the stream.
+    root : Path
+        Parent of ``proc``, ``sys``, ``etc`` and ``run``.
 
     Returns
     -------
     list of Finding
         Faults certainly prevent frames, notices may; empty if no problem is known.
     """
-    if not facts.address:
-        return causes_at(facts)
-    return causes_at(facts, interface_to(facts.address, interfaces()), receive_limit_bytes(), firewall())
-
-
-def causes_at(
-    facts: StreamFacts, interface: Interface | None = None, limit_bytes: int | None = None, wall: str | None = None
-) -> list[Finding]:
-    """List possible causes as `stream_causes`, for an interface to the camera, net.core.rmem_max and a firewall."""
-    something_came = facts.counted.completed + facts.counted.failed + facts.counted.missing > 0
-    buffer, packets = _receive_buffer(facts, limit_bytes), packet_size_finding(facts.packet_size_bytes, interface)
-    away = None if interface is None else network_finding(facts.address, interface)
-    if not something_came:
-        # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
-        found = [packets, away, buffer, _firewall(facts, interface, wall)]
+    interface = interface_to(address, interfaces(root)) if address else None
+    buffer, packets = _receive_buffer(payload_bytes, granted_bytes, root), packet_size_finding(packet_bytes, interface)
+    away = None if interface is None else network_finding(address, interface)
+    if counted.completed + counted.failed + counted.missing:
+        found = [buffer, packets, _missing(counted.missing), away]
     else:
-        found = [buffer, packets, _missing(facts), away]
-    return [finding for finding in [*found, _underruns(facts)] if finding is not None]
+        # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
+        loopback = not address or (interface is not None and interface.is_loopback)
+        found = [packets, away, buffer, None if loopback else _firewall(address, firewall(root))]
+    return [finding for finding in [*found, _underruns(counted.underruns)] if finding is not None]
 
 
-def _receive_buffer(facts: StreamFacts, limit: int | None) -> Finding | None:
-    granted = facts.socket_buffer_bytes
-    if granted is None or granted >= facts.payload_bytes:
+def _receive_buffer(payload_bytes: int, granted_bytes: int | None, root: Path) -> Finding | None:
+    if granted_bytes is None or granted_bytes >= payload_bytes:
         return None
-    cause = f"the receive buffer of {size(granted)} does not hold a frame of {size(facts.payload_bytes)}"
-    if limit is not None and limit >= facts.payload_bytes:
-        return Finding(
-            "receive buffer",
-            "fault",
-            f"{cause}, though net.core.rmem_max allows {size(limit)}",
-            "close the camera and open it again",
-        )
-    return Finding(
-        "receive buffer",
-        "fault",
-        cause,
-        f"{raise_receive_limit(facts.payload_bytes)} (to keep it: {keep_receive_limit(facts.payload_bytes)})",
-    )
+    cause = f"the receive buffer of {size(granted_bytes)} does not hold a frame of {size(payload_bytes)}"
+    remedy = f"{raise_receive_limit(payload_bytes)} (to keep it: {keep_receive_limit(payload_bytes)})"
+    limit = network_limit("rmem_max", root)
+    if limit is not None and limit >= payload_bytes:
+        cause += f", though net.core.rmem_max allows {size(limit)}"
+        remedy = "close the camera and open it again"
+    return Finding("receive buffer", "fault", cause, remedy)
 
 
 def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -> Finding | None:
@@ -289,32 +254,20 @@ def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -
     )
 
 
-def _missing(facts: StreamFacts) -> Finding | None:
-    if facts.counted.missing == 0:
-        return None
-    return Finding(
-        "packets",
-        "notice",
-        f"{facts.counted.missing} packets are counted as missing",
-        "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay",
-    )
+def _missing(n_packets: int) -> Finding | None:
+    cause = f"{n_packets} packets are counted as missing"
+    remedy = "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay"
+    return Finding("packets", "notice", cause, remedy) if n_packets else None
 
 
-def _underruns(facts: StreamFacts) -> Finding | None:
-    if facts.counted.underruns == 0:
-        return None
-    return Finding(
-        "underruns",
-        "notice",
-        f"{facts.counted.underruns} packets found no free buffer, since the program was too slow to take them",
-        "lower the frame rate, or do less between two frames",
-    )
+def _underruns(n_packets: int) -> Finding | None:
+    cause = f"{n_packets} packets found no free buffer, since the program was too slow to take them"
+    remedy = "lower the frame rate, or do less between two frames"
+    return Finding("underruns", "notice", cause, remedy) if n_packets else None
 
 
-def _firewall(facts: StreamFacts, interface: Interface | None, wall: str | None) -> Finding | None:
-    if not facts.address or (interface is not None and interface.is_loopback):
-        return None
-    remedy = open_firewall(wall, facts.address)
+def _firewall(address: str, wall: str | None) -> Finding:
+    remedy = open_firewall(wall, address)
     if wall is None:
         return Finding("firewall", "unknown", "a firewall may keep the camera's packets out", remedy)
     return Finding("firewall", "notice", f"the firewall {wall} is on and may keep the camera's packets out", remedy)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Final
 
 from ..camera import CameraSettingError
 from ..camera_settings import FeatureDescription, FeatureValue
@@ -41,50 +41,60 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     CameraSettingError
         If there is no such feature, it cannot be written, or the value is of a wrong type or out of range.
     """
-    arv = aravis()
-    node = _node(camera, name)
+    node, said = _node(camera, name), f"feature {name}"
     if not _allows(node, "W"):
-        raise CameraSettingError(f"feature {name} cannot be written: it is read-only, or locked by another setting")
-    if isinstance(node, arv.GcEnumeration):
-        camera.set_string(name, _one_of(camera, name, value))
-    elif isinstance(node, arv.GcBoolean):
-        camera.set_boolean(name, _of_type(name, value, bool))
-    elif isinstance(node, arv.GcInteger):
-        camera.set_integer(name, _in_range(name, _of_type(name, value, int), *_integer_range(camera, name)))
-    elif isinstance(node, arv.GcFloat):
-        camera.set_float(name, _in_range(name, float(_of_type(name, value, float)), *camera.get_float_bounds(name)))
-    elif isinstance(node, arv.GcString):
-        camera.set_string(name, _of_type(name, value, str))
-    else:
-        raise CameraSettingError(f"feature {name} has no value that could be written: it is {_kind(node)}")
+        raise CameraSettingError(f"{said} cannot be written: it is read-only, or locked by another setting")
+    kind = _kind(node)
+    if not kind:
+        raise CameraSettingError(f"{said} has no value that could be written: it is {_what(node)}")
+    accepted, words = _KINDS[kind]
+    if kind == "GcEnumeration":
+        entries = camera.dup_available_enumerations_as_strings(name)
+        if value not in entries:
+            raise CameraSettingError(f"{said} has no value {value!r}: choose one of {', '.join(entries)}")
+    elif not isinstance(value, accepted) or isinstance(value, bool) != (kind == "GcBoolean"):
+        raise CameraSettingError(f"{said} takes {words}, not {value!r}")
+    if kind == "GcInteger":
+        require_range(said, value, camera.get_integer_bounds(name), step=_increment(camera, name))
+    elif kind == "GcFloat":
+        value = float(value)
+        require_range(said, value, camera.get_float_bounds(name))
+    setters = {"GcInteger": camera.set_integer, "GcFloat": camera.set_float, "GcBoolean": camera.set_boolean}
+    setters.get(kind, camera.set_string)(name, value)
     return _value(node) if _allows(node, "R") else value
+
+
+def _increment(camera: Any, name: str) -> int:
+    # A register node may have no increment, which Aravis reports as an error.
+    with contextlib.suppress(gerror()):
+        return int(camera.get_integer_increment(name))
+    return 1
 
 
 def readable_features(camera: Any) -> Iterator[tuple[str, FeatureValue]]:
     """Yield name and value of every readable feature, in the camera's order; raises errors of Aravis."""
-    for node in _nodes(camera):
-        if _allows(node, "R") and _has_value(node):
-            yield node.get_name(), _value(node)
+    for node in _readable(camera):
+        yield node.get_name(), _value(node)
 
 
 def described_features(camera: Any) -> Iterator[FeatureDescription]:
     """Yield every readable feature with range and unit, in the camera's order; raises errors of Aravis."""
     arv = aravis()
-    for node in _nodes(camera):
-        if not (_allows(node, "R") and _has_value(node)):
-            continue
-        name, number = node.get_name(), isinstance(node, arv.GcFloat | arv.GcInteger)
-        choices: tuple[str, ...] = ()
+    for node in _readable(camera):
+        name, kind = node.get_name(), _kind(node)
+        choices = camera.dup_available_enumerations_as_strings(name) if kind == "GcEnumeration" else ()
         unit, limits = "", None
-        if isinstance(node, arv.GcEnumeration):
-            choices = tuple(camera.dup_available_enumerations_as_strings(name))
-        elif number and not isinstance(node, arv.GcBoolean):
-            kind = arv.GcFloat if isinstance(node, arv.GcFloat) else arv.GcInteger
-            unit = kind.get_unit(node) or ""
+        if kind in ("GcInteger", "GcFloat"):
+            number = getattr(arv, kind)
+            unit = number.get_unit(node) or ""
             # A register without limits of its own may refuse to say them.
             with contextlib.suppress(gerror()):
-                limits = (kind.get_min(node), kind.get_max(node))
-        yield FeatureDescription(name, _value(node), _allows(node, "W"), unit, limits, choices)
+                limits = (number.get_min(node), number.get_max(node))
+        yield FeatureDescription(name, _value(node), _allows(node, "W"), unit, limits, tuple(choices))
+
+
+def _readable(camera: Any) -> Iterator[Any]:
+    return (node for node in _nodes(camera) if _allows(node, "R") and _kind(node))
 
 
 def available(camera: Any, *names: str) -> str | None:
@@ -128,64 +138,48 @@ def _allows(node: Any, letter: str) -> bool:
     return all(letter in mode.value_nick.upper() for mode in modes) and not (letter == "W" and node.is_locked())
 
 
-def _has_value(node: Any) -> bool:
-    arv = aravis()
-    return not isinstance(node, arv.GcCommand) and isinstance(
-        node, (arv.GcInteger, arv.GcBoolean, arv.GcFloat, arv.GcString)
-    )
-
-
-def _value(node: Any) -> FeatureValue:
-    arv = aravis()
-    value: FeatureValue
-    if isinstance(node, arv.GcEnumeration):
-        value = device_text(node.get_string_value)
-    elif isinstance(node, arv.GcBoolean):
-        value = bool(node.get_value())
-    elif isinstance(node, arv.GcString):
-        value = device_text(arv.GcString.get_value, node)
-    elif isinstance(node, arv.GcFloat):
-        value = float(arv.GcFloat.get_value(node))
-    elif isinstance(node, arv.GcInteger):
-        value = int(arv.GcInteger.get_value(node))
-    else:
-        raise CameraSettingError(f"feature {node.get_name()} has no value that could be read: it is {_kind(node)}")
-    return value
+#: Kinds of features that have a value, as Aravis names them, and what that is in Python, in types and in words. An
+#: enumeration and a boolean are integers, too, and therefore come first.
+_KINDS: Final[dict[str, tuple[Any, str]]] = {
+    "GcEnumeration": (str, "one of its names"),
+    "GcBoolean": (bool, "true or false"),
+    "GcString": (str, "a text"),
+    "GcFloat": (int | float, "a number"),
+    "GcInteger": (int, "a whole number"),
+}
 
 
 def _kind(node: Any) -> str:
+    """Return the kind of a feature as of `_KINDS`; empty for what has no value."""
+    arv = aravis()
+    kinds = (kind for kind in _KINDS if isinstance(node, getattr(arv, kind)))
+    return "" if isinstance(node, arv.GcCommand) else next(kinds, "")
+
+
+def _value(node: Any) -> FeatureValue:
+    kind = _kind(node)
+    if not kind:
+        raise CameraSettingError(f"feature {node.get_name()} has no value that could be read: it is {_what(node)}")
+    if kind == "GcEnumeration":
+        return device_text(node.get_string_value)
+    get = getattr(aravis(), kind).get_value
+    if kind == "GcString":
+        return device_text(get, node)
+    value: FeatureValue = {"GcBoolean": bool, "GcFloat": float, "GcInteger": int}[kind](get(node))
+    return value
+
+
+def _what(node: Any) -> str:
     return "a " + type(node).__name__.removeprefix("Gc").removesuffix("Node").lower()
 
 
-def _of_type(name: str, value: FeatureValue, wanted: type) -> Any:
-    accepted = {bool: (bool,), int: (int,), float: (int, float), str: (str,)}[wanted]
-    if not isinstance(value, accepted) or (isinstance(value, bool) and wanted is not bool):
-        article = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[wanted]
-        raise CameraSettingError(f"feature {name} takes {article}, not {value!r}")
-    return value
-
-
-def _one_of(camera: Any, name: str, value: FeatureValue) -> str:
-    entries = camera.dup_available_enumerations_as_strings(name)
-    if value not in entries:
-        raise CameraSettingError(f"feature {name} has no value {value!r}: choose one of {', '.join(entries)}")
-    return str(value)
-
-
-def _integer_range(camera: Any, name: str) -> tuple[int, int, int]:
-    try:
-        step = camera.get_integer_increment(name)
-    except gerror():
-        # A register node may have no increment, which Aravis reports as an error.
-        step = 1
-    return *camera.get_integer_bounds(name), step
-
-
-def _in_range(name: str, value: Any, low: float, high: float, step: int = 1) -> Any:
-    if not low <= value <= high or (isinstance(value, int) and step > 1 and (value - low) % step):
+def require_range(name: str, value: Any, limits: tuple[float, float], unit: str = "", *, step: int = 1) -> None:
+    """Refuse a number that is out of its range or between its steps; raises CameraSettingError, which states both."""
+    low, high = limits
+    if not low <= value <= high or (step > 1 and (value - low) % step):
+        unit = f" {unit}" if unit else ""
         steps = f" in steps of {step}" if step > 1 else ""
-        raise CameraSettingError(f"feature {name} is {value:g}: the camera takes {low:g} to {high:g}{steps}")
-    return value
+        raise CameraSettingError(f"{name} is {value:g}{unit}: the camera takes {low:g} to {high:g}{unit}{steps}")
 
 
 #: What is set where the camera has it, in this order.

@@ -9,15 +9,14 @@ from __future__ import annotations
 import socket
 import struct
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address, IPv4Interface
 
 from ...core.disk.files import printable
 from ...core.errors import InputError
 from ..camera import CameraError, CameraNotFoundError
-from ..device import on_error
-from ..network import Interface, interfaces
-from . import gvcp
+from ..network import interfaces
 from .library import CameraInfo
 
 #: UDP port of the protocol, fixed by the standard.
@@ -44,6 +43,7 @@ WRITE_REGISTER = 0x0082
 #: The acknowledgement of a command has the next number; a busy camera sends PENDING_ACK first.
 _PENDING = 0x0089
 _LARGEST_MESSAGE = 576
+_CONFIRMED_WITHIN_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,6 @@ class Answer:
     def register(self) -> int | None:
         """Value of the register; None if the answer does not contain it."""
         return int.from_bytes(self.payload[:4], "big") if self.status == 0 and len(self.payload) >= 4 else None
-
-
-@dataclass(frozen=True)
-class Announcement(CameraInfo):
-    """A camera that answered a discovery, and its hardware address."""
-
-    mac: bytes = b""
 
 
 def ask(address: str, command: int, payload: bytes = b"", timeout_s: float = 0.25, tries: int = 3) -> Answer | None:
@@ -139,13 +132,13 @@ def read_register(address: str, register: int, timeout_s: float = 0.25, tries: i
     return ask(address, READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
 
 
-def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> Announcement | None:
+def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> CameraInfo | None:
     """Query one address for a camera; None if none answers. Parameters as `read_register`."""
     answer = ask(address, _DISCOVERY, b"", timeout_s, tries)
-    return None if answer is None else _announcement(answer)
+    return None if answer is None else _announced(answer)
 
 
-def _announcement(answer: Answer) -> Announcement | None:
+def _announced(answer: Answer) -> CameraInfo | None:
     payload = answer.payload
     if answer.status != 0 or len(payload) < 0xE8:
         return None
@@ -154,74 +147,32 @@ def _announcement(answer: Answer) -> Announcement | None:
         for start, length in ((0x48, 32), (0x68, 32), (0xD8, 16))
     )
     address = socket.inet_ntoa(payload[0x24:0x28])
-    return Announcement(vendor, model, serial, address, "GigEVision", mac=payload[0x0A:0x10])
+    return CameraInfo(vendor, model, serial, address, "GigEVision", mac=payload[0x0A:0x10])
 
 
-def announce_all(interface: str, timeout_s: float = 1.0) -> list[Announcement]:
-    """Query all cameras behind an interface, whatever their network; waits for `timeout_s`.
-
-    Parameters
-    ----------
-    interface : str
-        Name, for example ``eth0``.
-    timeout_s : float
-        How long answers are awaited.
+def announce_all(interface: str, timeout_s: float = 1.0) -> list[CameraInfo]:
+    """Query all cameras behind an interface, for example ``eth0``, whatever their network; waits for `timeout_s`.
 
     Raises
     ------
     OSError
         If the interface cannot be used.
     """
+    seen = map(_announced, _ask_all(interface, _DISCOVERY, b"", timeout_s))
     # Simulated cameras of one computer share its hardware address.
-    found: dict[tuple[bytes, str], Announcement] = {}
+    return list({(one.mac, one.address): one for one in seen if one is not None}.values())
+
+
+def _ask_all(interface: str, command: int, payload: bytes, timeout_s: float) -> Iterator[Answer]:
+    """Send a command to all cameras, which may answer to all: they need not know a way to this computer."""
     until_s = time.monotonic() + timeout_s
-    with _broadcasting(interface) as client:
-        client.sendto(_broadcast(_DISCOVERY, b""), _EVERYBODY)
-        while (answer := _wait_for(client, _DISCOVERY, 1, until_s)) is not None:
-            if (seen := _announcement(answer)) is not None:
-                found[seen.mac, seen.address] = seen
-    return list(found.values())
-
-
-def force_address(interface: str, mac: bytes, address: IPv4Interface, timeout_s: float = 2.0) -> bool:
-    """Give a camera another address until it is switched off (FORCEIP); returns whether it confirmed.
-
-    Parameters
-    ----------
-    interface : str
-        Name of the interface that leads to it.
-    mac : bytes
-        Hardware address of the camera.
-    address : IPv4Interface
-        Its new address and network; there is no gateway.
-    timeout_s : float
-        Longest wait for its answer.
-
-    Raises
-    ------
-    OSError
-        If the interface cannot be used.
-    """
-    # Two bytes, the hardware address, and address and mask after twelve bytes each; at the end the gateway.
-    mask = address.netmask.packed
-    payload = bytes(2) + mac + bytes(12) + address.ip.packed + bytes(12) + mask + bytes(16)
-    with _broadcasting(interface) as client:
-        client.sendto(_broadcast(_FORCE_IP, payload), _EVERYBODY)
-        answer = _wait_for(client, _FORCE_IP, 1, time.monotonic() + timeout_s)
-    return answer is not None and answer.status == 0
-
-
-def _broadcasting(interface: str) -> socket.socket:
-    client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    with on_error(client.close):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
-    return client
-
-
-def _broadcast(command: int, payload: bytes) -> bytes:
-    """Return a request to all cameras, which may answer to all: they need not know a way to this computer."""
-    return struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE | _ANSWER_ALL, command, len(payload), 1) + payload
+        flags = _ACKNOWLEDGE | _ANSWER_ALL
+        client.sendto(struct.pack(">BBHHH", _KEY, flags, command, len(payload), 1) + payload, _EVERYBODY)
+        while (answer := _wait_for(client, command, 1, until_s)) is not None:
+            yield answer
 
 
 def set_address(serial: str, wanted: str) -> IPv4Interface:
@@ -263,23 +214,26 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
     # A network of 31 bits has neither (RFC 3021).
     if network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
         raise InputError(f"{address} is the network's or the broadcast address of {network}: choose one in between")
+    new = IPv4Interface(f"{address}/{network.prefixlen}")
     try:
-        return _set_address(interface, serial, address)
+        _force_address(interface.name, serial, new)
     except OSError as error:
         raise CameraError(f"{interface.name} cannot be used ({error.strerror}): run the command with sudo") from error
+    return new
 
 
-def _set_address(interface: Interface, serial: str, address: IPv4Address) -> IPv4Interface:
-    found = gvcp.announce_all(interface.name)
+def _force_address(interface: str, serial: str, new: IPv4Interface) -> None:
+    found = announce_all(interface)
     camera = next((one for one in found if one.serial == serial), None)
     if camera is None:
         listing = ", ".join(f"{one.serial} at {one.address}" for one in found) or "none"
         raise CameraNotFoundError(
-            f"no camera {serial} answers at {interface.name}; found: {listing}: check power, cable and serial number"
+            f"no camera {serial} answers at {interface}; found: {listing}: check power, cable and serial number"
         )
-    if any(one.address == str(address) for one in found if one is not camera):
-        raise InputError(f"{address} is the address of another camera: choose another one")
-    new = IPv4Interface(f"{address}/{interface.address.network.prefixlen}")
-    if not gvcp.force_address(interface.name, camera.mac, new):
+    if any(one.address == str(new.ip) for one in found if one is not camera):
+        raise InputError(f"{new.ip} is the address of another camera: choose another one")
+    # Two bytes, the hardware address, and address and mask after twelve bytes each; at the end no gateway.
+    payload = bytes(2) + camera.mac + bytes(12) + new.ip.packed + bytes(12) + new.netmask.packed + bytes(16)
+    answer = next(_ask_all(interface, _FORCE_IP, payload, _CONFIRMED_WITHIN_S), None)
+    if answer is None or answer.status != 0:
         raise CameraError(f"camera {serial} did not confirm {new}: end the program that controls it, or switch it off")
-    return new

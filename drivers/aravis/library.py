@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -24,6 +24,8 @@ class CameraInfo:
         As the camera announced them.
     device_id : str
         Name by which Aravis opens it; of a USB3 Vision camera it is not the serial number.
+    mac : bytes
+        Hardware address, where it was asked for.
     """
 
     vendor: str
@@ -32,6 +34,7 @@ class CameraInfo:
     address: str
     protocol: str
     device_id: str = ""
+    mac: bytes = field(default=b"", compare=False, repr=False)
 
 
 @cache

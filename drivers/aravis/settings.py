@@ -7,16 +7,16 @@ gain, black level, binning and region.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable
-from typing import Any, TypedDict
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any, Final, TypedDict
 
 from ...core.errors import InputError
 from ...core.frame import Readout
 from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
 from ..camera import CameraSettingError
 from ..camera_settings import FREE_RUN, CameraSettings, Region, Trigger
-from .features import available, read_feature, show_whole_sensor, writable, write_feature
+from .features import available, read_feature, require_range, show_whole_sensor, writable, write_feature
 from .link import Link
 
 #: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own.
@@ -50,24 +50,27 @@ def read_settings(camera: Any) -> CameraSettings:
         width=width,
         height=height,
         readout=_read_readout(camera, x, y),
-        black_level=camera.get_black_level() if camera.is_black_level_available() else 0.0,
+        black_level=_black_level(camera),
         frame_rate_hz=None if rate is None else camera.get_float(rate),
         trigger=_read_trigger(camera),
     )
 
 
-def _read_readout(camera: Any, x: int, y: int) -> Readout:
-    def pair(names: tuple[str, str], otherwise: Any) -> Any:
-        known = [available(camera, name) is not None for name in names]
-        return tuple(read_feature(camera, name) if has else otherwise for name, has in zip(names, known, strict=True))
+def _black_level(camera: Any) -> float:
+    return float(camera.get_black_level()) if camera.is_black_level_available() else 0.0
 
-    size = pair(("WidthMax", "HeightMax"), None)
+
+def _read_readout(camera: Any, x: int, y: int) -> Readout:
+    def pair(one: str, other: str, otherwise: Any) -> Any:
+        return tuple(read_feature(camera, name) if available(camera, name) else otherwise for name in (one, other))
+
+    size = pair("WidthMax", "HeightMax", None)
     return Readout(
         x,
         y,
         binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
-        decimation=pair(("DecimationHorizontal", "DecimationVertical"), 1),
-        mirrored=pair(("ReverseX", "ReverseY"), False),
+        decimation=pair("DecimationHorizontal", "DecimationVertical", 1),
+        mirrored=pair("ReverseX", "ReverseY", False),
         sensor_size=None if None in size else size,
     )
 
@@ -86,12 +89,13 @@ def layout_of(settings: CameraSettings) -> PixelFormat:
         raise CameraSettingError(str(error)) from error
 
 
-def known_formats(camera: Any) -> list[str]:
-    """Return the names of the pixel formats supported by the camera and labcdp."""
-    return [name for name in camera.dup_available_pixel_formats_as_strings() if name in PIXEL_FORMATS]
+def exposure_range_s(camera: Any) -> tuple[float, float]:
+    """Return the shortest and longest exposure in seconds; raises errors of Aravis."""
+    low_us, high_us = camera.get_exposure_time_bounds()
+    return low_us * 1e-6, high_us * 1e-6
 
 
-def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
+def configure(link: Link, wanted: Mapping[str, Any]) -> list[str]:
     """Change settings in a valid order; if the camera rejects one, all are restored.
 
     The camera must not be acquiring; `wanted` are parameters of `AravisCamera.configure`. Returns the names of the
@@ -104,20 +108,24 @@ def configure(link: Link, wanted: dict[str, Any]) -> list[str]:
     """
     with link.using("its settings cannot be read") as camera:
         before = read_settings(camera)
-    changed: list[str] = []
     try:
-        for name in _in_order(wanted, before):
-            changed.append(name)
+        names = _in_order(wanted, before)
+        for name in names:
             with link.using(f"{name} cannot be changed") as camera:
                 change_setting(camera, name, wanted[name])
     except CameraSettingError as error:
-        _undo(link, changed, before)
+        # A binning changes the region, too.
+        touched = {*wanted, "region"} if "binning" in wanted else wanted
+        old = {name: value for name in touched if (value := getattr(before, name, None)) is not None}
+        for name in _in_order(old, before):
+            with suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
+                change_setting(camera, name, old[name])
         raise CameraSettingError(f"{link.identity}: {error}") from error
-    return changed
+    return names
 
 
-def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
-    order = ["pixel_format", "binning", "region", "exposure_s", "frame_rate_hz", "gain_db", "black_level", "trigger"]
+def _in_order(wanted: Mapping[str, Any], now: CameraSettings) -> list[str]:
+    order = list(_CHANGERS)
     # Frame rate and exposure limit each other: change the one that relaxes the other first.
     if wanted.get("exposure_s", 0.0) > now.exposure_s:
         order[3], order[4] = order[4], order[3]
@@ -127,45 +135,17 @@ def _in_order(wanted: dict[str, Any], now: CameraSettings) -> list[str]:
     return [name for name in order if name in wanted]
 
 
-def _undo(link: Link, changed: list[str], before: CameraSettings) -> None:
-    """Restore the settings changed before one was rejected."""
-    backwards = [name for name in reversed(changed) if name != "region"]
-    if "binning" in changed or "region" in changed:
-        # After the binning, which also changes the region.
-        backwards.append("region")
-    for name in backwards:
-        old = getattr(before, name)
-        if old is not None:
-            with contextlib.suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
-                change_setting(camera, name, old)
-
-
 def change_setting(camera: Any, name: str, value: Any) -> None:
     """Change one setting, a parameter of `AravisCamera.configure`, of a camera that does not acquire.
 
-    Raises errors of Aravis, and CameraSettingError as `configure`; the message states the accepted values.
+    Raises errors of Aravis, and CameraSettingError if the camera has no such setting or rejects the value; the message
+    states the accepted values.
     """
-    changers: dict[str, Callable[[Any, Any], None]] = {
-        "pixel_format": _change_pixel_format,
-        "binning": _change_binning,
-        "region": _change_region,
-        "exposure_s": _change_exposure,
-        "frame_rate_hz": _change_frame_rate,
-        "gain_db": _change_gain,
-        "black_level": _change_black_level,
-        "trigger": _change_trigger,
-    }
-    changers[name](camera, value)
-
-
-def exposure_range_s(camera: Any) -> tuple[float, float]:
-    """Return the shortest and longest exposure in seconds; raises errors of Aravis."""
-    low_us, high_us = camera.get_exposure_time_bounds()
-    return low_us * 1e-6, high_us * 1e-6
+    _CHANGERS[name](camera, value)
 
 
 def _change_pixel_format(camera: Any, name: str) -> None:
-    known = known_formats(camera)
+    known = [known for known in camera.dup_available_pixel_formats_as_strings() if known in PIXEL_FORMATS]
     if name not in known:
         raise CameraSettingError(f"the camera has no pixel format {name!r}: choose one of {', '.join(known)}")
     camera.set_pixel_format_from_string(name)
@@ -176,33 +156,33 @@ def _change_binning(camera: Any, binning: tuple[int, int]) -> None:
         if tuple(binning) != (1, 1):
             raise CameraSettingError(f"the camera has no binning: ask for (1, 1), not {tuple(binning)}")
         return
-    bounds = (camera.get_x_binning_bounds(), camera.get_y_binning_bounds())
-    steps = (camera.get_x_binning_increment(), camera.get_y_binning_increment())
-    for axis, value, limits, step in zip(("columns", "rows"), binning, bounds, steps, strict=True):
-        _check_steps(f"binning of {axis}", value, limits, step)
-    camera.set_binning(*binning)
+    columns, rows = binning
+    x_step, y_step = camera.get_x_binning_increment(), camera.get_y_binning_increment()
+    require_range("binning of columns", columns, camera.get_x_binning_bounds(), step=x_step)
+    require_range("binning of rows", rows, camera.get_y_binning_bounds(), step=y_step)
+    camera.set_binning(columns, rows)
     show_whole_sensor(camera)
 
 
 def _change_region(camera: Any, region: Region) -> None:
-    whole = camera.get_region()
+    before = camera.get_region()
     show_whole_sensor(camera)
     try:
-        _check_steps("width", region.width, camera.get_width_bounds(), camera.get_width_increment())
-        _check_steps("height", region.height, camera.get_height_bounds(), camera.get_height_increment())
-        _, _, full_width, full_height = camera.get_region()
+        require_range("width", region.width, camera.get_width_bounds(), step=camera.get_width_increment())
+        require_range("height", region.height, camera.get_height_bounds(), step=camera.get_height_increment())
+        _, _, width, height = camera.get_region()
         if (region.x, region.y) != (0, 0) and not camera.is_region_offset_available():
             raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
-        _check_steps("x", region.x, (0, full_width - region.width), camera.get_x_offset_increment())
-        _check_steps("y", region.y, (0, full_height - region.height), camera.get_y_offset_increment())
+        require_range("x", region.x, (0, width - region.width), step=camera.get_x_offset_increment())
+        require_range("y", region.y, (0, height - region.height), step=camera.get_y_offset_increment())
     except CameraSettingError:
-        camera.set_region(*whole)
+        camera.set_region(*before)
         raise
     camera.set_region(region.x, region.y, region.width, region.height)
 
 
 def _change_exposure(camera: Any, exposure_s: float) -> None:
-    _check_range("exposure_s", exposure_s, exposure_range_s(camera), "s")
+    require_range("exposure_s", exposure_s, exposure_range_s(camera), "s")
     # Rounded: a camera with whole microseconds would truncate 1000.9999999 to 1000.
     camera.set_exposure_time(round(exposure_s * 1e6, 3))
 
@@ -214,7 +194,7 @@ def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
     switch = available(camera, *_FRAME_RATE_SWITCHES)
     if switch is not None:
         write_feature(camera, switch, True)
-    _check_range("frame_rate_hz", frame_rate_hz, camera.get_float_bounds(name), "Hz")
+    require_range("frame_rate_hz", frame_rate_hz, camera.get_float_bounds(name), "Hz")
     # Aravis' own function would switch triggers off.
     camera.set_float(name, frame_rate_hz)
 
@@ -226,18 +206,18 @@ def _change_gain(camera: Any, gain_db: float) -> None:
             own = "no gain" if raw is None else f"its gain not in dB but as {raw}, a feature to set by name"
             raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
         return
-    _check_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
+    require_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
     camera.set_gain(gain_db)
 
 
 def _change_black_level(camera: Any, black_level: float) -> None:
     name = available(camera, "BlackLevel", "BlackLevelRaw")
     if name is None or not writable(camera, name):
-        now = camera.get_black_level() if camera.is_black_level_available() else 0.0
+        now = _black_level(camera)
         if black_level != now:
             raise CameraSettingError(f"the camera's black level cannot be set: ask for {now:g}, not {black_level:g}")
         return
-    _check_range("black_level", black_level, camera.get_black_level_bounds(), "")
+    require_range("black_level", black_level, camera.get_black_level_bounds())
     camera.set_black_level(black_level)
 
 
@@ -260,6 +240,19 @@ def _change_trigger(camera: Any, trigger: Trigger) -> None:
     camera.set_string("TriggerMode", "On")
 
 
+#: How each setting is changed, in an order that the camera accepts.
+_CHANGERS: Final[dict[str, Callable[[Any, Any], None]]] = {
+    "pixel_format": _change_pixel_format,
+    "binning": _change_binning,
+    "region": _change_region,
+    "exposure_s": _change_exposure,
+    "frame_rate_hz": _change_frame_rate,
+    "gain_db": _change_gain,
+    "black_level": _change_black_level,
+    "trigger": _change_trigger,
+}
+
+
 def _read_trigger(camera: Any) -> Trigger:
     if available(camera, "TriggerMode") is None:
         return FREE_RUN
@@ -279,17 +272,3 @@ def _select_trigger(camera: Any) -> None:
     wanted = next((kind for kind in _TRIGGERS if kind in kinds), None)
     if wanted is not None and camera.get_string("TriggerSelector") != wanted:
         camera.set_string("TriggerSelector", wanted)
-
-
-def _check_range(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
-    low, high = limits
-    if not low <= value <= high:
-        unit = f" {unit}" if unit else ""
-        raise CameraSettingError(f"{name} is {value:g}{unit}: the camera takes {low:g} to {high:g}{unit}")
-
-
-def _check_steps(name: str, value: int, limits: tuple[int, int], step: int) -> None:
-    low, high = limits
-    if not low <= value <= high or (value - low) % max(1, step):
-        steps = f" in steps of {step}" if step > 1 else ""
-        raise CameraSettingError(f"{name} is {value}: the camera takes {low} to {high}{steps}")

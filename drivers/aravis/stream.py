@@ -12,7 +12,7 @@ from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, Stre
 from ..camera_settings import CameraSettings
 from ..computer import enlarge_receive_buffer, has_packet_sockets, raise_priority
 from ..device import on_error
-from ..network import StreamFacts, stream_causes
+from ..network import stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
@@ -225,14 +225,9 @@ class FrameStream:
 
     def _causes(self) -> list[str]:
         """Return possible transport problems, the most likely first, each with its remedy."""
-        facts = StreamFacts(
-            address=self._link.info.address,
-            payload_bytes=self._payload_bytes,
-            packet_size_bytes=self._packet_bytes,
-            socket_buffer_bytes=self._granted_bytes,
-            counted=self.statistics,
-        )
-        return [str(finding) for finding in stream_causes(facts)[:_MOST_CAUSES]]
+        address, packet_bytes = self._link.info.address, self._packet_bytes
+        found = stream_causes(address, self._payload_bytes, packet_bytes, self._granted_bytes, self.statistics)
+        return [str(finding) for finding in found[:_MOST_CAUSES]]
 
     def _counters(self) -> str:
         counted = self.statistics

@@ -28,34 +28,6 @@ _STRETCH = 0.5
 
 
 @dataclass(frozen=True)
-class TransportFacts:
-    """Inputs of a transport plan.
-
-    Parameters
-    ----------
-    packet_size_bytes : int
-        Size of a stream packet now, headers of IP and above included (GevSCPSPacketSize).
-    payload_bytes : int
-        Bytes of a frame.
-    frame_rate_hz : float or None
-        Frame rate, if known.
-    interface : Interface or None
-        Interface that leads to the camera; None if unknown.
-    bandwidth_range : (int, int) or None
-        Bytes per second that the camera can be limited to; None if it cannot.
-    n_sharing : int
-        Cameras in use behind the interface, this one included.
-    """
-
-    packet_size_bytes: int
-    payload_bytes: int
-    frame_rate_hz: float | None
-    interface: Interface | None
-    bandwidth_range: tuple[int, int] | None
-    n_sharing: int = 1
-
-
-@dataclass(frozen=True)
 class TransportPlan:
     """Settings of the transport; None leaves the camera's value.
 
@@ -74,7 +46,14 @@ class TransportPlan:
     packet_delay_ns: int | None = None
 
 
-def plan_transport(facts: TransportFacts) -> TransportPlan:
+def plan_transport(
+    packet_bytes: int,
+    payload_bytes: int,
+    frame_rate_hz: float | None,
+    interface: Interface | None,
+    bandwidth_range: tuple[int, int] | None,
+    n_sharing: int = 1,
+) -> TransportPlan:
     """Choose packet size, bandwidth and packet delay.
 
     Packets are never larger than the MTU of the interface. The bandwidth is an equal share of the link; a camera with
@@ -83,42 +62,47 @@ def plan_transport(facts: TransportFacts) -> TransportPlan:
 
     Parameters
     ----------
-    facts : TransportFacts
-        Inputs of the plan.
+    packet_bytes : int
+        Size of a stream packet now, headers of IP and above included (GevSCPSPacketSize).
+    payload_bytes : int
+        Bytes of a frame.
+    frame_rate_hz : float or None
+        Frame rate, if known.
+    interface : Interface or None
+        Interface that leads to the camera; None if unknown.
+    bandwidth_range : (int, int) or None
+        Bytes per second that the camera can be limited to; None if it cannot.
+    n_sharing : int
+        Cameras in use behind the interface, this one included.
 
     Returns
     -------
     TransportPlan
         Empty for loopback, where no packets are lost.
     """
-    interface = facts.interface
     if interface is None or interface.is_loopback:
         return TransportPlan()
-    packet_bytes = min(facts.packet_size_bytes, interface.mtu_bytes)
-    size = packet_bytes if packet_bytes != facts.packet_size_bytes else None
+    size = interface.mtu_bytes if interface.mtu_bytes < packet_bytes else None
+    packet_bytes = size or packet_bytes
     if interface.speed_mbit_s is None:
         return TransportPlan(size)
     wire_bytes_per_s = interface.speed_mbit_s * 1e6 / 8
-    if facts.bandwidth_range is not None:
-        low, high = facts.bandwidth_range
+    if bandwidth_range is not None:
+        low, high = bandwidth_range
         carried = wire_bytes_per_s * packet_bytes / (packet_bytes + _ETHERNET_BYTES) * (1 - _RESERVED)
-        return TransportPlan(size, max(low, min(high, int(carried / facts.n_sharing))), 0)
-    if not facts.frame_rate_hz:
+        return TransportPlan(size, max(low, min(high, int(carried / n_sharing))), 0)
+    if not frame_rate_hz:
         return TransportPlan(size)
     # 36 bytes of each packet are headers of IP, UDP and GVSP.
-    n_packets = -(-facts.payload_bytes // max(1, packet_bytes - 36))
+    n_packets = -(-payload_bytes // max(1, packet_bytes - 36))
     sending_s = (packet_bytes + _ETHERNET_BYTES) / wire_bytes_per_s
-    pause_s = max(0.0, _STRETCH / facts.frame_rate_hz / n_packets - sending_s)
+    pause_s = max(0.0, _STRETCH / frame_rate_hz / n_packets - sending_s)
     return TransportPlan(size, None, int(pause_s * 1e9))
 
 
 def set_up_transport(
-    camera: Any,
-    address: str,
-    frame_rate_hz: float | None,
-    chosen: frozenset[str] = frozenset(),
-    neighbours: Collection[str] = (),
-) -> TransportPlan:
+    camera: Any, address: str, frame_rate_hz: float | None, chosen: frozenset[str], neighbours: Collection[str]
+) -> None:
     """Set a GigE Vision camera's transport as planned; raises errors of Aravis.
 
     Parameters
@@ -133,23 +117,13 @@ def set_up_transport(
         Features set by the user, which are not changed.
     neighbours : collection of str
         Addresses of the other cameras behind the same interface; the link is shared with those that are in use.
-
-    Returns
-    -------
-    TransportPlan
-        The applied plan.
     """
     interface = interface_to(address, interfaces())
     bandwidth = available(camera, "StreamBytesPerSecond", "DeviceLinkThroughputLimit")
-    facts = TransportFacts(
-        packet_size_bytes=camera.gv_get_packet_size(),
-        payload_bytes=camera.get_payload(),
-        frame_rate_hz=frame_rate_hz,
-        interface=interface,
-        bandwidth_range=None if bandwidth is None else tuple(camera.get_integer_bounds(bandwidth)),
-        n_sharing=1 + sum(map(_is_controlled, neighbours)),
-    )
-    plan = plan_transport(facts)
+    bounds = None if bandwidth is None else tuple(camera.get_integer_bounds(bandwidth))
+    n_sharing = 1 + sum(map(_is_controlled, neighbours))
+    packet_bytes, payload_bytes = camera.gv_get_packet_size(), camera.get_payload()
+    plan = plan_transport(packet_bytes, payload_bytes, frame_rate_hz, interface, bounds, n_sharing)
     if plan.packet_size_bytes is not None and "GevSCPSPacketSize" not in chosen:
         camera.gv_set_packet_size(plan.packet_size_bytes)
     mode = "DeviceLinkThroughputLimitMode"
@@ -162,7 +136,6 @@ def set_up_transport(
         camera.gv_set_packet_delay(plan.packet_delay_ns)
     if plan != TransportPlan():
         _log.info("transport from %s by %s: %s", address, interface.name if interface else "?", plan)
-    return plan
 
 
 def find_neighbours(address: str, timeout_s: float) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Checks of an opened camera: control, stream settings, temperature, frames."""
+"""Checks of an opened camera: control, stream settings, temperature, frames; and what a problem report needs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..aravis.camera import AravisCamera
 from ..aravis.connection import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
 from ..aravis.features import not_understood, readable_features
 from ..aravis.library import CameraInfo, genicam_xml
-from ..aravis.link import Link, connect
+from ..aravis.link import connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
 from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamStatistics
 from ..camera_settings import CameraSettings, FeatureValue
@@ -24,7 +24,7 @@ from ..device import Finding, size
 from ..meter import MeterError
 from ..minolta_ls.meter import DRIVERS
 from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_finding, packet_size_finding
-from .computer import aravis_facts
+from .computer import debian_packages
 from .meter import MeterModel
 
 #: Number of test frames, and their exposure, within the camera's range.
@@ -40,6 +40,9 @@ WARM_C = 60.0
 _HEADERS_BYTES = 36
 #: Ethernet overhead of an IP packet on the wire: preamble (8), header (14), checksum (4) and gap (12).
 _ETHERNET_BYTES = 38
+
+#: Size of a packet where neither camera nor interface tell.
+_SMALL_PACKET_BYTES = 1500
 
 #: Features that limit the stream, in bytes per second: Allied Vision's name and that of the SFNC.
 _BANDWIDTH_FEATURES = ("StreamBytesPerSecond", "DeviceLinkThroughputLimit")
@@ -81,30 +84,14 @@ class CameraFacts:
     refused: int = 0
     problem: CameraError | None = None
 
-    @property
-    def payload_bytes(self) -> int:
-        """Bytes of a frame."""
-        announced = self.number("PayloadSize")
-        if announced:
-            return int(announced)
-        return layout_of(self.settings).payload_bytes(self.settings.width * self.settings.height)
-
-    @property
-    def packet_bytes(self) -> int | None:
-        """Bytes of a stream packet, headers included."""
-        value = self.number("GevSCPSPacketSize")
-        return None if value is None or value < 1 else int(value)
-
     def number(self, name: str) -> float | None:
-        """Return a feature that is a number."""
+        """Return a feature that is a number and not 0; None without it."""
         value = self.features.get(name)
-        return None if value is None or isinstance(value, str | bool) else float(value)
+        return None if not value or isinstance(value, str | bool) else float(value)
 
 
-def check_camera(
-    info: CameraInfo, known: Sequence[Interface], *, stream: bool = False, timeout_s: float | None = None
-) -> list[Finding]:
-    """Open a camera, read it, and close it again.
+def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool = False) -> list[Finding]:
+    """Open a camera, read it, and close it again; its errors are returned as findings.
 
     Parameters
     ----------
@@ -115,20 +102,17 @@ def check_camera(
     stream : bool
         Whether to take some frames, with the settings of `AravisCamera`; those found are restored. Without,
         nothing is written to the camera.
-    timeout_s : float or None
-        Longest wait for a frame beyond its exposure, as of `AravisCamera.grab`.
-
-    Errors of the camera are returned as findings.
     """
     address = info.address if info.protocol == "GigEVision" else ""
     interface = interface_to(address, known)
     try:
         with closing(connect(info, prepare=False)) as link:
-            facts = _read(link)
+            with link.using("it cannot be read") as camera:
+                facts = CameraFacts(read_settings(camera), dict(readable_features(camera)), temperature_c(camera))
             found = (take_snapshot(link, stream=True), trigger_modes(link)) if stream else None
         if found is not None:
             try:
-                facts = _streamed(info, facts, timeout_s)
+                facts = _streamed(info, facts)
             finally:
                 with closing(connect(info, prepare=False)) as link:
                     restore_trigger_modes(link, found[1])
@@ -139,16 +123,7 @@ def check_camera(
     return camera_findings(replace(facts, address=address, interface=interface))
 
 
-def _read(link: Link) -> CameraFacts:
-    with link.using("it cannot be read") as camera:
-        return CameraFacts(
-            settings=read_settings(camera),
-            features=dict(readable_features(camera)),
-            temperature_c=temperature_c(camera),
-        )
-
-
-def _streamed(info: CameraInfo, facts: CameraFacts, timeout_s: float | None) -> CameraFacts:
+def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
     """Take some frames."""
     refused: list[IncompleteFrameError] = []
     came, problem = 0, None
@@ -156,28 +131,21 @@ def _streamed(info: CameraInfo, facts: CameraFacts, timeout_s: float | None) -> 
         shortest_s, longest_s = camera.exposure_range_s
         camera.configure(exposure_s=min(max(_EXPOSURE_S, shortest_s), longest_s))
         try:
-            for _ in camera.grab(N_FRAMES, timeout_s, refused.append):
+            for _ in camera.grab(N_FRAMES, on_refused=refused.append):
                 came += 1
         except CameraError as error:
             problem = error
-        return replace(
-            facts,
-            settings=camera.settings,
-            features=camera.features(),
-            statistics=camera.statistics,
-            came=came,
-            refused=len(refused),
-            problem=problem,
-        )
+        features, statistics = camera.features(), camera.statistics
+        facts = replace(facts, settings=camera.settings, features=features, statistics=statistics)
+        return replace(facts, came=came, refused=len(refused), problem=problem)
 
 
 def camera_findings(facts: CameraFacts) -> list[Finding]:
     """Evaluate an opened camera."""
-    optional = [_link(facts), _bandwidth(facts), _need(facts), _temperature(facts)]
+    optional = [_packets(facts), _link(facts), *_bandwidth(facts), _temperature(facts.temperature_c)]
     return [
         Finding("controller", "good", "this program could take control of it"),
         *_network(facts.address, facts.interface),
-        *_packets(facts),
         *(finding for finding in optional if finding is not None),
         _frames(facts),
     ]
@@ -192,25 +160,21 @@ def _network(address: str, interface: Interface | None) -> list[Finding]:
     return [network_finding(address, interface) or Finding("network", "good", reached)]
 
 
-def _packets(facts: CameraFacts) -> list[Finding]:
-    packet, interface = facts.packet_bytes, facts.interface
+def _packets(facts: CameraFacts) -> Finding | None:
+    packet, interface = facts.number("GevSCPSPacketSize"), facts.interface
     if packet is None or interface is None:
-        return []
-    too_large = packet_size_finding(packet, interface)
-    if too_large is not None:
-        return [too_large]
-    text = f"packets of {packet} bytes, and {interface.name} takes {interface.mtu_bytes}"
+        return None
+    text = f"packets of {packet:.0f} bytes, and {interface.name} takes {interface.mtu_bytes}"
     # Half of the possible size: a negotiated size slightly below the MTU is as good.
-    if interface.is_loopback or packet >= interface.mtu_bytes / 2:
-        return [Finding("packet size", "good", text)]
-    remedy = "check that the camera and every switch between take jumbo frames"
-    return [Finding("packet size", "notice", f"{text}: small packets cost computing time", remedy)]
+    small = not interface.is_loopback and packet < interface.mtu_bytes / 2
+    remedy = "check that the camera and every switch between take jumbo frames" if small else None
+    text += ": small packets cost computing time" if small else ""
+    return packet_size_finding(int(packet), interface) or Finding.judged("packet size", text, remedy)
 
 
 def _link(facts: CameraFacts) -> Finding | None:
     # GigE Vision counts in Mbit/s, the SFNC's newer name in bytes per second.
-    speed, newer = facts.number("GevLinkSpeed"), facts.number("DeviceLinkSpeed")
-    speed = newer * 8e-6 if speed is None and newer is not None else speed
+    speed = facts.number("GevLinkSpeed") or (facts.number("DeviceLinkSpeed") or 0.0) * 8e-6
     if not speed:
         return None
     remedy = "use a cable of category 5e or better, and a gigabit port at its other end"
@@ -218,55 +182,39 @@ def _link(facts: CameraFacts) -> Finding | None:
     return Finding.judged("link speed", text, remedy if speed < GIGABIT_MBIT_S else None)
 
 
-def _limit(facts: CameraFacts) -> tuple[str, float] | None:
-    return next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
-
-
-def _carried(facts: CameraFacts) -> float | None:
-    """Capacity of the computer's interface for stream packets, in bytes per second."""
-    interface = facts.interface
-    if interface is None or interface.speed_mbit_s is None:
-        return None
-    packet = facts.packet_bytes or interface.mtu_bytes
-    return interface.speed_mbit_s * 1e6 / 8 * packet / (packet + _ETHERNET_BYTES)
-
-
-def _bandwidth(facts: CameraFacts) -> Finding | None:
-    """Compare the camera's bandwidth limit with the link."""
-    limit, carried = _limit(facts), _carried(facts)
-    if limit is None or carried is None:
-        return None
-    text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
-    remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
-    return Finding.judged("bandwidth", text, remedy if limit[1] > carried else None)
-
-
-def _need(facts: CameraFacts) -> Finding | None:
-    """Compare the required bandwidth with the link and the camera's limit."""
-    rate, limit, carried = facts.settings.frame_rate_hz, _limit(facts), _carried(facts)
+def _bandwidth(facts: CameraFacts) -> list[Finding]:
+    """Compare the camera's bandwidth limit and what its frames need with the capacity of the link for packets."""
+    settings, interface, rate_hz = facts.settings, facts.interface, facts.settings.frame_rate_hz
+    limit = next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
+    carried, packet, found = None, facts.number("GevSCPSPacketSize"), []
+    if interface is not None and interface.speed_mbit_s is not None:
+        packet = packet or interface.mtu_bytes
+        carried = interface.speed_mbit_s * 1e6 / 8 * packet / (packet + _ETHERNET_BYTES)
+    if limit is not None and carried is not None:
+        text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
+        remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
+        found.append(Finding.judged("bandwidth", text, remedy if limit[1] > carried else None))
     tightest = min((value for value in (limit and limit[1], carried) if value is not None), default=None)
-    if rate is None or tightest is None:
-        return None
-    packet = facts.packet_bytes or 1500
-    per_frame = facts.payload_bytes * packet / max(1, packet - _HEADERS_BYTES)
-    settings = facts.settings
-    text = (
-        f"{settings.width} x {settings.height} pixels of {settings.pixel_format} at {rate:.4g} frames/s need "
-        f"{size(per_frame * rate)}/s of {size(tightest)}/s"
-    )
-    remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
-    return Finding.judged("frame rate", text, remedy if per_frame * rate > tightest else None)
+    if rate_hz is not None and tightest is not None:
+        packet = packet or _SMALL_PACKET_BYTES
+        payload = facts.number("PayloadSize") or layout_of(settings).payload_bytes(settings.width * settings.height)
+        per_frame = payload * packet / max(1, packet - _HEADERS_BYTES)
+        text = (
+            f"{settings.width} x {settings.height} pixels of {settings.pixel_format} at {rate_hz:.4g} frames/s need "
+            f"{size(per_frame * rate_hz)}/s of {size(tightest)}/s"
+        )
+        remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
+        found.append(Finding.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
+    return found
 
 
-def _temperature(facts: CameraFacts) -> Finding | None:
-    temperature_c = facts.temperature_c
+def _temperature(temperature_c: float | None) -> Finding | None:
     if temperature_c is None:
         return None
-    text = f"the camera is at {temperature_c:.1f} degC"
-    if temperature_c > WARM_C:
-        remedy = "mount it on metal that carries the heat away, and compare with its data sheet"
-        return Finding("temperature", "notice", f"{text}, which adds dark current and noise", remedy)
-    return Finding("temperature", "good", text)
+    warm = temperature_c > WARM_C
+    text = f"the camera is at {temperature_c:.1f} degC{', which adds dark current and noise' if warm else ''}"
+    remedy = "mount it on metal that carries the heat away, and compare with its data sheet"
+    return Finding.judged("temperature", text, remedy if warm else None)
 
 
 def _frames(facts: CameraFacts) -> Finding:
@@ -304,7 +252,7 @@ def camera_files(info: CameraInfo) -> dict[str, bytes]:
         "camera": asdict(info),
         "versions": {
             "labcdp": version("labcdp"),
-            "packages": dict(aravis_facts().packages or {}),
+            "packages": debian_packages() or {},
             "Python": platform.python_version(),
             "system": platform.platform(),
         },

@@ -14,7 +14,7 @@ from math import floor, log10
 from typing import Final, Literal
 
 from ...core.reading import LuminanceUnit, MeterIdentity, Reading
-from ..meter import MeterProtocolError, MeterReportedError
+from ..meter import MeterProtocolError, MeterReportedError, MeterTimeoutError
 
 
 class MeterMode(Enum):
@@ -46,6 +46,10 @@ MODE_GROUPS: Final = (
     (MeterMode.FAST, MeterMode.SLOW),
     (MeterMode.PEAK, MeterMode.CONT),
 )
+
+
+#: Modes of a meter that is switched on, one of each group.
+POWER_ON: Final[tuple[MeterMode, ...]] = (MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT)
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,8 @@ ERROR_CODES: Final = {
 }
 _UNKNOWN_CODE: Final = "the manual does not know this code: switch the meter off, and on again with F held"
 
+#: In bytes; the longest reply of the manual has 17.
+LONGEST_REPLY: Final = 64
 #: Not of the manual: asks the simulated meter what it is. A real one answers ER00.
 SIMULATED_COMMAND: Final = "SIM"
 SIMULATED_REPLY: Final = b"OK00,labcdp\r\n"
@@ -195,6 +201,25 @@ def parse_reading(reply: bytes, data_sheet: LSDataSheet, meter: MeterIdentity, t
         meter=meter,
         timestamp=timestamp,
         raw=reply.decode("ascii"),
+    )
+
+
+def require_whole(port: str, reply: bytes, command: str, allowed_s: float) -> None:
+    """Raise a specific error if the reply to a command does not end with CR LF within the time allowed."""
+    if reply.endswith(b"\r\n"):
+        return
+    if len(reply) >= LONGEST_REPLY:
+        raise MeterProtocolError(
+            f"{port}: {command} was answered with {reply!r} and no CR LF: check that the meter is on this port"
+        )
+    if reply:
+        raise MeterTimeoutError(
+            f"{port}: the answer to {command} stopped after {len(reply)} bytes ({reply!r}) and did not continue within "
+            f"{allowed_s:.3g} s: check the cable, then repeat"
+        )
+    raise MeterTimeoutError(
+        f"{port}: no answer to {command} within {allowed_s:.3g} s: check that the meter has power and shows C for "
+        "remote mode (switch it off, hold F while switching it on), and check the cable"
     )
 
 

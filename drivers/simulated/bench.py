@@ -13,10 +13,10 @@ from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
 from ...session import SessionConfiguration
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
-from ..minolta_ls.protocol import LSDataSheet
+from .commands import Command, parse_command, parse_schedule
 from .device import SimulatedDevice
 from .devices import BenchDevices
-from .faults import Drifts, Misfortune, Scheduled, parse_command, parse_schedule
+from .faults import Drifts, Misfortune
 from .genicam import standard_features
 from .gige_camera import SimulatedGigECamera
 from .in_process import InProcessCamera
@@ -118,16 +118,14 @@ class SimulatedBench:
 
     def pty_meter(self, response_time_s: float = 0.8) -> PtyMeter:
         """Return the meter on a pseudo-terminal, to be started."""
-        engine = self._engine()
-        meter = PtyMeter(engine, response_time_s=response_time_s)
-        self._misfortune.add_meter(meter, engine)
+        meter = PtyMeter(self._meter(), response_time_s=response_time_s)
+        self._misfortune.add_meter(meter)
         return meter
 
     def in_process_port(self, response_time_s: float = 0.8) -> InProcessPort:
         """Return a port in this process with the meter on it."""
-        engine = self._engine()
-        port = InProcessPort(engine, self._clock, response_time_s)
-        self._misfortune.add_meter(port, engine)
+        port = InProcessPort(self._meter(), self._clock, response_time_s)
+        self._misfortune.add_meter(port)
         return port
 
     def in_process_meter(self, response_time_s: float = 0.8) -> MinoltaLS:
@@ -135,15 +133,12 @@ class SimulatedBench:
         identity = replace(self._configuration.meter.identity, simulated=True)
         return DRIVERS[identity.model](self.in_process_port(response_time_s), identity)
 
-    def _engine(self) -> SimulatedLS:
-        return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), self._sheet, self._devices.meter)
-
-    @property
-    def _sheet(self) -> LSDataSheet:
+    def _meter(self) -> SimulatedLS:
         model = self._configuration.meter.model
         if model not in DRIVERS:
             raise ConfigurationError(f"meter.model is {model!r}: the simulated bench has an LS-100 or an LS-110")
-        return DRIVERS[model].data_sheet
+        sheet, errors = DRIVERS[model].data_sheet, self._devices.meter
+        return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), sheet, errors)
 
     @property
     def light_rel(self) -> float:
@@ -158,7 +153,7 @@ class SimulatedBench:
     @property
     def drifted(self) -> bool:
         """Whether any drift of light or temperature was started."""
-        return self._drifts.begun
+        return bool(self._drifts.begun)
 
     @property
     def covered(self) -> bool:
@@ -212,9 +207,9 @@ class SimulatedBench:
         CameraError
             If the fault cannot be applied.
         """
-        self._misfortune.tell(parse_command(text))
+        self._misfortune.begin(parse_command(text))
 
-    def schedule(self, text: str, source: str = "schedule") -> tuple[Scheduled, ...]:
+    def schedule(self, text: str, source: str = "schedule") -> tuple[Command, ...]:
         """Schedule faults from now on, lines such as ``at 1 min vanish for 5 s``; returns them.
 
         Raises

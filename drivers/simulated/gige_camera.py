@@ -15,16 +15,16 @@ import time
 from collections.abc import Callable, Hashable
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from ..aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
 from ..device import Device
+from .commands import CameraFaults
 from .control import ControlPort, SecondController, check_free
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import Address, description
-from .in_process import NO_TROUBLE, CameraTrouble
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
@@ -88,7 +88,7 @@ class SimulatedGigECamera(Device):
         self._exposing: Hashable = None
         self._exposed_at_s = 0.0
         self._triggered_at_s: float | None = None
-        self._trouble = NO_TROUBLE
+        self._faults: CameraFaults = {}
         self._right_height: int | None = None
         self._started = False
         self._other: SecondController | None = None
@@ -101,60 +101,54 @@ class SimulatedGigECamera(Device):
         # Aravis keeps only the pointer: the callback must live as long as the camera.
         self._callback = _FillPattern(self._fill)
 
-    def open(self) -> SimulatedGigECamera:
-        """Start, as a context manager does."""
-        return self if self._started else self.start()
-
-    def close(self) -> None:
-        """Stop, as a context manager does."""
-        self.stop()
-
-    def start(self) -> SimulatedGigECamera:
-        """Start answering, in the current trouble.
+    def open(self) -> Self:
+        """Start answering, with the current faults; does nothing if it answers.
 
         Raises
         ------
         CameraError
             If Aravis is missing, or another camera or program has the address.
         """
-        trouble, self._trouble = self._trouble, NO_TROUBLE
-        if not trouble.gone:
-            self._switch_on()
-        self._renderer.open()
-        self._started = True
-        self.set_faults(trouble)
+        if not self._started:
+            faults, self._faults = self._faults, {}
+            if "vanish" not in faults:
+                self._switch_on()
+            self._renderer.open()
+            self._started = True
+            self.set_faults(faults)
         return self
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Stop answering, as with the cable pulled; may be called twice."""
         self._started = False
         self._let_go()
         self._switch_off()
         self._renderer.close()
 
-    def set_faults(self, trouble: CameraTrouble) -> None:
-        """Replace the current trouble.
+    def set_faults(self, faults: CameraFaults) -> None:
+        """Replace the current faults.
 
         Raises
         ------
         CameraError
             If it is to be restored but its address is in use.
         """
-        before, self._trouble = self._trouble, trouble
+        before, self._faults = self._faults, faults
         if not self._started:
             return
-        if before.taken and not trouble.taken:
+        gone = "vanish" in faults
+        if "second controller" not in faults:
             self._let_go()
-        if trouble.gone and not before.gone:
+        if gone and "vanish" not in before:
             self._switch_off()
-        elif before.gone and not trouble.gone:
+        elif not gone and "vanish" in before:
             self._switch_on()
-        if trouble.taken and not trouble.gone and self._other is None:
+        if "second controller" in faults and not gone and self._other is None:
             self._be_taken()
         with self._lock:
             if self._control is not None:
-                self._control.deaf(trouble.frozen)
-            self._set_height(trouble.wrong_size)
+                self._control.deaf("freeze" in faults)
+            self._set_height("wrong size" in faults)
             self._lose(self._share_lost())
 
     def follow_temperature(self) -> None:
@@ -213,7 +207,8 @@ class SimulatedGigECamera(Device):
             self._other = None
 
     def _share_lost(self) -> float:
-        return 1.0 if self._trouble.stalled or self._trouble.frozen else self._trouble.loss
+        faults = self._faults
+        return 1.0 if "stall" in faults or "freeze" in faults else faults.get("lose", 0.0)
 
     def _lose(self, share: float) -> None:
         if self._gv is not None:
@@ -282,7 +277,7 @@ class SimulatedGigECamera(Device):
             self._frame_id = int(_aravis_c().arv_buffer_get_frame_id(buffer))
         else:
             self._frame_id = self._frame_id % 0xFFFF + 1
-        if not self._trouble.wrong_ids:
+        if "wrong ids" not in self._faults:
             return self._frame_id
         # Alternately the previous id, and one far behind.
         back = 1 if self._frame_id % 2 else _BACKWARD

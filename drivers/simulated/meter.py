@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from ...core.reading import CD_M2_PER_FL
 from ..minolta_ls.protocol import (
     LS110,
     MODE_GROUPS,
+    POWER_ON,
     SIMULATED_COMMAND,
     SIMULATED_REPLY,
     LSDataSheet,
@@ -33,6 +33,9 @@ _LONGEST_GARBAGE: Final = 24
 
 class MeterEngine(Protocol):
     """Maps commands to replies, for example `SimulatedLS`."""
+
+    remote: bool
+    unit: Literal["cd/m2", "fL"]
 
     def answer(self, command: bytes) -> bytes:
         """Return the reply to a command, both with CR LF, or nothing; a command without CR LF is incomplete."""
@@ -97,7 +100,7 @@ class FaultyMeter:
     def __init__(self, engine: MeterEngine, response_time_s: float) -> None:
         if not response_time_s >= 0:
             raise InputError(f"response_time_s is {response_time_s}: give a number of seconds of at least 0")
-        self._engine = engine
+        self.engine = engine
         self._response_time_s = response_time_s
         self._faults: deque[Fault] = deque()
 
@@ -106,8 +109,9 @@ class FaultyMeter:
         self._faults.extend(faults)
 
     def recover(self) -> None:
-        """Forget the faults that are queued."""
+        """Forget the faults that are queued, and enter remote mode."""
         self._faults.clear()
+        self.engine.remote = True
 
     def unplug(self) -> None:
         """Pull the cable."""
@@ -119,7 +123,7 @@ class FaultyMeter:
 
     def reply(self, command: bytes) -> tuple[bytes, float] | None:
         """Return the reply to a command and the time it takes, in which no other is accepted; None for silence."""
-        answer = self._engine.answer(command)
+        answer = self.engine.answer(command)
         if not answer:
             return None
         fault = self._faults.popleft() if self._faults else Fault()
@@ -128,7 +132,7 @@ class FaultyMeter:
 
 
 class InProcessPort(FaultyMeter):
-    """A meter for `MinoltaLS` without a serial port; see `labcdp.drivers.minolta_ls.line.Port`.
+    """A meter for `MinoltaLS` without a serial port; see `labcdp.drivers.minolta_ls.port.Port`.
 
     Parameters
     ----------
@@ -204,11 +208,7 @@ class InProcessPort(FaultyMeter):
             raise OSError(number, "it is unplugged")
 
 
-_POWER_ON: Final = frozenset({MeterMode.PRESET, MeterMode.ABS, MeterMode.FAST, MeterMode.CONT})
-_CORRECTION_FLAGS: Final = {
-    MeterMode.PRESET: "P",
-    MeterMode.VARI_CCF: "K",
-}
+_CORRECTION_FLAGS: Final = {MeterMode.PRESET: "P", MeterMode.VARI_CCF: "K"}
 #: Modes that need what is stored in the memory, which is empty.
 _NEEDS_MEMORY: Final = {MeterMode.VARI_LUMI, MeterMode.VARI_CCF_LUMI, MeterMode.RATIO}
 
@@ -243,34 +243,6 @@ class MeterErrorModel:
             raise InputError(f"repeatability_rel is {self.repeatability_rel}: give a fraction of at least 0")
 
 
-#: A meter without errors other than rounding.
-EXACT: Final = MeterErrorModel()
-
-
-def format_number(value: float, decimals: int) -> str | None:
-    """Format a number like the meter: at most four digits in six characters.
-
-    Parameters
-    ----------
-    value : float
-        At least 0.
-    decimals : int
-        Most decimals of the display.
-
-    Returns
-    -------
-    str or None
-        Six characters, padded with blanks on the left: ``  0.05``, `` 83.02``, ``748000``; None if the number does
-        not fit. The last digit is rounded half up.
-    """
-    number = four_digits(value, decimals)
-    return None if number is None else f"{number:f}".rjust(6)
-
-
-class _RefusedError(Exception):
-    """The meter answers with an error code, the argument."""
-
-
 class SimulatedLS:
     """The meter without a port, with the manual's commands MES, DSR and MDS.
 
@@ -300,7 +272,7 @@ class SimulatedLS:
         self,
         luminance: Callable[[], float],
         data_sheet: LSDataSheet = LS110,
-        errors: MeterErrorModel = EXACT,
+        errors: MeterErrorModel = MeterErrorModel(),
         unit: Literal["cd/m2", "fL"] = "cd/m2",
     ) -> None:
         self.unit = unit
@@ -309,13 +281,8 @@ class SimulatedLS:
         self._data_sheet = data_sheet
         self._errors = errors
         self._rng = np.random.default_rng(errors.seed)
-        self._modes = _POWER_ON
-        self._held: str | None = None
-        self._plain: dict[str, Callable[[], str]] = {
-            "MES": self._measure,
-            "DSR": self._display,
-            SIMULATED_COMMAND: lambda: SIMULATED_REPLY.decode("ascii").strip(),
-        }
+        self._modes = POWER_ON
+        self._held = "ER11"
 
     def answer(self, command: bytes) -> bytes:
         """Execute one command.
@@ -330,23 +297,22 @@ class SimulatedLS:
         bytes
             The reply with CR LF: ``OK00`` and data, or an error code; empty out of remote mode.
         """
-        if not self.remote:
-            return b""
-        try:
-            reply = self._execute(command)
-        except _RefusedError as refused:
-            reply = str(refused)
-        return reply.encode("ascii") + CRLF
+        return self._execute(command).encode("ascii") + CRLF if self.remote else b""
 
     def _execute(self, command: bytes) -> str:
-        if not (command.endswith(CRLF) and command.isascii()):
-            raise _RefusedError("ER00")
-        name, comma, parameter = command.removesuffix(CRLF).decode("ascii").partition(",")
-        if not comma and name in self._plain:
-            return self._plain[name]()
-        if name == "MDS" and re.fullmatch(r"0[0-9]", parameter):
-            return self._set_mode(parameter)
-        raise _RefusedError("ER00")
+        words = command.removesuffix(CRLF).decode("ascii", "replace") if command.endswith(CRLF) else ""
+        if words == "MES":
+            return self._measure()
+        if words == "DSR":
+            return self._held
+        if words == SIMULATED_COMMAND:
+            return SIMULATED_REPLY.decode("ascii").strip()
+        for group in MODE_GROUPS:
+            for mode in group:
+                if words == f"MDS,{mode.value}":
+                    self._modes = tuple(mode if old in group else old for old in self._modes)
+                    return "OK00"
+        return "ER00"
 
     def _measure(self) -> str:
         luminance = float(self._luminance())
@@ -357,25 +323,15 @@ class SimulatedLS:
         sheet = self._data_sheet
         _, highest = sheet.slow_range_cd_m2 if MeterMode.SLOW in self._modes else sheet.fast_range_cd_m2
         if seen > highest:
-            raise _RefusedError("ER10")
-        if self._modes & _NEEDS_MEMORY:
-            raise _RefusedError("ER11")
+            return "ER10"
+        if not _NEEDS_MEMORY.isdisjoint(self._modes):
+            return "ER11"
         peak = "P" if MeterMode.PEAK in self._modes else "C"
         unit, cd_m2_per_unit = ("f", CD_M2_PER_FL) if self.unit == "fL" else ("c", 1.0)
-        correction = next(flag for mode, flag in _CORRECTION_FLAGS.items() if mode in self._modes)
-        text = format_number(seen / cd_m2_per_unit, sheet.decimals)
-        if text is None:
-            raise _RefusedError("ER19")
-        self._held = f"OK00,{peak}{unit}{correction}H{text}"
+        correction = _CORRECTION_FLAGS[self._modes[0]]
+        number = four_digits(seen / cd_m2_per_unit, sheet.decimals)
+        if number is None:
+            return "ER19"
+        # Six characters, padded with blanks on the left.
+        self._held = f"OK00,{peak}{unit}{correction}H{number:>6f}"
         return self._held
-
-    def _display(self) -> str:
-        if self._held is None:
-            raise _RefusedError("ER11")
-        return self._held
-
-    def _set_mode(self, number: str) -> str:
-        mode = MeterMode(number)
-        group = next(group for group in MODE_GROUPS if mode in group)
-        self._modes = self._modes.difference(group) | {mode}
-        return "OK00"

@@ -58,11 +58,11 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(aravis, bench, stack, sm
     """On the real protocol: the camera vanishes after three frames; a second run takes only the rest."""
     path = tmp_path / "s"
     meter = stack.enter_context(MinoltaLS110(stack.enter_context(bench.pty_meter(0)).port))
-    server = bench.gige_camera().start()
+    server = bench.gige_camera().open()
 
     def unplug(progress):
         if (progress.step, progress.done) == ("light frames", 3):
-            server.stop()
+            server.close()
 
     with (
         Session.create(path, small_configuration) as session,

@@ -117,7 +117,7 @@ def _readings(_: Path, file: Path) -> Any:
 
 def _faults(_: Path, file: Path) -> Any:
     from labcdp.core.disk import read_text
-    from labcdp.drivers.simulated.faults import parse_schedule
+    from labcdp.drivers.simulated.commands import parse_schedule
 
     return repr(parse_schedule(read_text(file, "a schedule of faults", 2**20), "faults.txt"))
 

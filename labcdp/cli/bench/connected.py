@@ -15,8 +15,8 @@ from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, CameraError, IncompleteFrameError
 from ...drivers.manual import CsvMeter, ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
-from ...drivers.minolta_ls.line import NamedPort, Port
 from ...drivers.minolta_ls.meter import DRIVERS
+from ...drivers.minolta_ls.port import NamedPort, Port
 from ...drivers.minolta_ls.protocol import MeterMode
 from ...drivers.replay import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench

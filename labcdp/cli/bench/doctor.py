@@ -25,7 +25,7 @@ from ...drivers.camera import CameraError
 from ...drivers.computer import firewall
 from ...drivers.device import Finding
 from ...drivers.doctor.camera import camera_files, check_camera, meter_files
-from ...drivers.doctor.computer import host_facts, host_findings, no_camera_finding
+from ...drivers.doctor.computer import host_findings, no_camera_finding
 from ...drivers.doctor.meter import check_meter
 from ...drivers.network import interfaces
 from ...output import check_file, write_file
@@ -69,7 +69,7 @@ def doctor(
     require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
     if report is not None:
         check_file(report, option="--report")
-    computer = _attempt(lambda: host_findings(host_facts()))
+    computer = _attempt(host_findings)
     groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))

@@ -16,8 +16,8 @@ from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.commands import EXAMPLES, parse_schedule
 from ...drivers.simulated.control import free_loopback_address
-from ...drivers.simulated.faults import EXAMPLES, parse_schedule
 from ...session import SessionConfiguration, example_configuration
 from ..commands import As
 from ..options import Json, NonNegative, SimulatedBenchPath

@@ -16,7 +16,6 @@ from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettin
 from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, FREE_RUN, CameraSettings
 from labcdp.drivers.computer import overload
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
-from labcdp.drivers.simulated.in_process import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, Ramp, features
 
@@ -115,10 +114,10 @@ def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_
 def test_incomplete_frames_are_refused(aravis):
     device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
     with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera("127.0.0.1") as camera:
-        server.set_faults(CameraTrouble(loss=0.2))
+        server.set_faults({"lose": 0.2})
         with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; .*lower the frame rate"):
             list(camera.grab(20))
-        server.set_faults(NO_TROUBLE)
+        server.set_faults({})
         assert camera.snap().shape == (480, 640)
 
 

@@ -1,10 +1,10 @@
-"""The LS-100/LS-110 driver on pseudo-terminals."""
+"""The LS-100/LS-110 driver: what goes over the wire, what goes wrong there, and how it recovers."""
 
-import logging
 import os
 import signal
 import threading
 import tty
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 
 import pytest
@@ -14,185 +14,175 @@ from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import (
     MeterError,
+    MeterLostError,
     MeterNotFoundError,
     MeterProtocolError,
     MeterReportedError,
     MeterTimeoutError,
+    measure_series,
 )
-from labcdp.drivers.minolta_ls.line import NamedPort
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.minolta_ls.protocol import MeterMode
+from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode
 from labcdp.drivers.simulated.meter import Fault, SimulatedLS
 from labcdp.drivers.simulated.pty import PtyMeter
 
 from .conftest import TIMEOUT_S
 
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
-MANUAL_CODES = ["ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30"]
-OPENING = [b"MDS,00\r\n", b"MDS,04\r\n", b"MDS,06\r\n", b"MDS,09\r\n"]
+SILENCE, GARBAGE, NO_END = Fault(reply=b""), Fault(reply=b"\x00?!\r\n"), Fault(reply=b"U" * 100)
+LATE, CUT = Fault(delay_s=1.5 * TIMEOUT_S), Fault(n_bytes=7)
 
 
-class Recorder:
-    """Keeps the commands an engine received."""
+class Engine(SimulatedLS):
+    """A meter whose luminance grows by 1 cd/m^2 with each measurement, and which keeps its commands."""
 
-    def __init__(self, engine):
-        self.engine = engine
+    def __init__(self, **options):
+        values = iter(range(1, 1000))
+        super().__init__(lambda: next(values), **options)
         self.commands = []
 
     def answer(self, command):
-        self.commands.append(command)
-        return self.engine.answer(command)
+        self.commands.append(command.decode().strip())
+        return super().answer(command)
 
 
-def counting(start=1.0):
-    """Return a luminance that grows by 1 cd/m^2 with each measurement."""
-    values = iter(range(1000))
-    return lambda: start + next(values)
+@pytest.fixture
+def asked(opened):
+    """A driver on a new engine: gives engine, port and driver."""
+
+    @contextmanager
+    def serve(*identity, engine=None, **options):
+        engine = engine or Engine()
+        with opened(engine, *identity, **options) as (port, meter):
+            yield engine, port, meter
+
+    return serve
 
 
-# --- The driver: what goes over the wire --------------------------------------------------------------------------
+@pytest.mark.parametrize("mode", [None, *MeterMode])
+def test_opening_sets_one_mode_of_each_group(asked, mode):
+    with asked(modes=[] if mode is None else [mode]) as (engine, _, meter):
+        assert [f"MDS,{each.value}" for each in meter.modes] == engine.commands
+    others = {"MDS,00", "MDS,04", "MDS,06", "MDS,09"}
+    assert len(engine.commands) == 4
+    assert set(engine.commands) - others == ({f"MDS,{mode.value}"} - others if mode else set())
 
 
-def test_open_sets_every_mode_it_relies_on(opened):
-    engine = Recorder(SimulatedLS(lambda: 83.02))
-    with opened(engine):
-        assert engine.commands == OPENING
-
-
-def test_handshake_lines_are_used_where_the_port_has_them():
-    engine = SimulatedLS(lambda: 83.02)
-    with (
-        PtyMeter(engine, response_time_s=0) as port,
-        MinoltaLS110(NamedPort(port.port, rtscts=True), timeout_s=TIMEOUT_S) as meter,
-    ):
-        assert meter.measure().value == 83.02
-
-
-def test_measure_and_held_value(opened):
-    engine = Recorder(SimulatedLS(counting(83.0)))
-    with opened(engine, METER) as (_, meter):
+def test_measure_and_held_value(asked):
+    with asked(METER) as (engine, _, meter):
         reading, held = meter.measure(), meter.read_held()
-    assert engine.commands[4:] == [b"MES\r\n", b"DSR\r\n"]
-    assert reading.luminance_cd_m2 == held.luminance_cd_m2 == 83.0
+    assert engine.commands[4:] == ["MES", "DSR"]
+    assert reading.luminance_cd_m2 == held.luminance_cd_m2 == 1.0
     assert reading.meter == METER
     assert (datetime.now(UTC) - reading.timestamp).total_seconds() < 60
 
 
-@pytest.mark.parametrize("number", range(10))
-def test_every_mode_on_the_wire(opened, number):
-    engine = Recorder(SimulatedLS(lambda: 83.02))
-    mode = MeterMode(f"{number:02d}")
-    with opened(engine, modes=[mode]) as (_, meter):
-        assert mode in meter.modes
-    command = f"MDS,{number:02d}\r\n".encode()
-    assert command in engine.commands
-    assert len(set(engine.commands) - set(OPENING) - {command}) == 0
-    assert len(engine.commands) == 4
-
-
-def test_foot_lamberts_are_converted_and_noticed(opened, caplog):
-    with opened(SimulatedLS(lambda: 342.62591, unit="fL")) as (_, meter), caplog.at_level(logging.WARNING):
+def test_foot_lamberts_are_converted_and_noticed(asked, caplog):
+    with asked(engine=SimulatedLS(lambda: 342.62591, unit="fL")) as (_, _, meter):
         reading = meter.measure()
     assert (reading.value, reading.unit) == (100.0, "fL")
     assert reading.luminance_cd_m2 == pytest.approx(342.62591, rel=1e-7)
     assert "the meter is set to fL: 100 fL is 342.626 cd/m^2" in caplog.text
 
 
-# --- The driver: opening and closing ------------------------------------------------------------------------------
-
-
-def test_a_closed_meter_says_how_to_open_it():
+def test_ports_that_cannot_be_used_say_why():
     with pytest.raises(MeterError, match=r"^/dev/ttyUSB9: the meter is not open: call open\(\)"):
         MinoltaLS110("/dev/ttyUSB9").measure()
-
-
-def test_absent_port():
     with pytest.raises(MeterNotFoundError, match=r"^/dev/no-such-port: there is no such .*plug the adapter in"):
         MinoltaLS110("/dev/no-such-port").open()
-
-
-def test_port_in_use_by_another_pyserial_program():
+    for timeout_s in (0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match=r"timeout_s is .*: give a positive number of seconds"):
+            MinoltaLS110("/dev/no-such-port", timeout_s=timeout_s)
     with (
-        PtyMeter(SimulatedLS(lambda: 1.0)) as port,
+        PtyMeter(Engine()) as port,
         serial.Serial(port.port, exclusive=True),
         pytest.raises(MeterNotFoundError, match="another program uses it"),
     ):
         MinoltaLS110(port.port, timeout_s=TIMEOUT_S).open()
 
 
-# --- The driver: when it goes wrong -------------------------------------------------------------------------------
+# When it goes wrong
 
 
-@pytest.mark.parametrize("code", MANUAL_CODES)
-def test_an_error_code_is_raised_and_the_next_reading_is_good(opened, code):
-    with opened(SimulatedLS(counting())) as (port, meter):
-        port.inject(Fault(reply=code.encode() + b"\r\n"))
-        with pytest.raises(MeterReportedError) as caught:
+@pytest.mark.parametrize(
+    ("fault", "error", "message"),
+    [
+        *((Fault(reply=code.encode() + b"\r\n"), MeterReportedError, f"^{code}") for code in ERROR_CODES),
+        (SILENCE, MeterTimeoutError, r"no answer to MES within 0\.4 s: .*power .*shows C for remote mode .*cable"),
+        *((Fault(n_bytes=n), MeterTimeoutError, f"stopped after {n} bytes .*check the cable") for n in (1, 7, 16)),
+        (GARBAGE, MeterProtocolError, r"b'\\x00\?!', which is not a reading"),
+        (Fault(reply=b"OK00\r\n"), MeterProtocolError, "b'OK00', which is not a reading"),
+        (NO_END, MeterProtocolError, "and no CR LF"),
+        (LATE, MeterTimeoutError, "no answer"),
+    ],
+)
+def test_an_error_is_raised_and_the_next_reading_is_its_own(asked, fault, error, message):
+    with asked() as (_, port, meter):
+        port.inject(fault)
+        with pytest.raises(error, match=message) as caught:
             meter.measure()
-        assert caught.value.code == code
-        assert meter.measure().value == 2.0
-
-
-def test_silence_names_port_power_remote_mode_and_cable(opened):
-    with opened(SimulatedLS(counting())) as (port, meter):
-        port.inject(Fault(reply=b""))
-        with pytest.raises(MeterTimeoutError) as caught:
-            meter.measure()
-        for word in (meter.port, "MES", f"{TIMEOUT_S:g} s", "power", "shows C for remote mode", "hold F", "cable"):
-            assert word in str(caught.value)
         assert "\n" not in str(caught.value)
         assert meter.measure().value == 2.0
+        assert [incident.kind for incident in meter.incidents] == ["error"]
 
 
-@pytest.mark.parametrize("n_bytes", [1, 7, 15, 16])
-def test_a_truncated_reply_says_how_many_bytes_came(opened, n_bytes):
-    with opened(SimulatedLS(counting())) as (port, meter):
-        port.inject(Fault(n_bytes=n_bytes))
-        with pytest.raises(MeterTimeoutError, match=f"stopped after {n_bytes} bytes .*check the cable"):
+@pytest.mark.parametrize("fault", [SILENCE, GARBAGE, NO_END, LATE, CUT])
+def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(asked, fault, caplog):
+    with asked(attempts=3) as (engine, port, meter):
+        port.inject(fault)
+        # The reply to either of the two commands is a reading of this call, never of the next.
+        assert meter.measure().value in (1.0, 2.0)
+        assert meter.measure().value == engine.commands.count("MES")
+        assert {incident.kind for incident in meter.incidents} == {"asked again"}
+    assert "asking again (attempt 2 of 3)" in caplog.text
+
+
+@pytest.mark.parametrize("code", [code for code in ERROR_CODES if code != "ER00"])
+def test_codes_that_repeat_themselves_are_not_asked_for_again(asked, code):
+    with asked(attempts=3) as (engine, port, meter):
+        port.inject(Fault(reply=code.encode() + b"\r\n"))
+        with pytest.raises(MeterReportedError, match=rf"^{code}"):
             meter.measure()
-        assert meter.measure().value == 2.0
+        assert engine.commands[4:] == ["MES"]
 
 
-@pytest.mark.parametrize("garbage", [b"\x00\x7f?!\r\n", b"\xff\xfe\r\n", b"OK00\r\n", b"\r\n"])
-def test_garbage_on_the_wire_is_shown(opened, garbage):
-    with opened(SimulatedLS(counting())) as (port, meter):
-        port.inject(Fault(reply=garbage))
-        with pytest.raises(MeterProtocolError, match="which is not a reading") as caught:
-            meter.measure()
-        assert repr(garbage[:-2]) in str(caught.value)
-        assert meter.measure().value == 2.0
+def test_a_series_tolerates_faults_in_between(asked):
+    with asked(attempts=3) as (engine, port, meter):
+        port.inject(Fault(), GARBAGE, Fault(), CUT, Fault(), SILENCE)
+        assert len({reading.value for reading in measure_series(meter, 6).readings}) == 6
+        # The last fault spoils a reading, or the mode that is set before it.
+        assert engine.commands.count("MES") >= 8
 
 
-def test_a_late_reply_is_not_taken_for_the_next_one(opened):
-    with opened(SimulatedLS(counting())) as (port, meter):
-        port.inject(Fault(delay_s=1.5 * TIMEOUT_S))
+def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading(asked, transport):
+    with asked() as (engine, port, meter):
+        port.inject(Fault(delay_s=3 * TIMEOUT_S))
         with pytest.raises(MeterTimeoutError):
             meter.measure()
-        assert meter.measure().value == 2.0
-
-
-class Interrupter:
-    """Sends a signal to the waiting main thread when it is asked to measure, and then measures."""
-
-    def __init__(self, engine):
-        self.engine = engine
-        self.armed = True
-
-    def answer(self, command):
-        if self.armed and command == b"MES\r\n":
-            self.armed = False
-            signal.pthread_kill(threading.main_thread().ident, signal.SIGUSR1)
-        return self.engine.answer(command)
+        transport.sleep(1.5 * TIMEOUT_S)
+        values = []
+        while not values:
+            with suppress(MeterTimeoutError):
+                values.append(meter.measure().value)
+        # The value of the last command, and not that of the first, which was on its way.
+        assert values[0] == engine.commands.count("MES") > 1
+        assert meter.measure().value == values[0] + 1
 
 
 def test_an_interrupted_measurement_does_not_answer_the_next_one():
+    class Interrupter(Engine):
+        def answer(self, command):
+            if command == b"MES\r\n" and "MES" not in self.commands:
+                signal.pthread_kill(threading.main_thread().ident, signal.SIGUSR1)
+            return super().answer(command)
+
     def interrupt(_signal, _frame):
         raise KeyboardInterrupt
 
     old = signal.signal(signal.SIGUSR1, interrupt)
     try:
         with (
-            PtyMeter(Interrupter(SimulatedLS(counting())), response_time_s=0) as port,
+            PtyMeter(Interrupter(), response_time_s=0) as port,
             MinoltaLS110(port.port, timeout_s=TIMEOUT_S) as meter,
         ):
             port.inject(Fault(delay_s=0.5 * TIMEOUT_S))
@@ -201,13 +191,6 @@ def test_an_interrupted_measurement_does_not_answer_the_next_one():
             assert meter.measure().value == 2.0
     finally:
         signal.signal(signal.SIGUSR1, old)
-
-
-def assert_connection_broke(meter):
-    with pytest.raises(MeterError, match=r"the connection to the meter broke .*check cable and adapter") as caught:
-        meter.measure()
-    assert "\n" not in str(caught.value)
-    meter.close()
 
 
 def test_a_cable_pulled_while_the_meter_measures():
@@ -227,11 +210,43 @@ def test_a_cable_pulled_while_the_meter_measures():
     server = threading.Thread(target=serve_until_measuring)
     server.start()
     meter = MinoltaLS110(os.ttyname(slave), timeout_s=10).open()
-    assert_connection_broke(meter)
+    with pytest.raises(MeterError, match=r"the connection to the meter broke .*check cable and adapter"):
+        meter.measure()
+    meter.close()
     server.join()
 
 
-@pytest.mark.parametrize("timeout_s", [0, -1, float("nan"), float("inf")])
-def test_timeout_must_be_positive(timeout_s):
-    with pytest.raises(InputError, match=r"timeout_s is .*: give a positive number of seconds"):
-        MinoltaLS110("/dev/no-such-port", timeout_s=timeout_s)
+# A meter that is gone
+
+
+def test_a_pulled_cable_is_waited_for_and_the_modes_restored(asked, transport, caplog):
+    with asked(patience_s=8, modes=[MeterMode.SLOW]) as (engine, port, meter):
+        assert meter.measure().value == 1.0
+        port.unplug()
+        for command in (b"MDS,06\r\n", b"MDS,08\r\n"):
+            engine.answer(command)
+        engine.commands.clear()
+        with transport.later(0.5, port.plug_in):
+            reading = meter.measure()
+        assert (reading.value, reading.peak) == (2.0, False)
+        assert engine.commands == ["MDS,00", "MDS,04", "MDS,07", "MDS,09", "MES"]
+        assert [incident.kind for incident in meter.incidents] == ["lost and back"]
+    assert "waiting up to 8 s for the meter to come back" in caplog.text
+    assert "the meter is back, its modes are restored" in caplog.text
+
+
+def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems(asked):
+    before = len(os.listdir("/proc/self/fd"))
+    with asked(patience_s=0.5, attempts=2) as (_, port, meter):
+        port.unplug()
+        with pytest.raises(MeterLostError, match=r"connection .* broke .*not come back within 0\.5 s, last: .*no such"):
+            meter.measure()
+        assert meter.modes == ()
+    assert len(os.listdir("/proc/self/fd")) <= before
+
+
+def test_a_meter_out_of_remote_mode_is_waited_for(asked, transport):
+    with asked(patience_s=8) as (engine, _, meter):
+        engine.remote = False
+        with transport.later(2 * TIMEOUT_S, lambda: setattr(engine, "remote", True)):
+            assert meter.measure().value == 1.0

@@ -10,7 +10,6 @@ import pytest
 
 from labcdp.drivers.simulated.genicam import standard_features
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
-from labcdp.drivers.simulated.in_process import NO_TROUBLE, CameraTrouble
 
 from ..conftest import SMALL, Ramp
 
@@ -50,17 +49,17 @@ def served(aravis):
 @pytest.fixture
 def camera_on_loopback(served):
     """The camera just switched on."""
-    served.set_faults(CameraTrouble(gone=True))
-    served.set_faults(NO_TROUBLE)
+    served.set_faults({"vanish": 0})
+    served.set_faults({})
     yield served
-    served.set_faults(NO_TROUBLE)
+    served.set_faults({})
 
 
 @pytest.fixture
 def no_other_camera(served):
-    served.stop()
+    served.close()
     yield
-    served.start()
+    served.open()
 
 
 @pytest.fixture

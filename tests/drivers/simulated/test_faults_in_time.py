@@ -1,5 +1,6 @@
 """Faults of the devices in this process, in simulated time: each second takes none."""
 
+import threading
 import time
 from datetime import UTC, datetime
 
@@ -140,3 +141,13 @@ def test_a_night_passes_in_no_time(bench, clock):
     assert frames[-1].temperature_c == pytest.approx(43)
     # Far from the limit of a minute, on any computer.
     assert time.process_time() - began < 60
+
+
+def test_the_timers_of_the_schedule_end_with_the_bench(small_configuration):
+    def timers():
+        return [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+
+    with SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE) as bench:
+        bench.schedule("at 1 h meter drop\nat 2 h meter remote\nlight -5% in 3 h")
+        assert timers()
+    assert timers() == []

@@ -1,8 +1,13 @@
-"""Replay of a recorded session: luminance meter, and the speed of a replay."""
+"""Replay of a recorded session: camera and luminance meter.
+
+A replay is strict. It returns each recorded frame and reading once, in recorded order, and nothing else. Those not
+requested are listed in ``unused``; a procedure identical to the recorded one leaves none. Replay is immediate, at the
+recorded speed, or at a multiple of it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
 from math import isfinite
@@ -18,57 +23,26 @@ from .camera import Camera, CameraError, CameraNotFoundError, CameraSettingError
 from .camera_settings import CameraSettings, CameraSetup, FeatureValue
 from .meter import Meter, MeterError, MeterNotFoundError
 
+#: Relative tolerance of the exposure: cameras round exposures, so the nearest recorded one is used.
+EXPOSURE_TOLERANCE_REL = 0.01
+#: Tolerance of the gain in decibels: half a step of 0.1 dB.
+GAIN_TOLERANCE_DB = 0.05
 
-class Pace:
-    """Reproduces the intervals of a recording, or a fraction or multiple of them.
-
-    Parameters
-    ----------
-    speed : float or None
-        Speed relative to the recording; None never waits.
-    clock : Clock or None
-        Clock to wait with; None for the system clock.
-
-    Raises
-    ------
-    InputError
-        If `speed` is not a number above 0.
-    """
-
-    def __init__(self, speed: float | None, clock: Clock | None) -> None:
-        if speed is not None and not (isfinite(speed) and speed > 0):
-            raise InputError(
-                f"speed is {speed}: give a factor above 0, 1 for the pace of the recording, or None not to wait"
-            )
-        self._speed = speed
-        self._clock = clock or SystemClock()
-        self._last: tuple[datetime, float] | None = None
-
-    def keep(self, recorded: datetime) -> None:
-        """Wait until the item recorded at this time is due; not if the recording's clock stepped back."""
-        if self._speed is None:
-            return
-        if self._last is not None:
-            last, given_s = self._last
-            due_s = given_s + max(0.0, (recorded - last).total_seconds()) / self._speed
-            self._clock.sleep(due_s - self._clock.monotonic_s())
-        self._last = recorded, self._clock.monotonic_s()
+#: Kind of the event with a camera's GenICam features.
+FEATURES_EVENT = "camera features"
 
 
-class ReplayMeter(Meter):
-    """The luminance meter of a recorded session, with the protocol of `Meter`.
-
-    Readings are not repeated after closing and reopening.
+class _Replay:
+    """A session that is replayed, and the intervals of its recording, or a fraction or multiple of them.
 
     Parameters
     ----------
     session : Session or path
         The session, or its folder.
     speed : float or None
-        None for no delays; 1 for the recorded intervals between readings, 10 for a tenth of them. Time between two
-        calls counts.
-    clock : Clock
-        Clock to wait with.
+        None for no delays; 1 for the recorded intervals, 10 for a tenth of them. Time between two calls counts.
+    clock : Clock or None
+        Clock to wait with; None for the system clock.
 
     Raises
     ------
@@ -79,78 +53,35 @@ class ReplayMeter(Meter):
     def __init__(
         self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
     ) -> None:
+        if speed is not None and not (isfinite(speed) and speed > 0):
+            raise InputError(
+                f"speed is {speed}: give a factor above 0, 1 for the pace of the recording, or None not to wait"
+            )
         self._source = session
-        self._pace = Pace(speed, clock)
-        self._recorded: list[ReadingRecord] = []
-        self._given = 0
+        self._speed = speed
+        self._clock = clock or SystemClock()
+        self._last: tuple[datetime, float] | None = None
         self._is_open = False
-
-    def open(self) -> Self:
-        """Read the session's journal.
-
-        Raises
-        ------
-        SessionError
-            If it is not a session, or its journal was altered.
-        MeterNotFoundError
-            If it contains no reading.
-        """
-        if not self._recorded:
-            session = self._source if isinstance(self._source, Session) else Session.open(self._source)
-            self._recorded = session.readings()
-            if not self._recorded:
-                raise MeterNotFoundError(f"{session.path} holds no readings: give a session with readings")
-        self._is_open = True
-        return self
 
     def close(self) -> None:
         """Stop the replay; may be called twice."""
         self._is_open = False
 
-    @property
-    def identity(self) -> MeterIdentity:
-        """The meter of the first reading; raises MeterError if not open."""
-        self._require_open()
-        return self._recorded[0].reading.meter
+    def _session(self) -> Session:
+        return self._source if isinstance(self._source, Session) else Session.open(self._source)
 
-    @property
-    def unused(self) -> tuple[ReadingRecord, ...]:
-        """Recorded readings not requested so far; none before the first `open`."""
-        return tuple(self._recorded[self._given :])
-
-    def measure(self) -> Reading:
-        """Return the next reading; never times out.
-
-        Raises
-        ------
-        MeterError
-            If all of them have been returned; the message states their number.
-        """
-        self._require_open()
-        if self._given == len(self._recorded):
-            raise MeterError(f"{self._given} readings were recorded, and all were given: ask for at most {self._given}")
-        reading = self._recorded[self._given].reading
-        self._pace.keep(reading.timestamp)
-        self._given += 1
-        return reading
-
-    def _require_open(self) -> None:
-        if not self._is_open:
-            raise MeterError("the replayed meter is not open: open it first")
+    def _keep_pace(self, recorded: datetime) -> None:
+        """Wait until the item recorded at this time is due; not if the recording's clock stepped back."""
+        if self._speed is None:
+            return
+        if self._last is not None:
+            last, given_s = self._last
+            due_s = given_s + max(0.0, (recorded - last).total_seconds()) / self._speed
+            self._clock.sleep(due_s - self._clock.monotonic_s())
+        self._last = recorded, self._clock.monotonic_s()
 
 
-__all__ = ["EXPOSURE_TOLERANCE_REL", "FEATURES_EVENT", "GAIN_TOLERANCE_DB", "ReplayCamera", "ReplayMeter"]
-
-#: Relative tolerance of the exposure: cameras round exposures, so the nearest recorded one is used.
-EXPOSURE_TOLERANCE_REL = 0.01
-#: Tolerance of the gain in decibels: half a step of 0.1 dB.
-GAIN_TOLERANCE_DB = 0.05
-
-#: Kind of the event with a camera's GenICam features.
-FEATURES_EVENT = "camera features"
-
-
-class ReplayCamera(Camera):
+class ReplayCamera(_Replay, Camera):
     """The camera of a recorded session, with the protocol of `Camera`.
 
     Light and dark frames come in recorded order for each setting, so a procedure that takes them in the same order gets
@@ -173,18 +104,12 @@ class ReplayCamera(Camera):
     """
 
     live = False
-
-    def __init__(
-        self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None
-    ) -> None:
-        self._source = session
-        self._pace = Pace(speed, clock)
-        self._session: Session | None = None
-        self._recorded: list[FrameRecord] = []
-        self._left: list[FrameRecord] = []
-        self._settings: CameraSettings | None = None
-        self._temperature_c: float | None = None
-        self._is_open = False
+    _opened_session: Session | None = None
+    _recorded: tuple[FrameRecord, ...] = ()
+    #: Recorded frames not requested so far; none before the first `open`.
+    unused: list[FrameRecord] = []  # noqa: RUF012 - replaced when it is opened
+    _chosen: CameraSettings
+    _temperature_c: float | None = None
 
     def open(self) -> Self:
         """Read the session's journal.
@@ -196,19 +121,15 @@ class ReplayCamera(Camera):
         CameraNotFoundError
             If it contains no frame.
         """
-        if self._session is None:
-            session = self._source if isinstance(self._source, Session) else Session.open(self._source)
-            frames = session.frames()
-            if not frames:
+        if self._opened_session is None:
+            session = self._session()
+            self._recorded = tuple(session.frames())
+            self.unused = list(self._recorded)
+            if not self._recorded:
                 raise CameraNotFoundError(f"{session.path} holds no frames: give a session with frames")
-            self._session, self._recorded, self._left = session, frames, list(frames)
-            self._settings = _settings(frames[0])
+            self._opened_session, self._chosen = session, _settings(self._recorded[0])
         self._is_open = True
         return self
-
-    def close(self) -> None:
-        """Stop the replay; may be called twice."""
-        self._is_open = False
 
     @property
     def identity(self) -> CameraIdentity:
@@ -220,9 +141,8 @@ class ReplayCamera(Camera):
     def settings(self) -> CameraSettings:
         """Settings in force: at first those of the first frame; raises CameraError if not open."""
         self._opened()
-        assert self._settings is not None
-        first = next(frame for frame in self._recorded if _settings(frame) == self._settings)
-        return replace(self._settings, black_level=black_levels(first.metadata)["black_level_register"] or 0.0)
+        first = next(frame for frame in self._recorded if _settings(frame) == self._chosen)
+        return replace(self._chosen, black_level=black_levels(first.metadata)["black_level_register"] or 0.0)
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
@@ -241,32 +161,16 @@ class ReplayCamera(Camera):
     def statistics(self) -> StreamStatistics:
         """Number of frames returned so far; recorded frames are always complete."""
         self._opened()
-        return StreamStatistics(completed=len(self._recorded) - len(self._left))
+        return StreamStatistics(completed=len(self._recorded) - len(self.unused))
 
     def features(self) -> dict[str, FeatureValue]:
-        """Return the last recorded GenICam features of the camera; empty if there are none.
-
-        Raises
-        ------
-        CameraError
-            If not open.
-        """
-        events = [
-            event for event in self._opened().records if isinstance(event, EventRecord) and event.kind == FEATURES_EVENT
-        ]
-        return dict(events[-1].content["features"]) if events else {}
-
-    @property
-    def unused(self) -> tuple[FrameRecord, ...]:
-        """Recorded frames not requested so far; none before the first `open`."""
-        return tuple(self._left)
+        """Return the last recorded GenICam features of the camera; empty if there are none."""
+        records = reversed(self._opened().records)
+        events = (one for one in records if isinstance(one, EventRecord) and one.kind == FEATURES_EVENT)
+        return dict(next((event.content["features"] for event in events), {}))
 
     def configure(
-        self,
-        *,
-        exposure_s: float | None = None,
-        gain_db: float | None = None,
-        pixel_format: str | None = None,
+        self, *, exposure_s: float | None = None, gain_db: float | None = None, pixel_format: str | None = None
     ) -> CameraSettings:
         """Select among the recorded settings: change those given, keep the rest.
 
@@ -292,44 +196,41 @@ class ReplayCamera(Camera):
                 f"nothing was recorded with {exposure_s:g} s, {gain_db:g} dB, {pixel_format}: this session has "
                 f"{'; '.join(map(_text, recorded))}"
             )
-        self._settings = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
+        self._chosen = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
         return self.settings
 
     def prepare(self, wanted: CameraSetup) -> None:
         """Do nothing: the settings are those of the recording."""
 
-    def snap(self, timeout_s: float | None = None) -> Frame:
-        """Return the next frame recorded with the current settings; never times out.
+    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
+        """Yield the next `n` frames recorded with the current settings; never times out.
 
         Raises
         ------
         CameraError
             If all of them have been returned; the message states their number.
         SessionError
-            If the frame's file is missing or damaged.
+            If a frame's file is missing or damaged.
         """
-        session = self._opened()
-        for index, record in enumerate(self._left):
-            if _settings(record) == self._settings:
-                frame = session.load(record)
-                self._pace.keep(frame.timestamp)
-                del self._left[index]
-                self._temperature_c = frame.temperature_c
-                return frame
-        settings = self._settings
-        assert settings is not None
-        n = sum(_settings(frame) == settings for frame in self._recorded)
-        raise CameraError(f"{n} frames were recorded with {_text(settings)}, and all were given: ask for at most {n}")
-
-    def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
-        """Yield `n` consecutive frames, each as by `snap`; recorded frames are always complete."""
         for _ in range(n):
-            yield self.snap(timeout_s)
+            session = self._opened()
+            index = next((i for i, record in enumerate(self.unused) if _settings(record) == self._chosen), None)
+            if index is None:
+                count = sum(_settings(frame) == self._chosen for frame in self._recorded)
+                raise CameraError(
+                    f"{count} frames were recorded with {_text(self._chosen)}, and all were given: ask for at most "
+                    f"{count}"
+                )
+            frame = session.load(self.unused[index])
+            self._keep_pace(frame.timestamp)
+            del self.unused[index]
+            self._temperature_c = frame.temperature_c
+            yield frame
 
     def _opened(self) -> Session:
-        if self._session is None or not self._is_open:
+        if self._opened_session is None or not self._is_open:
             raise CameraError("the replayed camera is not open: open it first")
-        return self._session
+        return self._opened_session
 
 
 def _settings(frame: FrameRecord) -> CameraSettings:
@@ -343,3 +244,59 @@ def _text(settings: CameraSettings) -> str:
         f"{settings.exposure_s:g} s, {settings.gain_db:g} dB, {settings.pixel_format}, "
         f"{settings.width} x {settings.height} pixels"
     )
+
+
+class ReplayMeter(_Replay, Meter):
+    """The luminance meter of a recorded session, with the protocol of `Meter`; parameters as of `ReplayCamera`.
+
+    Readings are not repeated after closing and reopening.
+    """
+
+    _recorded: tuple[ReadingRecord, ...] = ()
+    #: Recorded readings not requested so far; none before the first `open`.
+    unused: Sequence[ReadingRecord] = ()
+
+    def open(self) -> Self:
+        """Read the session's journal.
+
+        Raises
+        ------
+        SessionError
+            If it is not a session, or its journal was altered.
+        MeterNotFoundError
+            If it contains no reading.
+        """
+        if not self._recorded:
+            session = self._session()
+            self._recorded = self.unused = tuple(session.readings())
+            if not self._recorded:
+                raise MeterNotFoundError(f"{session.path} holds no readings: give a session with readings")
+        self._is_open = True
+        return self
+
+    @property
+    def identity(self) -> MeterIdentity:
+        """The meter of the first reading; raises MeterError if not open."""
+        self._require_open()
+        return self._recorded[0].reading.meter
+
+    def measure(self) -> Reading:
+        """Return the next reading; never times out.
+
+        Raises
+        ------
+        MeterError
+            If all of them have been returned; the message states their number.
+        """
+        self._require_open()
+        if not self.unused:
+            count = len(self._recorded)
+            raise MeterError(f"{count} readings were recorded, and all were given: ask for at most {count}")
+        reading = self.unused[0].reading
+        self._keep_pace(reading.timestamp)
+        self.unused = self.unused[1:]
+        return reading
+
+    def _require_open(self) -> None:
+        if not self._is_open:
+            raise MeterError("the replayed meter is not open: open it first")

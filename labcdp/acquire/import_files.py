@@ -12,7 +12,8 @@ from ..core.frame import CameraIdentity, Frame
 from ..core.pixel_format import pixel_format
 from ..core.reading import Reading
 from ..core.result import Finding, info, warning
-from ..drivers.manual import CsvMeter, MeterAccuracy, stated_accuracy
+from ..drivers.csv_meter import CsvMeter
+from ..drivers.manual import MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110
 from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
 from ..session import MeterConfiguration, Role, Session, SessionConfiguration
@@ -300,7 +301,7 @@ def import_session(
     files : sequence of ImportFile
         The pictures.
     readings : Path
-        CSV file of readings, as `labcdp.drivers.manual.CsvMeter` reads it.
+        CSV file of readings, as `labcdp.drivers.csv_meter.CsvMeter` reads it.
     report : callable
         Called with a description, the amount done and the total.
 

@@ -13,7 +13,8 @@ from ...core.disk import read_text
 from ...core.errors import InputError
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, CameraError, IncompleteFrameError
-from ...drivers.manual import CsvMeter, ManualMeter, stated_accuracy
+from ...drivers.csv_meter import CsvMeter
+from ...drivers.manual import ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
 from ...drivers.minolta_ls.meter import DRIVERS
 from ...drivers.minolta_ls.port import NamedPort, Port

@@ -15,7 +15,7 @@ from typing import Any, Self
 from ...acquire import CheckFinding, Control, Operator
 from ...acquire.control import AskedOperator
 from ...core.errors import DeviceError
-from ...drivers.manual import CsvMeter
+from ...drivers.csv_meter import CsvMeter
 from ...session import ReadingRecord, Session
 from ..terminal import Bars, say
 

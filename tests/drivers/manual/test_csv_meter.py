@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError, LabcdpError
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.manual import CsvMeter, MeterAccuracy
+from labcdp.drivers.csv_meter import CsvMeter
+from labcdp.drivers.manual import MeterAccuracy
 from labcdp.drivers.meter import MeterError
 
 METER = MeterIdentity("L 1003", "4711")

@@ -5,7 +5,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from labcdp.core.errors import SessionError
+from labcdp.core.clock import SimulatedClock
+from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.drivers.camera import CameraError, CameraSettingError, StreamStatistics
@@ -90,13 +91,6 @@ FRAMES = [
 
 
 @pytest.fixture
-def empty(tmp_path):
-    path = tmp_path / "empty"
-    Session.create(path, SessionConfiguration.from_toml(BENCH, "bench.toml")).close()
-    return path
-
-
-@pytest.fixture
 def recorded(tmp_path):
     path = tmp_path / "recorded"
     with Session.create(path, SessionConfiguration.from_toml(BENCH, "bench.toml")) as session:
@@ -126,29 +120,21 @@ def test_the_recorded_procedure_uses_all_frames(recorded):
         assert [record.number for record in camera.unused] == [6]
         camera.configure(exposure_s=0.005, gain_db=6)
         got.append(camera.snap())
-    assert camera.unused == ()
+    assert not camera.unused
     for one, (expected, _) in zip(got, FRAMES, strict=True):
         assert_same(one, expected)
 
 
-def test_each_setting_keeps_its_own_order(recorded):
+def test_each_setting_keeps_its_own_order_and_gives_no_more_than_was_recorded(recorded):
     with ReplayCamera(recorded) as camera:
         camera.configure(exposure_s=0.02)
         assert [one.frame_id for one in camera.grab(2)] == [3, 5]
+        message = r"^2 frames were recorded with 0.020003 s, .* 4 x 3 pixels, and all were given: ask for at most 2$"
+        with pytest.raises(CameraError, match=message):
+            camera.snap()
+        assert [record.number for record in camera.unused] == [1, 2, 4, 6]
         camera.configure(exposure_s=0.005)
         assert [one.frame_id for one in camera.grab(3)] == [1, 2, 4]
-
-
-def test_more_frames_than_recorded_are_refused(recorded):
-    with ReplayCamera(recorded) as camera:
-        camera.configure(exposure_s=0.02)
-        with pytest.raises(
-            CameraError,
-            match=r"^2 frames were recorded with 0.020003 s, 0 dB, Mono12, 4 x 3 pixels, and all were given: "
-            r"ask for at most 2$",
-        ):
-            list(camera.grab(3))
-        assert [record.number for record in camera.unused] == [1, 2, 4, 6]
 
 
 @pytest.mark.parametrize(
@@ -173,34 +159,15 @@ def test_a_setting_that_was_not_recorded_is_refused_and_changes_nothing(recorded
         assert_same(camera.snap(), FRAMES[0][0])
 
 
-def test_a_frame_is_given_once_even_after_opening_again(recorded):
+def test_a_frame_is_given_once_and_only_while_the_camera_is_open(recorded):
     camera = ReplayCamera(recorded)
-    with camera:
-        assert camera.snap().frame_id == 1
-    with camera:
-        assert camera.snap().frame_id == 2
-    camera.close()
-
-
-def test_a_camera_that_is_not_open_gives_nothing(recorded):
-    camera = ReplayCamera(recorded)
-    assert camera.unused == ()
-    for use in (
-        camera.snap,
-        camera.configure,
-        camera.features,
-        lambda: camera.settings,
-        lambda: camera.identity,
-        lambda: camera.exposure_range_s,
-        lambda: camera.temperature_c,
-        lambda: camera.statistics,
-    ):
-        with pytest.raises(CameraError, match=r"the replayed camera is not open: open it first"):
-            use()
-    camera.open().close()
-    with pytest.raises(CameraError, match=r"the replayed camera is not open: open it first"):
-        camera.snap()
-    assert len(camera.unused) == len(FRAMES)
+    for number in (1, 2):
+        for use in (camera.snap, camera.configure, camera.features, lambda: camera.settings, lambda: camera.identity):
+            with pytest.raises(CameraError, match=r"the replayed camera is not open: open it first"):
+                use()
+        with camera:
+            assert camera.snap().frame_id == number
+    assert len(camera.unused) == len(FRAMES) - 2
 
 
 def test_a_damaged_frame_is_refused_and_stays_unused(recorded):
@@ -221,39 +188,79 @@ def test_readings_come_in_order_until_none_is_left(recorded):
         assert meter.measure() == reading(75.8)
         with pytest.raises(MeterError, match=r"^2 readings were recorded, and all were given: ask for at most 2$"):
             meter.measure()
-    assert meter.unused == ()
+    with pytest.raises(MeterError, match="not open"):
+        meter.measure()
 
 
 @pytest.mark.parametrize("device", [ReplayCamera, ReplayMeter])
 def test_a_folder_that_is_not_a_session_is_refused_on_opening(tmp_path, device):
-    replay = device(tmp_path)
     with pytest.raises(SessionError, match=r"is not a session: it has no journal.jsonl"):
-        replay.open()
+        device(tmp_path).open()
 
 
-# What the camera tells
-
-
-def test_the_replayed_camera_tells_what_was_recorded(empty):
-    with Session.open(empty, writable=True) as session:
+def test_the_replayed_camera_tells_what_was_recorded(tmp_path):
+    with Session.create(tmp_path / "new", SessionConfiguration.from_toml(BENCH, "bench.toml")) as session:
         session.add_event("camera features", {"features": {"Gain": 1.0}})
         session.add_frame(frame(1, 0.01, temperature_c=31.0))
         session.add_frame(frame(2, 0.002, temperature_c=None))
-        session.add_frame(frame(3, 0.05, temperature_c=33.0))
         session.add_event("camera features", {"features": {"Gain": 2.0, "DeviceID": "SIM", "ReverseX": False}})
         session.add_event("other", {"features": {}})
-    with ReplayCamera(empty) as camera:
-        assert camera.exposure_range_s == (0.002, 0.05)
+    with ReplayCamera(tmp_path / "new") as camera:
+        assert camera.exposure_range_s == (0.002, 0.01)
         assert camera.features() == {"Gain": 2.0, "DeviceID": "SIM", "ReverseX": False}
-        assert camera.gaps == ()
-        assert camera.temperature_c is None
-        assert camera.statistics == StreamStatistics()
+        assert (camera.gaps, camera.temperature_c, camera.statistics) == ((), None, StreamStatistics())
         camera.snap()
         assert camera.temperature_c == 31.0
-        camera.configure(exposure_s=0.05)
-        camera.snap()
-        assert camera.temperature_c == 33.0
-        assert camera.statistics == StreamStatistics(completed=2)
         camera.configure(exposure_s=0.002)
         camera.snap()
-        assert camera.temperature_c is None
+        assert (camera.temperature_c, camera.statistics) == (None, StreamStatistics(completed=2))
+
+
+# Pace
+
+
+#: Times of arrival in seconds; the recording's clock was set back by an hour after the third frame.
+FRAMES_S = (0.0, 0.25, 12.5, -3587.0, -3580.0)
+READINGS_S = (5.0, 6.0, 64.0)
+#: What lay between them, without the step.
+FRAMES_SPAN_S, READINGS_SPAN_S = 12.5 + 7.0, 59.0
+
+
+@pytest.fixture
+def timed(tmp_path):
+    path = tmp_path / "timed"
+    with Session.create(path, SessionConfiguration.from_toml(BENCH, "bench.toml")) as session:
+        for at_s in READINGS_S:
+            session.add_reading(reading(75.0, at_s), patch="A1")
+        for number, at_s in enumerate(FRAMES_S, start=1):
+            session.add_frame(frame(number, 0.01, at_s=at_s))
+    return path
+
+
+@pytest.mark.parametrize("speed", [1, 10, 0.5, 3600])
+def test_the_time_waited_is_the_recorded_span_over_the_speed(timed, speed):
+    clock = SimulatedClock()
+    with ReplayCamera(timed, speed, clock) as camera:
+        times = [clock.monotonic_s() for _ in camera.grab(len(FRAMES_S))]
+    assert times == pytest.approx([t / speed for t in (0, 0.25, 12.5, 12.5, FRAMES_SPAN_S)], rel=1e-12)
+    clock = SimulatedClock()
+    with ReplayMeter(timed, speed=speed, clock=clock) as meter:
+        for _ in READINGS_S:
+            meter.measure()
+    assert clock.monotonic_s() == pytest.approx(READINGS_SPAN_S / speed, rel=1e-12)
+
+
+def test_time_that_passed_already_is_not_waited_for_again_nor_made_up_for(timed):
+    clock = SimulatedClock()
+    with ReplayCamera(timed, 1, clock) as camera, ReplayMeter(timed, 1, clock) as meter:
+        list(camera.grab(2))
+        meter.measure()
+        clock.sleep(30)
+        meter.measure()
+        meter.measure()
+        # The meter's time is more than the 12.25 s between these two frames.
+        assert clock.monotonic_s() == 0.25 + 30 + 58
+        camera.snap()
+        assert clock.monotonic_s() == 0.25 + 30 + 58
+    with pytest.raises(InputError, match="speed is 0: give a factor above 0"):
+        ReplayCamera(timed, 0)

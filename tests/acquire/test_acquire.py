@@ -216,14 +216,14 @@ def test_a_mode_changed_at_the_meter_is_refused_when_it_is_read(
 
     def press(progress):
         if (progress.step, progress.done) == ("meter readings", 5):
-            pty._engine.answer(key + b"\r\n")
+            pty.engine.answer(key + b"\r\n")
 
     with (
         Session.create(path, small_configuration) as session,
         pytest.raises(MeterError, match=re.escape(f"the meter gave {problem} (OK00,")),
     ):
         acquire(session, camera, meter, bench, press)
-    pty._engine.answer(back + b"\r\n")
+    pty.engine.answer(back + b"\r\n")
     with Session.open(path, writable=True) as session:
         assert counts(session) == (6, 5, 0)
         acquire(session, camera, meter, bench)

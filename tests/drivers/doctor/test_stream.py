@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labcdp.drivers import network
 from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.device import Finding
-from labcdp.drivers.network import Interface, StreamFacts, causes_at, stream_causes
+from labcdp.drivers.network import Interface, stream_causes
 
 #: A 16-bit frame of a Manta G-505.
 FRAME = 2452 * 2056 * 2
@@ -16,33 +17,38 @@ CAMERA = "192.168.7.20"
 ETH1 = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=1500)
 
 
-def topics(facts, interface):
-    return [finding.topic for finding in causes_at(facts, interface)]
+@pytest.fixture
+def behind_a_card(monkeypatch, tmp_path):
+    """The camera is behind a network card of a computer with these files."""
+    monkeypatch.setattr(network, "interface_to", lambda _address, _known: ETH1)
+    return tmp_path
 
 
-def test_packets_larger_than_the_interface_takes():
-    facts = StreamFacts(CAMERA, FRAME, 9000)
-    first = causes_at(facts, ETH1)[0]
-    assert first == Finding(
+def test_packets_larger_than_the_interface_takes(behind_a_card):
+    found = stream_causes(CAMERA, FRAME, 9000, root=behind_a_card)
+    assert found[0] == Finding(
         "packet size",
         "fault",
         "the camera sends packets of 9000 bytes, but eth1 takes 1500",
         "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
     )
-    assert topics(StreamFacts(CAMERA, FRAME, 1500), ETH1) == ["firewall"]
+    assert [one.topic for one in stream_causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
 
 
 @pytest.mark.parametrize(
-    ("firewall", "state", "command"),
+    ("file", "state", "command"),
     [
-        ("ufw", "notice", "sudo ufw allow proto udp from 192.168.7.20"),
-        ("firewalld", "notice", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
-        ("iptables", "notice", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
+        ("etc/ufw/ufw.conf", "notice", "sudo ufw allow proto udp from 192.168.7.20"),
+        ("run/firewalld", "notice", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
+        ("proc/net/ip_tables_names", "notice", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
         (None, "unknown", "if there is a firewall, let UDP packets from 192.168.7.20 through"),
     ],
 )
-def test_a_firewall_is_suspected_when_nothing_came(firewall, state, command):
-    (finding,) = causes_at(StreamFacts(CAMERA, FRAME), ETH1, wall=firewall)
+def test_a_firewall_is_suspected_when_nothing_came(behind_a_card, file, state, command):
+    if file is not None:
+        (behind_a_card / file).parent.mkdir(parents=True)
+        (behind_a_card / file).write_text("ENABLED=yes\nfilter\n")
+    (finding,) = stream_causes(CAMERA, FRAME, root=behind_a_card)
     assert (finding.topic, finding.state, finding.remedy) == ("firewall", state, command)
 
 
@@ -58,8 +64,8 @@ counts = st.integers(0, 10**12)
     counts,
 )
 def test_no_facts_make_it_fail(address, payload, packet, granted, failed, missing):
-    facts = StreamFacts(address, payload, packet, granted, StreamStatistics(failed=failed, missing=missing))
-    for finding in stream_causes(facts):
+    counted = StreamStatistics(failed=failed, missing=missing)
+    for finding in stream_causes(address, payload, packet, granted, counted):
         assert finding.state != "good"
         assert finding.cause
         assert finding.remedy

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Final
 
-from ...core.disk.quoting import MOST_QUOTED, quoted
+from ...core.disk.files import MOST_QUOTED, quoted
 from ...core.errors import ConfigurationError
 
 

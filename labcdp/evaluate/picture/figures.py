@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil, isfinite, log
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
-from .tables import combined, neighbour_name
+from .tables import ReportedContrast, reported_contrasts
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
@@ -48,26 +49,31 @@ _MOST_BARS = 256
 
 def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
     """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
-    found = _found(evaluation)
-    panels = [panel for name, results, distribution, measured in found if distribution is not None
-              for panel in _panels(name, results, distribution, measured)]  # fmt: skip
+    found = [(pair, _combined(pair)) for pair in reported_contrasts(evaluation)]
+    panels = [
+        ContrastPanel(shortened(pair.name, 40), pair.distribution, one, pair.measured.value)
+        for pair, results in found
+        if pair.distribution is not None
+        for one in _drawn(results, pair.measured.value)
+    ]
     figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
-    if any(len(results) > 1 for _, results, _, _ in found):
-        figures.append(_curves([(name, results) for name, results, _, _ in found]))
+    if any(len(results) > 1 for _, results in found):
+        figures.append(_curves([(pair.name, results) for pair, results in found]))
     return [*figures, _values(evaluation, picture, luminance)]
 
 
-def _found(evaluation: ImageEvaluation) -> list[tuple[str, list[DetectionResult], Any, float]]:
-    """List name, CDP of each contrast, distribution and measured contrast of pairs and neighbours."""
-    found: list[tuple[str, list[DetectionResult], Any, float]] = [
-        (pair.name, [combined(one) for one in pair.result.results], pair.distribution, pair.result.contrast.value)
-        for pair in evaluation.pairs
-    ]
-    near = evaluation.neighbours
-    if near is not None:
-        results = [combined(one) for one in near.results]
-        found.append((neighbour_name(near.rectangle), results, near.distribution, near.contrast))
-    return found
+def _combined(pair: ReportedContrast) -> list[DetectionResult]:
+    """CDP of each contrast with the interval by pixels and calibration together."""
+    return [replace(one.result, confidence_interval=one.confidence_interval) for one in pair.results]
+
+
+def _drawn(found: Sequence[DetectionResult], measured: float) -> Sequence[DetectionResult]:
+    """Return the contrasts of a pair with a panel each: of many only the one closest to the measured contrast."""
+    if len(found) <= _MOST_CONTRASTS:
+        return found
+    if isfinite(measured) and measured > 0:
+        return [min(found, key=lambda one: abs(log(one.contrast / measured)))]
+    return [max(found, key=lambda one: one.cdp)]
 
 
 def luminance_label(unit: str) -> str:
@@ -99,17 +105,6 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
         f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened, with its regions.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
-
-
-def _panels(name: str, found: Sequence[DetectionResult], distribution: Any, measured: float) -> list[ContrastPanel]:
-    if len(found) > _MOST_CONTRASTS:
-        known = isfinite(measured) and measured > 0
-        found = [
-            min(found, key=lambda one: abs(log(one.contrast / measured)))
-            if known
-            else max(found, key=lambda one: one.cdp)
-        ]
-    return [ContrastPanel(shortened(name, 40), distribution, one, measured) for one in found]
 
 
 def _curves(found: Sequence[tuple[str, Sequence[DetectionResult]]]) -> ReportFigure:

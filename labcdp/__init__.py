@@ -17,7 +17,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import calibration, chain, drivers, files, metrics, regions
+    from . import calibration as calibration
+    from . import chain as chain
+    from . import drivers as drivers
+    from . import files as files
+    from . import metrics as metrics
+    from . import regions as regions
     from .api.accessor import read_dataset as read_dataset
     from .api.chain import Chain as Chain
     from .api.compare import Comparison as Comparison
@@ -63,33 +68,7 @@ _HOME = {
 }
 _PACKAGES = ("calibration", "chain", "drivers", "files", "metrics", "regions")
 
-__all__ = [
-    "Chain",
-    "Comparison",
-    "DetectionInterval",
-    "DetectionProbability",
-    "Frame",
-    "Image",
-    "InputError",
-    "LabcdpError",
-    "LuminanceMap",
-    "Reading",
-    "Roi",
-    "Session",
-    "Video",
-    "calibration",
-    "cdp",
-    "cdp_neighbours",
-    "chain",
-    "compare",
-    "drivers",
-    "files",
-    "metrics",
-    "open_video",
-    "read_dataset",
-    "read_image",
-    "regions",
-]
+__all__ = [*_HOME, *_PACKAGES]
 
 
 def __getattr__(name: str) -> Any:

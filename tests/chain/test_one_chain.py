@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.chain import Chain, Checkerboard, ImageScene, preset_names, preset_text
+from labcdp.chain import Chain, ImageScene, preset_names, preset_text
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.plan import Axis, Sweep
-from labcdp.evaluate.sweep.run import run_sweep
 
 #: Every kind of stage that can be predicted.
 FULL = """
@@ -171,34 +169,6 @@ def test_size_is_that_of_scene_and_sensor(preset: str, name: str) -> None:
     chain = Chain.from_toml(text_of(preset)).with_(**{name: 20, "scene.height": 14})
     assert chain.scene.shape == chain.sensors[0][1].shape == (14, 20)
     assert Chain.from_toml(chain.to_toml()) == chain
-
-
-def test_sweep_of_a_changed_chain_uses_the_change() -> None:
-    chain = Chain.from_toml(FULL)
-    changed = replace(chain, scene=replace(chain.scene, contrast=0.3), spectrum="D65")
-    axes = (Axis("exposure.gain_db", (0.0, 3.0)),)
-    for exact in (True, False):
-        result = run_sweep(Sweep(changed, axes, exact=exact))
-        expected = run_sweep(Sweep(Chain.from_toml(changed.to_toml()), axes, exact=exact))
-        assert result.identical(expected)
-        assert not result.equals(run_sweep(Sweep(chain, axes, exact=exact)))
-
-
-def test_journal_of_a_changed_chain_is_not_that_of_the_original(tmp_path: Path) -> None:
-    chain = Chain.from_toml(FULL)
-    axes = (Axis("exposure.gain_db", (0.0, 3.0)),)
-    run_sweep(Sweep(chain, axes, exact=True), tmp_path)
-    with pytest.raises(InputError):
-        run_sweep(Sweep(replace(chain, spectrum="D65"), axes, exact=True), tmp_path)
-
-
-@pytest.mark.parametrize("number", [np.float64(0.3), np.float32(0.25), np.int64(2), 2])
-def test_numpy_numbers_are_saved_as_numbers(number: Any) -> None:
-    for chain in (
-        Chain.from_toml(FULL).with_(scene__contrast=number),
-        replace(Chain.from_toml(FULL), scene=Checkerboard(12, 10, 50.0, number, 3)),
-    ):
-        assert Chain.from_toml(chain.to_toml()).scene.contrast == number
 
 
 def test_paths_are_saved_relative_to_the_new_file(tmp_path: Path) -> None:

@@ -154,19 +154,6 @@ def test_exact_and_simulated_agree(scene: Scene, lens: Optics) -> None:
     assert exact.mean_contrast[0] == pytest.approx(pair.mean_contrast, abs=5 * sigma + 1e-4)
 
 
-def test_squares_of_one_size_on_the_lens_lose_contrast_with_larger_pixels() -> None:
-    # Squares of 4 um on the sensor, behind one lens.
-    contrasts = []
-    for pitch_um, square_px in ((1, 4), (2, 2), (4, 1), (8, 0.5)):
-        chain = camera(Checkerboard(96, 96, 20.0, 1.0, square_px, oversampling=4), LENSES["slight gaussian"])
-        chain = chain.with_(sensor__pixel_pitch_m=1e-6 * pitch_um)
-        seen = chain.run()["optics"].luminance_cd_m2[8:-8, 8:-8]
-        contrasts.append(float(seen.max() / seen.min() - 1))
-    assert contrasts == sorted(contrasts, reverse=True)
-    assert contrasts[0] > 0.9
-    assert contrasts[-1] == pytest.approx(0, abs=1e-4)
-
-
 def test_image_scene_is_sampled_finer_than_the_pixels(tmp_path: Path) -> None:
     values = np.random.default_rng(1).uniform(1, 9, (60, 80)).astype(np.float32)
     np.save(tmp_path / "fine.npy", values)

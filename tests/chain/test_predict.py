@@ -13,8 +13,6 @@ from labcdp.chain import Context, ExposureSettings, Hdr, Sensor, Signal, ToneCur
 from labcdp.chain.hdr import ExposureLadder, Method, merge_dn
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
-from labcdp.chain.predict.value_table import value_table
-from labcdp.chain.signal import Capture
 from labcdp.metrics import Distribution, cdp
 
 FloatArray = NDArray[np.float64]
@@ -44,12 +42,6 @@ def test_shot_noise_alone() -> None:
     assert float(prediction.cdp) == pytest.approx(0.6706, abs=5e-5)
     assert float(prediction.snr_dark) == pytest.approx(sqrt(250), rel=1e-6)
     assert float(prediction.snr_bright) == pytest.approx(sqrt(300), rel=1e-6)
-
-
-@pytest.mark.parametrize(("electrons", "contrast", "share"), [(420, 0.1, 0.5), (2502, 0.1, 0.9), (1020, 0.2, 0.95)])
-def test_electrons_needed(electrons: float, contrast: float, share: float) -> None:
-    prediction = predict(single(QUIET), PatchRates(electrons, electrons * (1 + contrast)), contrast)
-    assert float(prediction.cdp) == pytest.approx(share, abs=1e-3)
 
 
 def test_contrast_moments_of_shot_noise() -> None:
@@ -176,20 +168,9 @@ def test_linear_merge_of_twelve_bits_by_convolution(
 def simulated(camera: CameraModel, rate_e_s: float, seed: int) -> FloatArray:
     """Values of a patch of the camera's sensor, as a device of its own."""
     sensor, settings = replace(camera.sensor, device_seed=seed), camera.settings
-    k_dn_per_e, temperature_c = sensor.k_dn_per_e, settings.temperature_c
-    captures = [
-        Capture(
-            dn=sensor.expose(rate_e_s, exposure_s, temperature_c=temperature_c, seed=seed, exposure_index=index),
-            exposure_s=exposure_s,
-            black_level_dn=sensor.black_level_dn,
-            dark_dn=sensor.black_level_dn + k_dn_per_e * sensor.dark_current_at(temperature_c) * exposure_s,
-            dn_per_lx=exposure_s,
-            saturation_dn=sensor.saturation_dn(),
-            k_dn_per_e=k_dn_per_e,
-            dark_noise_dn=sensor.dark_noise_dn(),
-        )
-        for index, exposure_s in enumerate(settings.exposure_s)
-    ]
+    lux = Signal(np.full(sensor.shape, rate_e_s / sensor.electrons_per_lx_s("D65")), "illuminance", lambda lx: lx)
+    context = Context("D65", seed, settings=settings)
+    captures = [sensor.capture(lux, context, index) for index in range(len(settings.exposure_s))]
     dn = captures[0].dn if camera.hdr is None else camera.hdr.merge(captures).dn
     if camera.tone_curve is not None:
         dn = camera.tone_curve.decode(camera.tone_curve.encode(dn))
@@ -276,40 +257,6 @@ def test_values_that_the_tone_curve_clips_are_saturated(exposures_s: tuple[float
     luminance = Signal(values, "digital number", lambda dn: dn, saturated=np.zeros(values.shape, bool))
     behind = curve.process(luminance, Context("D65"))
     np.testing.assert_array_equal(behind.saturated, values >= curve.top_dn)
-
-
-def test_a_map_gives_what_single_cells_give() -> None:
-    camera = CameraModel(SENSORS["fixed pattern"], ExposureSettings(BRACKET), Hdr("normal"))
-    dark = np.geomspace(1e2, 1e6, 7)[:, None]
-    contrast = np.array([0.1, 0.5, 2.0])
-    whole = predict(camera, PatchRates(dark, dark * (1 + contrast), 0.1 * dark), contrast)
-    assert whole.cdp.shape == (7, 3)
-    for i, j in ((0, 2), (3, 0), (5, 1), (6, 2)):
-        rate = float(dark[i, 0])
-        one = predict(camera, PatchRates(rate, rate * (1 + contrast[j]), 0.1 * rate), contrast[j])
-        assert float(one.cdp) == pytest.approx(whole.cdp[i, j], abs=1e-9)
-        assert float(one.csnr) == pytest.approx(whole.csnr[i, j], rel=1e-6)
-    np.testing.assert_allclose(whole.cdp + whole.below + whole.above, 1, atol=1e-9)
-
-
-@pytest.mark.parametrize("tone_curve", [None, ToneCurve(12, 8)])
-def test_distributions_of_patches_give_the_same_cdp(tone_curve: ToneCurve | None) -> None:
-    camera = CameraModel(SENSORS["fixed pattern"], ExposureSettings((16e-3,)), None, tone_curve)
-    dark, bright = (patch_distribution(camera, rate, 2e3) for rate in (1.2e4, 1.7e4))
-    prediction = predict(camera, PatchRates(1.2e4, 1.7e4, 2e3), 0.5)
-    assert float(prediction.cdp) == pytest.approx(cdp(bright, dark, 0.5).cdp, abs=1e-9)
-    if tone_curve is None:
-        assert dark.mean == pytest.approx(1e4, rel=1e-6)
-
-
-def patch_distribution(camera: CameraModel, rate_e_s: float, veil_e_s: float = 0.0) -> Distribution:
-    """Photo-electrons per second of a uniform patch, without dark current and veil, as the camera measures them."""
-    table = value_table(camera, np.array([rate_e_s]))
-    (_, first, share, _), *_ = table.blocks(np.array([rate_e_s]))
-    values, place = np.unique(table.values[first : first + share.shape[1]], return_inverse=True)
-    zero = camera.dark_dn + camera.dn_per_e_s * veil_e_s
-    weights = np.bincount(place, np.maximum(share[0], 0.0))
-    return Distribution(values, weights).map(lambda value: (value - zero) / camera.dn_per_e_s)
 
 
 @pytest.mark.parametrize("method", ["linear", "weighted"])

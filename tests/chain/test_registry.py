@@ -1,14 +1,14 @@
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 
-from labcdp.chain import Capture, Chain, Context, Level, Signal, Windscreen, register, registry
+from labcdp.chain import Chain, Level, register, registry
 from labcdp.core.errors import ConfigurationError, InputError
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -18,60 +18,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 def own_registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test registers is gone after it."""
     monkeypatch.setattr(registry, "_CLASSES", {table: dict(types) for table, types in registry._CLASSES.items()})
-
-
-@dataclass(frozen=True)
-class Dimmer:
-    takes: ClassVar[str] = "luminance"
-    gives: ClassVar[str] = "luminance"
-
-    factor: float = 0.5
-
-    def __post_init__(self) -> None:
-        if self.factor <= 0:
-            raise InputError(f"factor is {self.factor}: give a number above 0")
-
-    def process(self, signal: Signal, context: Context) -> Signal:
-        return replace(
-            signal,
-            values=signal.values * self.factor,
-            to_luminance=lambda values: signal.to_luminance(values / self.factor),
-        )
-
-
-@dataclass(frozen=True)
-class Inverter:
-    """A stage behind the sensor."""
-
-    takes: ClassVar[str] = "digital number"
-    gives: ClassVar[str] = "digital number"
-
-    top_dn: int = 1000
-
-    def process(self, signal: Signal, context: Context) -> Signal:
-        return replace(
-            signal,
-            values=self.top_dn - signal.values,
-            to_luminance=lambda values: signal.to_luminance(self.top_dn - values),
-        )
-
-
-@dataclass(frozen=True)
-class Ruler:
-    """Sensor without noise: 100 DN per lx s."""
-
-    width: int
-    height: int
-    pixel_pitch_m: float = 1e-6
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.height, self.width
-
-    def capture(self, signal: Signal, context: Context, index: int) -> Capture:
-        assert context.settings is not None
-        time = context.settings.exposure_s[index]
-        return Capture(signal.values * (100 * time), time, 0.0, 0.0, 100 * time, 1e6, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -98,83 +44,38 @@ class Ramp:
         return ()
 
 
-CHAIN = """
-[scene]
-type = "ramp"
-width = 6
-height = 4
-[windscreen]
-transmittance = 0.5
-glare_fraction = 0.3
-glare_subtracted = true
-[dimmer]
-factor = 0.25
+FLAT = '[scene]\ntype = "flat"\nwidth = 4\nheight = 3\nluminance_cd_m2 = 1\n'
+EXPOSED = """
 [optics]
-f_number = 1.0
+f_number = 0.5
 transmittance = 1.0
 [exposure]
-exposure_s = [0.1, 1.0]
+exposure_s = 1.0
 [sensor]
-type = "ruler"
-[hdr]
-method = "linear"
-[inverter]
-[isp]
+type = "perfect"
+pixel_pitch_m = 1e-6
+dn_per_lx_s = 1e4
 """
 
 
-@pytest.fixture
-def own_parts(own_registry: None) -> None:
+def documented(*pages: str) -> dict[str, Any]:
+    """Run the programs of the documentation; return their names."""
+    names: dict[str, Any] = {"__name__": "docs_chain"}
+    for page in pages:
+        for block in blocks(page, "python"):
+            exec(compile(block, page, "exec"), names)
+    return names
+
+
+def test_programs_of_the_documentation_make_a_chain_with_a_scene_of_ones_own() -> None:
+    assert documented("howto/choose-a-sensor.md", "howto/own-stage.md")["luminance"].shape == (420, 301)
     register("scene", Ramp, "ramp")
-    register("sensor", Ruler, "ruler")
-    register("dimmer", Dimmer)
-    register("inverter", Inverter)
-
-
-@pytest.mark.usefixtures("own_parts")
-def test_own_scene_stages_and_sensor_make_a_chain() -> None:
-    run = Chain.from_toml(CHAIN, "own.toml").run()
-    assert list(run) == [
-        *("scene", "windscreen", "dimmer", "optics", "sensor 100 ms", "sensor 1000 ms", "hdr", "inverter", "isp")
-    ]
-    scene = np.tile(np.arange(1.0, 7.0), (4, 1))
-    expected_dn = 100 * np.pi / 4 * 0.25 * 0.5 * (scene + 0.3 * 3.5)
-    np.testing.assert_allclose(run["sensor 1000 ms"].values, expected_dn, rtol=1e-6)
-    np.testing.assert_allclose(run["inverter"].values, 1000 - expected_dn, rtol=1e-6)
-    for name in ("dimmer", "optics", "sensor 100 ms", "sensor 1000 ms", "hdr", "inverter"):
-        np.testing.assert_allclose(run[name].luminance_cd_m2, scene, rtol=1e-4)
-
-
-@pytest.mark.usefixtures("own_parts")
-def test_own_stage_in_the_wrong_place_is_refused() -> None:
-    text = CHAIN.replace("[inverter]\n", "").replace("[optics]", "[inverter]\n[optics]")
-    with pytest.raises(
-        ConfigurationError, match=r"inverter takes digital number in DN, but what comes to it is luminanc"
-    ):
-        Chain.from_toml(text, "own.toml")
-
-
-@pytest.mark.usefixtures("own_parts")
-def test_stage_behind_the_sensor_hands_on_what_it_gives() -> None:
-    @dataclass(frozen=True)
-    class ToLuminance:
-        takes: ClassVar[str] = "digital number"
-        gives: ClassVar[str] = "luminance"
-
-        def process(self, signal: Signal, context: Context) -> Signal:
-            return replace(
-                signal, values=signal.luminance_cd_m2, quantity="luminance", to_luminance=lambda luminance: luminance
-            )
-
-    register("to_luminance", ToLuminance)
-    text = CHAIN.replace("[inverter]\n", "").replace("[isp]\n", "[to_luminance]\n")
-    run = Chain.from_toml(text, "own.toml").run()
-    assert run["to_luminance"].unit == "cd/m^2"
-    np.testing.assert_allclose(run["to_luminance"].values, run["scene"].values, rtol=1e-4)
-    with pytest.raises(
-        ConfigurationError, match=r"isp takes digital number in DN, but what comes to it is luminance in"
-    ):
-        Chain.from_toml(text + "[isp]\n", "own.toml")
+    scene = '[scene]\ntype = "ramp"\nwidth = 4\nheight = 3\n[haze]\ntransmittance = 0.5\nluminance_cd_m2 = 3.0\n'
+    run = Chain.from_toml(scene + EXPOSED, "own.toml").run()
+    assert list(run) == ["scene", "haze", "optics", "sensor"]
+    ramp = np.tile(np.arange(1.0, 5.0), (3, 1))
+    np.testing.assert_allclose(run["haze"].values, 0.5 * ramp + 0.5 * 3)
+    np.testing.assert_allclose(run["sensor"].luminance_cd_m2, ramp, atol=1e-3)
 
 
 @dataclass(frozen=True)
@@ -182,42 +83,20 @@ class Nothing:
     width: int = 1
 
 
-@pytest.mark.usefixtures("own_parts")
 @pytest.mark.parametrize(
-    ("table", "type_name", "old", "new", "message"),
+    ("table", "text", "kind"),
     [
-        (
-            "nothing",
-            "standard",
-            "[dimmer]\nfactor = 0.25",
-            "[nothing]",
-            "nothing is registered as Nothing, which is no st",
-        ),
-        ("sensor", "nothing", '"ruler"', '"nothing"', "sensor is registered as Nothing, which is no sensor model"),
-        (
-            "scene",
-            "nothing",
-            '"ramp"\nwidth = 6\nheight = 4',
-            '"nothing"',
-            "scene is registered as Nothing, which is no",
-        ),
+        ("nothing", FLAT + "[nothing]\n", "stage"),
+        ("sensor", FLAT + EXPOSED.split("pixel_pitch")[0].replace("perfect", "nothing"), "sensor model"),
+        ("scene", '[scene]\ntype = "nothing"\n', "scene"),
     ],
 )
-def test_class_that_is_not_a_such_part_is_refused(table: str, type_name: str, old: str, new: str, message: str) -> None:
-    register(table, Nothing, type_name)
-    with pytest.raises(ConfigurationError, match=message):
-        Chain.from_toml(CHAIN.replace(old, new), "own.toml")
-
-
-def test_a_type_belongs_to_one_class() -> None:
-    register("windscreen", Windscreen)
-    with pytest.raises(
-        InputError, match=r"^the type 'standard' of windscreen is Windscreen already: give another name$"
-    ):
-        register("windscreen", Dimmer)
-    register("windscreen", Dimmer, "dimmer")
-    assert registry.class_of("windscreen", "dimmer") is Dimmer
-    assert registry.class_of("windscreen", None) is Windscreen
+def test_class_that_is_not_a_such_part_is_refused(table: str, text: str, kind: str) -> None:
+    register(table, Nothing, "nothing")
+    with pytest.raises(ConfigurationError, match=f"{table} is registered as Nothing, which is no {kind}"):
+        Chain.from_toml(text, "own.toml")
+    with pytest.raises(InputError, match=f"^the type 'nothing' of {table} is Nothing already: give another name$"):
+        register(table, Ramp, "nothing")
 
 
 MODULE = """
@@ -250,13 +129,10 @@ def install(folder: Path, monkeypatch: pytest.MonkeyPatch, module: str, text: st
     monkeypatch.delitem(sys.modules, module)
 
 
-FILTER_CHAIN = '[scene]\ntype = "flat"\nwidth = 1\nheight = 1\nluminance_cd_m2 = 1\n'
-
-
 @pytest.mark.parametrize("table", ["[filter]\n", '[windscreen]\ntype = "filter"\n'])
 def test_installed_package_makes_its_parts_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: str) -> None:
     install(tmp_path, monkeypatch, "some_filter", MODULE)
-    run = Chain.from_toml(FILTER_CHAIN + table, "own.toml").run()
+    run = Chain.from_toml(FLAT + table, "own.toml").run()
     assert len(run) == 2
 
 
@@ -268,23 +144,6 @@ def blocks(page: str, language: str) -> list[str]:
 def test_chain_file_of_the_documentation_runs() -> None:
     run = Chain.from_toml(blocks("reference/chain-files.md", "toml")[0], "example.toml").run()
     assert list(run)[-2:] == ["hdr", "isp"]
-
-
-def test_program_of_the_documentation_runs() -> None:
-    names: dict[str, Any] = {"__name__": "docs_chain"}
-    for page in ("howto/choose-a-sensor.md", "howto/own-stage.md"):
-        for block in blocks(page, "python"):
-            exec(compile(block, page, "exec"), names)
-    assert names["luminance"].shape == (420, 301)
-    text = FILTER_CHAIN + (
-        "[haze]\ntransmittance = 0.5\nluminance_cd_m2 = 3.0\n"
-        "[optics]\nf_number = 0.5\ntransmittance = 1.0\n"
-        "[exposure]\nexposure_s = 1.0\n"
-        '[sensor]\ntype = "perfect"\npixel_pitch_m = 1e-6\ndn_per_lx_s = 1e4\n'
-    )
-    run = Chain.from_toml(text, "haze.toml").run()
-    assert run["haze"].values == pytest.approx(0.5 * 1 + 0.5 * 3)
-    assert run["sensor"].luminance_cd_m2 == pytest.approx(1, abs=1e-3)
 
 
 def test_documentation_names_every_table_and_type() -> None:
@@ -310,4 +169,4 @@ def test_package_that_cannot_be_imported_is_named(
         r"\(No module named 'not_there_at_all'\): repair or remove its package$"
     )
     with pytest.raises(ConfigurationError, match=message):
-        Chain.from_toml(FILTER_CHAIN + table, "own.toml")
+        Chain.from_toml(FLAT + table, "own.toml")

@@ -3,19 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.chain import Checkerboard, Flat, Level, Patch, PatchScene, Scene, StepChart, luminance_map, with_patches
+from labcdp.chain import Checkerboard, Flat, Patch, PatchScene, Scene, StepChart, luminance_map, with_patches
 from labcdp.core.errors import InputError
-
-
-def test_without_patches_the_scene_is_flat() -> None:
-    scene = PatchScene(width=4, height=3, background_cd_m2=2.5).luminance_map()
-    np.testing.assert_array_equal(scene, np.full((3, 4), 2.5))
-
-
-def test_patch_covers_its_pixels_and_no_other() -> None:
-    scene = PatchScene(5, 4, 1.0, (Patch(x=2, y=1, width=3, height=2, luminance_cd_m2=7.0),)).luminance_map()
-    expected = [[1, 1, 1, 1, 1], [1, 1, 7, 7, 7], [1, 1, 7, 7, 7], [1, 1, 1, 1, 1]]
-    np.testing.assert_array_equal(scene, expected)
 
 
 def test_patches_lie_over_any_map_and_leave_it_unchanged() -> None:
@@ -79,44 +68,17 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 
 @given(scene=scenes())
-def test_map_and_regions_have_the_scenes_shape(scene: Scene) -> None:
-    image = scene.luminance_map()
-    assert image.dtype == np.float32
-    assert {image.shape} | {mask.shape for mask in scene.regions().values()} == {scene.shape}
-
-
-@given(scene=scenes())
-def test_no_pixel_is_in_two_regions_and_each_in_one(scene: Scene) -> None:
-    assert (sum(mask.astype(int) for mask in scene.regions().values()) == 1).all()
-
-
-@given(scene=scenes())
-def test_levels_are_what_the_map_has_in_the_regions(scene: Scene) -> None:
+def test_map_regions_levels_and_pairs_agree(scene: Scene) -> None:
     image, regions = scene.luminance_map(), scene.regions()
-    assert [level.name for level in scene.levels()] == list(regions)
-    for level in scene.levels():
-        np.testing.assert_array_equal(image[regions[level.name]], np.float32(level.luminance_cd_m2))
-
-
-@given(scene=scenes())
-def test_shares_of_the_levels_are_those_of_the_masks(scene: Scene) -> None:
-    masks = scene.regions()
-    shares = {level.name: level.share for level in scene.levels()}
-    assert shares == pytest.approx({name: mask.mean() for name, mask in masks.items()}, rel=1e-12)
-    assert sum(shares.values()) == pytest.approx(1, rel=1e-12)
-
-
-@given(scene=scenes())
-def test_the_darker_region_of_a_pair_comes_first(scene: Scene) -> None:
-    levels = {level.name: level.luminance_cd_m2 for level in scene.levels()}
-    assert all(levels[dark] <= levels[bright] for dark, bright in scene.pairs())
-
-
-def test_flat_field_has_one_level_and_no_pair() -> None:
-    scene = Flat(width=3, height=2, luminance_cd_m2=0.5)
-    np.testing.assert_array_equal(scene.luminance_map(), np.full((2, 3), 0.5))
-    assert scene.levels() == (Level("field", 0.5, 1.0),)
-    assert scene.pairs() == ()
+    assert image.dtype == np.float32
+    assert {image.shape} | {mask.shape for mask in regions.values()} == {scene.shape}
+    assert (sum(mask.astype(int) for mask in regions.values()) == 1).all()
+    levels = {level.name: level for level in scene.levels()}
+    assert list(levels) == list(regions)
+    for name, level in levels.items():
+        np.testing.assert_array_equal(image[regions[name]], np.float32(level.luminance_cd_m2))
+        assert level.share == pytest.approx(regions[name].mean(), rel=1e-12)
+    assert all(levels[dark].luminance_cd_m2 <= levels[bright].luminance_cd_m2 for dark, bright in scene.pairs())
 
 
 def test_checkerboard_is_dark_upper_left_and_ends_within_a_square() -> None:

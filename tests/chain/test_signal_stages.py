@@ -1,4 +1,3 @@
-from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -17,12 +16,6 @@ glares = st.floats(0, 2)
 
 def scene_signal(luminance_cd_m2: np.ndarray, shares: np.ndarray | None = None) -> Signal:
     return Signal(np.asarray(luminance_cd_m2, float), "luminance", lambda values: values, shares)
-
-
-def test_mean_of_an_image_is_a_number_and_that_of_levels_one_for_each_scene() -> None:
-    assert scene_signal([[1.0, 2.0], [3.0, 6.0]]).scene_mean() == 3.0
-    shares = np.array([[0.25, 0.75], [1.0, 0.0]])
-    np.testing.assert_allclose(scene_signal([[1.0, 2.0], [3.0, 6.0]], shares).scene_mean(), [[1.75], [3.0]])
 
 
 def test_windscreen_takes_light_and_adds_a_share_of_the_mean() -> None:
@@ -46,16 +39,6 @@ def test_inverse_of_a_windscreen_leaves_the_glare_unless_it_is_subtracted(
         behind = Windscreen(transmittance, glare, subtracted).process(scene_signal(scene), CONTEXT)
         tolerance = 1e-9 * scene.max() + 1e-300
         np.testing.assert_allclose(behind.luminance_cd_m2, scene + left, rtol=1e-9, atol=tolerance)
-
-
-@given(scene=maps, transmittance=transmittances, glare=glares)
-def test_the_thesis_windscreen_lets_through_what_the_standard_one_does(
-    scene: np.ndarray, transmittance: float, glare: float
-) -> None:
-    behind = ThesisWindscreen(transmittance, glare).process(scene_signal(scene), CONTEXT)
-    np.testing.assert_array_equal(
-        behind.values, Windscreen(transmittance, glare).process(scene_signal(scene), CONTEXT).values
-    )
 
 
 @given(scene=maps, transmittance=transmittances, fraction=glares)
@@ -89,10 +72,3 @@ def test_ways_back_compose(scene: np.ndarray) -> None:
     behind = Windscreen(0.9, 0.3, glare_subtracted=True).process(scene_signal(scene), CONTEXT)
     image = Optics(2.0, 0.9, focal_length_m=6e-3).process(behind, CONTEXT)
     np.testing.assert_allclose(image.luminance_cd_m2, scene, rtol=1e-9, atol=1e-9 * scene.max() + 1e-300)
-
-
-def test_the_thesis_way_back_leads_through_the_stages_before() -> None:
-    before = replace(scene_signal([[1.0, 3.0]]), to_luminance=lambda values: 10 * values)
-    behind = ThesisWindscreen(0.5, 0.25).process(before, CONTEXT)
-    # Glare 0.5: 0.5 (L + 0.5) - 0.5 / 0.5, times 10.
-    np.testing.assert_allclose(behind.luminance_cd_m2, [[-2.5, 7.5]], rtol=1e-15)

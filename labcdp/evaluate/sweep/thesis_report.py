@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +21,26 @@ SOURCE = "L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018"
 #: Standard deviations beyond which a value is not reproduced.
 AGREES_Z = 2.0
 
+
+def _pitch_um(row: ReproducedRow) -> float:
+    return 1e6 * row.published.pixel_pitch_m
+
+
 _COLUMNS = (
-    Column("row", "row", meaning="Column of table 5.3, or the figure."),
-    Column("contrast", "contrast", "%", "Weber contrast.", decimals=0),
-    Column("luminance_cd_m2", "dark squares", "cd/m²", "Luminance of the dark squares.", decimals=0),
-    Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=0),
-    Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
-    Column("pixel_pitch_um", "pixel pitch", "µm", "Of the sensor.", decimals=0),
-    Column("published_cdp", "thesis", meaning="CDP in the thesis.", decimals=5),
+    Column("row", "row", meaning="Column of table 5.3, or the figure.", value="published.label"),
+    Column("contrast", "contrast", "%", "Weber contrast.", decimals=0, value="published.contrast"),
+    Column(
+        "luminance_cd_m2",
+        "dark squares",
+        "cd/m²",
+        "Luminance of the dark squares.",
+        decimals=0,
+        value="published.luminance_cd_m2",
+    ),
+    Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=0, value="published.temperature_c"),
+    Column("exposure_s", "exposure", "s", "Exposure time.", time=True, value="published.exposure_s"),
+    Column("pixel_pitch_um", "pixel pitch", "µm", "Of the sensor.", decimals=0, value=_pitch_um),
+    Column("published_cdp", "thesis", meaning="CDP in the thesis.", decimals=5, value="published.published_cdp"),
     Column("mean", "labcdp", meaning="Mean CDP over the seeds, with the thesis' physics.", decimals=5),
     Column("standard_deviation", "std", meaning="Standard deviation over the seeds.", decimals=5),
     Column("z", "z", meaning="Published value minus mean, in standard deviations.", decimals=2),
@@ -59,35 +71,13 @@ def thesis_result(reproduction: ThesisReproduction) -> Result:
         "reproduce",
         "The 2018 thesis, reproduced",
         (
-            _table("table_5_3", title, reproduction.table),
-            _table("figure_3_10", "Figure 3.10", reproduction.figure),
+            Table.of_items("table_5_3", title, _COLUMNS, reproduction.table),
+            Table.of_items("figure_3_10", "Figure 3.10", _COLUMNS, reproduction.figure),
             Table("intensity_sweep", "Sweep of intensities", _SWEEP, sweep, detail=True),
         ),
         tuple(_findings(reproduction)),
         configuration={"what": "thesis", "source": SOURCE, "seeds": reproduction.seeds},
         simulated=True,
-    )
-
-
-def _table(name: str, title: str, rows: Sequence[ReproducedRow]) -> Table:
-    own = [column.name for column in _COLUMNS[7:]]
-    return Table.of_rows(
-        name,
-        title,
-        _COLUMNS,
-        [
-            {
-                "row": row.published.label,
-                "contrast": row.published.contrast,
-                "luminance_cd_m2": row.published.luminance_cd_m2,
-                "temperature_c": row.published.temperature_c,
-                "exposure_s": row.published.exposure_s,
-                "pixel_pitch_um": 1e6 * row.published.pixel_pitch_m,
-                "published_cdp": row.published.published_cdp,
-                **{column: getattr(row, column) for column in own},
-            }
-            for row in rows
-        ],
     )
 
 

@@ -7,7 +7,6 @@ from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
 
-import cv2
 import numpy as np
 import openpyxl
 import pytest
@@ -20,19 +19,9 @@ from labcdp.core.result import Result
 from labcdp.evaluate.sweep.maps.map import analyse_map
 from labcdp.evaluate.sweep.maps.page import write_map
 from labcdp.evaluate.sweep.maps.result import result
-from labcdp.evaluate.sweep.maps.static import map_picture
 from labcdp.evaluate.sweep.maps.view import MapView
-from labcdp.output import LIST_FILE
-from labcdp.report.files import envelope, read_dataset, schema
+from labcdp.report.files import envelope, schema
 from labcdp.report.sheets import result_workbook
-
-VERMILLION = (213, 94, 0)
-
-
-def area(image: NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
-    """Pixels of exactly a colour."""
-    return int(np.all(image == colour, axis=-1).sum())
-
 
 CHROMIUM = shutil.which("chromium")
 
@@ -52,25 +41,12 @@ def shot_noise_map(n_luminance: int = 24, n_contrast: int = 8) -> xr.Dataset:
         return norm.cdf((ratio * dark - bright) / np.sqrt(ratio**2 * dark + bright))
 
     below, above = share_below(1 + k / 2), 1 - share_below(1 + 1.5 * k)
-    axes = (LUMINANCE, CONTRAST)
+    data = {"cdp": 1 - below - above, "standard_error": 0 * light + 0.0123, "below": below, "snr_dark": np.sqrt(dark)}
+    attributes = {"title": "Shot noise", "contrast": np.nan, "epsilon": 0.5, "method": "simulated", "seed": 3}
     dataset = xr.Dataset(
-        {
-            "cdp": (axes, 1 - below - above),
-            "standard_error": (axes, np.full(light.shape, 0.0123)),
-            "below": (axes, below),
-            "above": (axes, above),
-            "snr_dark": (axes, np.sqrt(dark)),
-        },
+        {name: ((LUMINANCE, CONTRAST), values) for name, values in data.items()},
         coords={LUMINANCE: luminance, CONTRAST: contrast},
-        attrs={
-            "title": "Shot noise",
-            "contrast": np.nan,
-            "epsilon": 0.5,
-            "method": "simulated",
-            "seed": 3,
-            "labcdp_version": "0.1.0",
-            "chain": "[scene]\nluminance_cd_m2 = 1.0\n",
-        },
+        attrs=attributes | {"labcdp_version": "0.1.0", "chain": "[scene]\nluminance_cd_m2 = 1.0\n"},
     )
     dataset[LUMINANCE].attrs.update(unit="cd/m^2", long_name="scene luminance")
     dataset[CONTRAST].attrs.update(unit="1", long_name="Weber contrast")
@@ -98,13 +74,6 @@ def view(dataset: xr.Dataset) -> MapView:
 
 def result_of(dataset: xr.Dataset, expected: tuple[float, ...] = ()) -> Result:
     return result(dataset, analyse_map(dataset, expected=expected))
-
-
-def picture(dataset: xr.Dataset) -> NDArray[np.uint8]:
-    """Picture of a map as RGB, shape (height, width, 3)."""
-    decoded = cv2.imdecode(np.frombuffer(map_picture(view(dataset)), np.uint8), cv2.IMREAD_COLOR)
-    assert decoded is not None
-    return decoded[..., ::-1]
 
 
 def page(dataset: xr.Dataset, folder: Path) -> Path:
@@ -219,26 +188,3 @@ def test_tables_of_ranges_dips_and_isolines_are_the_analysis(dataset: xr.Dataset
     assert {row["expected"] for row in dips} == {500.0}
     points = [(row["level"], row[LUMINANCE], row[CONTRAST]) for row in found.table("isolines").rows()]
     assert points == [(line.level, x, y) for line in analysis.isolines for x, y in zip(line.x, line.y, strict=True)]
-
-
-def test_files_of_a_map(staged: xr.Dataset, tmp_path: Path) -> None:
-    analysis = analyse_map(staged)
-    folder = tmp_path / "new" / "folder"
-    paths = write_map(result(staged, analysis), staged, analysis, folder)
-    assert [path.name for path in paths] == ["map.nc", "map.png", "results.json", "report.html", "results.xlsx"]
-    assert sorted(path.name for path in folder.iterdir()) == sorted([LIST_FILE, *(path.name for path in paths)])
-    xr.testing.assert_identical(read_dataset(paths[0], "map"), staged)
-
-
-def test_heat_map_of_a_map_without_usable_range_marks_none(dataset: xr.Dataset) -> None:
-    dataset["cdp"] *= 0.8
-    assert area(picture(dataset), VERMILLION) == 0
-    (finding,) = result_of(dataset).findings
-    assert (finding.code, finding.values["usable_cdp"]) == ("map-nowhere-usable", 0.9)
-
-
-def test_a_huge_map_is_left_to_netcdf(monkeypatch: pytest.MonkeyPatch, dataset: xr.Dataset) -> None:
-    monkeypatch.setattr("labcdp.evaluate.sweep.maps.result._MOST_CELLS", 100)
-    found = result_of(dataset)
-    assert [finding.code for finding in found.findings] == ["map-in-netcdf-only"]
-    assert "map" not in [table.name for table in found.tables]

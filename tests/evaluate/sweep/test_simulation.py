@@ -1,60 +1,19 @@
+from dataclasses import replace
 from math import inf, sqrt
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from labcdp.chain import Chain
+from labcdp.chain import StepChart
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage, shown_distribution
-from labcdp.metrics import cdp_range
 
-CHAIN = """
-name = "test"
-spectrum = "monochromatic 555 nm"
-[scene]
-type = "{scene}"
-width = 64
-height = 48
-{more}
-[windscreen]
-transmittance = 0.9
-glare_fraction = {glare}
-glare_subtracted = {subtracted}
-[optics]
-f_number = 2.0
-transmittance = 0.9
-[exposure]
-exposure_s = 0.01
-temperature_c = 25.0
-[sensor]
-pixel_pitch_m = 4e-6
-quantum_efficiency = 0.6
-full_well_e = 20000
-k_dn_per_e = 0.2
-read_noise_e = 5.0
-dark_current_e_s = 10.0
-bits = 12
-black_level_dn = 32.0
-"""
-BOARD = "luminance_cd_m2 = 100.0\ncontrast = 0.3\nsquare_px = {}"
-SQUARES = BOARD.format(8)
+from .chains import small
 
 
-def run(scene="checkerboard", more=SQUARES, glare=0.0, subtracted="false", seed=0):
-    return Chain.from_toml(CHAIN.format(scene=scene, more=more, glare=glare, subtracted=subtracted), "test").run(seed)
-
-
-def test_scene_keeps_every_contrast():
-    pair = evaluate_run(run()).stages[0].pairs[0]
-    assert pair.true_contrast == 0.3
-    assert pair.cdp.cdp == 1.0
-    assert pair.cdp.contrast == 0.3
-    assert pair.csnr.value == pair.d_prime.value == inf
-
-
-@pytest.mark.parametrize(("glare", "subtracted"), [(0.0, "false"), (0.1, "true")])
+@pytest.mark.parametrize(("glare", "subtracted"), [(0.0, False), (0.1, True)])
 def test_vignetting_is_no_noise_and_no_contrast_of_saturated_pixels(glare, subtracted):
-    open_lens = run(glare=glare, subtracted=subtracted).chain
+    open_lens = small(windscreen__glare_fraction=glare, windscreen__glare_subtracted=subtracted)
     # At the corner of 64 x 48 pixels of 4 um, 0.2 mm behind the lens, 38 % of the light is left.
     chain = open_lens.with_(optics__focal_length_m=2e-4)
     dark, bright = evaluate_stage(chain.run(), "optics").regions
@@ -69,15 +28,8 @@ def test_vignetting_is_no_noise_and_no_contrast_of_saturated_pixels(glare, subtr
     assert pair.measured_contrast == pytest.approx(0.0, abs=2e-5)
 
 
-def test_cdp_of_a_stage_is_that_of_its_regions():
-    done = run()
-    pair = evaluate_stage(done, "sensor").pairs[0]
-    luminance, masks = done["sensor"].luminance_cd_m2, done.chain.scene.regions()
-    assert (pair.cdp,) == cdp_range(luminance[masks["bright"]], luminance[masks["dark"]], [0.3])
-
-
 def test_mean_contrast_is_that_of_all_pairs():
-    done = run()
+    done = small().run()
     luminance, masks = done["sensor"].luminance_cd_m2.astype(float), done.chain.scene.regions()
     pairs = luminance[masks["bright"]][:, None] / luminance[masks["dark"]] - 1
     pair = evaluate_stage(done, "sensor").pairs[0]
@@ -87,15 +39,17 @@ def test_mean_contrast_is_that_of_all_pairs():
 
 
 def test_cdp_behind_the_sensor_is_that_of_normal_noise():
-    pair, dark, bright = evaluate_pair(run(more=SQUARES.replace("100.0", "20.0")), "sensor")
+    pair, dark, bright = evaluate_pair(small(scene__luminance_cd_m2=20.0).run(), "sensor")
     s_d, s_b = dark.luminance_standard_deviation_cd_m2, bright.luminance_standard_deviation_cd_m2
     closed = [norm.cdf((r * 20 - 26) / sqrt((r * s_d) ** 2 + s_b**2)) for r in (1 + 0.3 * 1.5, 1 + 0.3 * 0.5)]
     assert pair.cdp.cdp == pytest.approx(closed[0] - closed[1], abs=3 * pair.cdp.standard_error)
 
 
 def test_glare_costs_contrast_or_where_it_is_subtracted_noise():
+    screens = ((1.0, True), (1.0, False), (0.0, False))
     subtracted, veiled, clear = (
-        evaluate_run(run(**one)) for one in ({"glare": 1.0, "subtracted": "true"}, {"glare": 1.0}, {})
+        evaluate_run(small(windscreen__glare_fraction=glare, windscreen__glare_subtracted=taken).run())
+        for glare, taken in screens
     )
     # Squares of 100 and 130 cd/m^2 under a veil of their mean.
     for result, contrast in ((subtracted, 0.3), (veiled, 30 / 215), (clear, 0.3)):
@@ -105,25 +59,13 @@ def test_glare_costs_contrast_or_where_it_is_subtracted_noise():
     assert cdps == sorted(set(cdps))
 
 
-def test_contrast_asked_for_replaces_that_of_the_scene():
-    result = evaluate_run(run(), contrast=0.5, epsilon=0.1)
-    assert [stage.pairs[0].cdp.contrast for stage in result.stages] == [0.5] * 4
-    assert result.stages[0].pairs[0].cdp.cdp == 0.0
-
-
 def test_no_light_has_no_contrast():
-    chart = "luminances_cd_m2 = [0.0, 10.0]"
-    pair = evaluate_run(run("step-chart", chart)).stages[0].pairs[0]
+    run = replace(small(), scene=StepChart(64, 48, (0.0, 10.0))).run()
+    pair = evaluate_run(run).stages[0].pairs[0]
     assert pair.true_contrast == inf
     assert pair.cdp is None
     # Unless one is asked for: every bright pixel then has an unbounded contrast to a dark one.
-    assert evaluate_run(run("step-chart", chart), contrast=1.0).stages[0].pairs[0].cdp.above == 1.0
-
-
-def test_step_chart_has_a_pair_for_each_step():
-    result = evaluate_run(run("step-chart", "luminances_cd_m2 = [10.0, 40.0, 20.0]"))
-    pairs = [(pair.dark, pair.bright, pair.true_contrast) for pair in result.stages[0].pairs]
-    assert pairs == [("step 1", "step 2", 3.0), ("step 3", "step 2", 1.0)]
+    assert evaluate_run(run, contrast=1.0).stages[0].pairs[0].cdp.above == 1.0
 
 
 def test_shown_distribution_keeps_mean_and_extent():

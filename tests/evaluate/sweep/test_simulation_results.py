@@ -1,6 +1,7 @@
 """A simulated image: the same numbers in result, JSON and sheet; findings; page and pictures."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -8,7 +9,7 @@ import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.chain import Chain
+from labcdp.chain import Chain, Flat, StepChart
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.evaluate.sweep.simulation.figures import picture
@@ -16,54 +17,21 @@ from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, result
 from labcdp.report.files import schema
 
+from .chains import small
 
-def codes(toml: str, contrast: float | None = None) -> list[tuple[str, str, str]]:
-    found = result(evaluate_run(Chain.from_toml(toml, "test").run(0), contrast)).findings
+
+def codes(chain: Chain, contrast: float | None = None) -> list[tuple[str, str, str]]:
+    found = result(evaluate_run(chain.run(0), contrast)).findings
     return [(one.code, one.severity, one.subject) for one in found]
 
 
-CHAIN = """
-name = "board <b>&"
-description = "squares of one pixel"
-[scene]
-type = "checkerboard"
-width = 40
-height = 30
-luminance_cd_m2 = 50.0
-contrast = 1.0
-[windscreen]
-transmittance = 0.9
-glare_fraction = 1.0
-glare_subtracted = true
-[optics]
-f_number = 2.0
-transmittance = 0.9
-[exposure]
-exposure_s = 0.005
-[sensor]
-pixel_pitch_m = 4e-6
-quantum_efficiency = 0.6
-full_well_e = 10000
-k_dn_per_e = 0.3
-read_noise_e = 4.0
-dark_current_e_s = 5.0
-bits = 12
-black_level_dn = 32.0
-"""
+@pytest.fixture(scope="module")
+def evaluation():
+    return evaluate_run(small(scene__square_px=1).run(1))
 
 
 @pytest.fixture(scope="module")
-def run():
-    return Chain.from_toml(CHAIN, "board").run(1)
-
-
-@pytest.fixture(scope="module")
-def evaluation(run):
-    return evaluate_run(run)
-
-
-@pytest.fixture(scope="module")
-def folder(run, evaluation, tmp_path_factory):
+def folder(evaluation, tmp_path_factory):
     folder = tmp_path_factory.mktemp("simulation")
     write_simulation(result(evaluation), evaluation, folder)
     return folder
@@ -116,28 +84,15 @@ def test_what_a_merge_brings_back_is_not_called_lost():
 
 
 def test_saturation_matters_behind_the_last_stage():
-    bright = CHAIN.replace("exposure_s = 0.005", "exposure_s = 5.0")
-    assert codes(bright) == [
-        ("stage-saturated", "warning", "sensor"),
-        ("pair-without-light", "warning", "bright / dark"),
-    ]
-    bracket = CHAIN.replace("exposure_s = 0.005", "exposure_s = [5.0, 0.001]") + '[hdr]\nmethod = "weighted"\n'
+    saturated = [("stage-saturated", "warning", "sensor"), ("pair-without-light", "warning", "bright / dark")]
+    assert codes(small(exposure__exposure_s=5.0, scene__contrast=1.0))[:1] == saturated[:1]
+    bracket = small('[hdr]\nmethod = "weighted"\n', exposure__exposure_s=[5.0, 0.001])
     assert codes(bracket) == [("stage-saturated", "info", "sensor 5000 ms")]
 
 
 def test_why_there_is_no_cdp():
-    flat = CHAIN.replace('"checkerboard"', '"flat"').replace("contrast = 1.0\n", "")
-    assert codes(flat.replace("0.005", "0.001")) == [("scene-without-contrast", "info", "")]
-    black = (
-        CHAIN[: CHAIN.index("[scene]")]
-        + """
-[scene]
-type = "step-chart"
-width = 40
-height = 30
-luminances_cd_m2 = [0.0, 10.0]
-"""
-    )
+    assert codes(replace(small(), scene=Flat(64, 48, 50.0))) == [("scene-without-contrast", "info", "")]
+    black = replace(small(), scene=StepChart(64, 48, (0.0, 10.0)))
     assert [code for code, *_ in codes(black)] == ["contrast-to-detect-infinite"]
     assert codes(black, contrast=1.0) == []
 

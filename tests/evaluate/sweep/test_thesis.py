@@ -5,7 +5,6 @@ from labcdp.evaluate.sweep.thesis import (
     NEIGHBOUR_PAIRS,
     TABLE_5_3,
     UNFILLED_SLOTS,
-    corrected_chain,
     intensity_sweep,
     reproduce_row,
     thesis_chain,
@@ -30,27 +29,6 @@ def test_pairs_of_neighbours_of_the_thesis_sensor():
     assert height * (width - 1) + (height - 1) * width == NEIGHBOUR_PAIRS
     # The slot of a row's first pixel is written again by the next one, in all rows but the first and the last.
     assert height - 2 == UNFILLED_SLOTS
-
-
-def test_thesis_writes_as_many_slots_twice_as_it_leaves_unfilled():
-    # The thesis' indices of the pairs of a pixel and its lower neighbour, by its description, on a small sensor.
-    height, width = 6, 5
-    size, shift, written = height * width, 0, []
-    for pixel in range(size - 1):
-        shift += pixel % width == 0 and pixel != 0
-        if pixel + width < size:
-            written.append(pixel + size - height - shift)
-    assert len(written) - len(set(written)) == height - 2
-
-
-def test_corrected_chain_has_the_light_of_d65_and_its_shot_noise():
-    chain = corrected_chain(TABLE_5_3[0])
-    assert chain.spectrum == "D65"
-    signal = chain.run(0)["sensor"]
-    clear = signal.luminance_cd_m2[chain.scene.regions()["bright"]]
-    electrons = chain.run(0)["optics"].values.max() * chain.sensors[0][1].electrons_per_lx_s("D65") * 0.01
-    # Photons alone make at least this much noise, with 2 cd/m^2 and a veil of 1.5.
-    assert clear.std() / 3.5 > 0.9 / np.sqrt(electrons)
 
 
 def test_prediction_of_corrected_physics_agrees_where_rows_and_columns_share_nothing():
